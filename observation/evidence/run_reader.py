@@ -236,8 +236,8 @@ class RunReader:
         return tuple(copy for _, copy in now), counts
 
 
-def read_run(out: Path) -> RunEvidence:
-    """What a run's folder shows, as far as it goes.
+def recorded_run(out: Path) -> RunEvidence:
+    """What the recordings in a run's folder show, as far as they go.
 
     Raises RecordingError for damaged files, EvidenceError where there is no run in the simulated world.
     """
@@ -245,6 +245,12 @@ def read_run(out: Path) -> RunEvidence:
         run = reader.poll(last=True)
     if run is None or not len(run.seconds):
         raise EvidenceError(f"{out}: the run ended before its first step")
+    return run
+
+
+def read_run(out: Path) -> RunEvidence:
+    """The same with what became of places, and the result. Raises EvidenceError for a damaged one, too."""
+    run = recorded_run(out)
     return replace(run, places=places(run), result=result(out))
 
 

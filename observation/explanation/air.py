@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from actors.instant import Instant, in_seconds
+from actors.instant import Instant
 from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
@@ -17,7 +17,7 @@ from deeco.replication.fragments import HEADER
 from observation.evidence.recorded import taken
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
-from observation.trace.fates import Fates, read_fates
+from observation.trace.fates import Fates, fate_name, read_fates
 from observation.trace.rows import Arrival
 
 _TOGETHER_US: Final = 2_000_000
@@ -94,7 +94,7 @@ class Air:
             FrameLoss(
                 Instant(int(ended[row])),
                 names[int(fates.senders[row])],
-                Outcome(int(fates.outcomes[row])).name.lower().replace("_", " "),
+                fate_name(Outcome(int(fates.outcomes[row]))),
             )
             for row in np.flatnonzero(wanted)
         )
@@ -152,8 +152,3 @@ def _packets(data: bytes) -> set[tuple[int, int]]:
         found.add((number, node))
         at += HEADER.size + size
     return found
-
-
-def seconds(instant: Instant) -> str:
-    """An instant as people read it, s."""
-    return f"{in_seconds(instant):.3f}".rstrip("0").rstrip(".")

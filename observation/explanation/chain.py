@@ -7,11 +7,12 @@ import msgspec
 
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour.goal import GoalStatus
-from observation.explanation.air import Air, Frame, FrameLoss, seconds
+from observation.explanation.air import Air, Frame, FrameLoss
 from observation.explanation.causes import ChangeRun, is_routine, runs
 from observation.explanation.decisions import Made
 from observation.trace.orders import AGAIN
 from observation.trace.rows import GoalChange, Order, ReplicaRead, Trace
+from observation.trace.words import seconds
 
 _WIDEST: Final = 4
 """Own fields that one change depended on, the newest of which are told."""

@@ -56,6 +56,15 @@ class GrowingBus(ReplayBus):
         else:
             self._early.append((key, payload))
 
+    def settle(self) -> None:
+        """ReplayError if a recording that was closed has other messages than were sent again."""
+        self.grow()
+        if self._reading.whole:
+            super().close()
+            if self._early:
+                key, _ = self._early[0]
+                raise ReplayError(f"{self._path}: sends on {key}, where nothing more was recorded")
+
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
@@ -109,6 +118,13 @@ class GrowingReplay:
         except ReplayError as error:
             raise explained(error, self._again) from None
         return True
+
+    def settle(self) -> None:
+        """Once it has ended: ReplayError where a closed recording has more, or less, than was sent again."""
+        try:
+            self._bus.settle()
+        except ReplayError as error:
+            raise explained(error, self._again) from None
 
     def _dry(self, wanted: str) -> bool:
         """There is nothing for it to take; True."""

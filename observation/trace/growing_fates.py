@@ -38,6 +38,7 @@ class GrowingFates:
         found, self._watch.found = self._watch.found, []
         self._parts += [msgspec.msgpack.encode(found)] if found else []
         if self._replay.ended and self._parts:
+            self._replay.settle()
             keep(self._replay.path, inputs(self._replay.path), self._parts)
             self._parts = []
         return fates_of(found, self._robots), self._watch.instant / 1e6, whole

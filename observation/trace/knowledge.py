@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple, cast
 import msgspec
 
 from actors.geometry import Point, Pose
-from actors.instant import Duration, Instant, in_seconds
+from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.robot.behaviour.decision_log import Deciding
 from actors.runtime.core import Core, Inputs
@@ -26,7 +26,7 @@ from observation.trace.rows import (
     ReplicaNews,
     ReplicaRead,
 )
-from observation.trace.words import in_words
+from observation.trace.words import in_words, seconds
 
 ABSENT: Final = object()
 """Stands where a mapping has no such key."""
@@ -193,7 +193,7 @@ def _worded(knowledge: Knowledge, field: str) -> str:
     """A field's value; an instant as seconds."""
     value = getattr(knowledge, field)
     if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
-        return f"{in_seconds(Instant(value)):.3f}".rstrip("0").rstrip(".") + " s"
+        return f"{seconds(Instant(value))} s"
     return in_words(value)
 
 

@@ -87,6 +87,7 @@ def follow(out: Path, actor: str) -> Iterator[Trace]:
                     yield collector.part()
                 elif told:
                     time.sleep(_POLL_S)
+            replay.settle()
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy on another processor may go where it never went

@@ -4,6 +4,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any, Final
 
+from actors.instant import Instant, in_seconds
 from actors.runtime.errors import printable
 from actors.task.words import PlaceKey
 from deeco import Knowledge
@@ -53,3 +54,8 @@ def _composed(value: Any, deep: int) -> str:
     if isinstance(value, frozenset):
         told.sort()
     return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(told)
+
+
+def seconds(instant: Instant) -> str:
+    """An instant as people read it, s."""
+    return f"{in_seconds(instant):.3f}".rstrip("0").rstrip(".")

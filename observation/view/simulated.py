@@ -6,18 +6,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from observation.evidence.run_evidence import EvidenceError, RunEvidence
-from observation.evidence.run_reader import RunReader
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import recorded_run
 from observation.view.story import Floats, Source, Story, Track
 
 
 def simulated_story(out: Path) -> Story:
     """Read a run's folder, finished, cut or still going on. Raises RecordingError or EvidenceError."""
-    with RunReader(out) as reader:
-        run = reader.poll(last=True)
-    if run is None or not len(run.seconds):
-        raise EvidenceError(f"{out}: the run ended before its first step")
-    story = Teller().story(run)
+    story = Teller().story(recorded_run(out))
     if (out / "run.json").is_file():
         return story
     return replace(story, title=f"{story.title}, up to {story.end:g} s: it is going on, or was cut off")

@@ -15,11 +15,12 @@ from actors.installation.usage import OptionError
 from actors.observer.sheet import Sheet
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.recording import Entry, read_recording
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_reader import RunReader
-from observation.replay.growing_replay import GrowingBus
+from observation.replay.growing_replay import GrowingBus, GrowingReplay
 from observation.replay.record_replay import made_again
 from observation.trace.frame_fates import frame_fates, replayed
 from observation.trace.kept import own_files
@@ -191,6 +192,21 @@ def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(g
     ):
         bus.grow()
     bus.close()
+
+
+def test_a_closed_recording_is_held_to_its_last_message(folder: Path) -> None:
+    with GrowingReplay(made_again(folder, "r1")) as replay:
+        while not replay.ended:
+            replay.advance(1.0)
+        replay.settle()
+        replay._bus._early.append(("swarm/up/r1/drive", b"one more"))
+        with pytest.raises(ReplayError, match="sends on swarm/up/r1/drive, where nothing more was recorded"):
+            replay.settle()
+        replay._bus._early.clear()
+        sent = next(one for one in read_recording(replay.path) if isinstance(one, Entry))
+        replay._bus._outputs.append(sent)
+        with pytest.raises(ReplayError, match="does not send again what was recorded on"):
+            replay.settle()
 
 
 def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: Path, tmp_path: Path) -> None:
