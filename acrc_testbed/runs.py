@@ -85,6 +85,7 @@ def run(
     seed: int | None = None,
     duration: float | None = None,
     strategy: str | None = None,
+    navigation: str | None = None,
     settings: Mapping[str, object] | None = None,
     bus: Literal["zenoh", "memory"] = "zenoh",
     modules: Sequence[str | PathLike[str]] = (),
@@ -105,7 +106,10 @@ def run(
 
     file = file_of("scenarios", scenario)
     own = tuple((settings or {}).items())
-    chosen = load_scenario(file, Overrides(robots, seed, None, duration, None, strategy, own))
+    overrides = Overrides(
+        robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
+    )
+    chosen = load_scenario(file, overrides)
     named = entry(chosen.run.strategy)
     permit = permit_of(
         [Path(one) for one in modules], trust=trust, typed=named if strategy is not None else ""

@@ -25,3 +25,10 @@ def orders(incomplete: str) -> list[str]:
     from deploy.run.orders import VERBS
 
     return [verb for verb in VERBS if verb.startswith(incomplete)]
+
+
+def navigation(incomplete: str) -> list[str]:
+    """Presets of navigation."""
+    from actors.robot.navigation.navigator import NAVIGATION_PRESETS
+
+    return [name for name in NAVIGATION_PRESETS if name.startswith(incomplete)]

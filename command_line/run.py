@@ -32,6 +32,14 @@ def run(
             autocompletion=completion.strategies,
         ),
     ] = None,
+    navigation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESET",
+            help="Preset of navigation: chapter (as the original's), improved or robust.",
+            autocompletion=completion.navigation,
+        ),
+    ] = None,
     setting: Setting = None,
     speed: Annotated[
         str | None,
@@ -142,7 +150,16 @@ def run(
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
-    overrides = Overrides(robots, seed, key, duration, step, strategy, settings(setting or ()))
+    overrides = Overrides(
+        robots=robots,
+        seed=seed,
+        key=key,
+        duration=duration,
+        step=step,
+        strategy=strategy,
+        navigation=navigation,
+        settings=settings(setting or ()),
+    )
     name = folder_name(scenario or DEFAULT_SCENARIO)
     options = RunOptions(
         out or Path("runs", name),

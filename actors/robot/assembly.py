@@ -16,13 +16,18 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import Start
 from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
+from actors.robot.cost_maps import cell_distance, footprint, inflation, ray_tracing
+from actors.robot.cost_maps.cost_map import CostMap
+from actors.robot.local_planning import disc_dwa, dwa, local_plan, map_grid
+from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
+from actors.robot.local_planning.local_planner import DwaLocalPlanner
+from actors.robot.local_planning.steering import PeriodicPlanner
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
-from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
-from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation import navfn_potential, potential
 from actors.robot.navigation.floor_plan import ReachableFloor
-from actors.robot.navigation.local_planner import DwaLocalPlanner
+from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
-from actors.robot.navigation.planning import Ground, Planner, ground
+from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, ground
 from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotModel
@@ -37,11 +42,15 @@ KERNELS: Final = (
         distance,
         flood,
         potential,
+        navfn_potential,
         cell_distance,
         inflation,
         ray_tracing,
         map_grid,
+        footprint,
+        local_plan,
         dwa,
+        disc_dwa,
     ),
     *localisation.KERNELS,
 )
@@ -97,14 +106,18 @@ class CommonGround:
     floor: Ground
     field: LikelihoodField | None
     """None without localisation."""
+    costs: GlobalCosts | None
+    """None where plans are made by another method than navfn."""
 
 
 def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> CommonGround:
     """All that robots of this model and stack share: made once for as long as it is held, see `Shared`."""
-    field = None
+    field, costs = None, None
     if stack.localisation is not None:
         field = likelihood_field(plan, stack.localisation.max_distance)
-    return CommonGround(plan, floor(plan, model, stack), field)
+    if stack.planner.method == "navfn":
+        costs = global_costs(plan, model.footprint.circumradius, stack.planner)
+    return CommonGround(plan, floor(plan, model, stack), field, costs)
 
 
 def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
@@ -133,16 +146,32 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     stack, radius = setup.stack, model.footprint.circumradius
     common = common_ground(plan, model, stack)
     local = CostMap(model.sensor, radius, stack.local_map)
-    local_planner = DwaLocalPlanner(local, radius, model.drive, stack.dwa)
     parts = RobotParts(
         sweeps=Sweeps(model.sensor),
         localisation=_localisation(setup, model, common.field),
-        navigation=Navigator(Planner(common.floor, stack.planner), local, local_planner, stack.navigation),
+        navigation=Navigator(
+            _planner(common, stack),
+            local,
+            _local_planner(local, model, stack),
+            stack.navigation,
+        ),
         behaviour=behaviour_of(setup.behaviour, start(setup, model, common.floor)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )
+
+
+def _local_planner(local: CostMap, model: RobotModel, stack: Stack) -> PeriodicPlanner:
+    if stack.dwa.rules == "indigo":
+        return DwaLocalPlanner(local, model.drive, stack.dwa)
+    return DiscLocalPlanner(local, model.footprint.circumradius, model.drive, stack.dwa)
+
+
+def _planner(common: CommonGround, stack: Stack) -> GlobalPlanner:
+    if common.costs is not None:
+        return NavfnPlanner(common.costs, stack.planner)
+    return Planner(common.floor, stack.planner)
 
 
 def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField | None) -> Localisation:

@@ -16,7 +16,7 @@ from actors.world.world_setup import WorldSetup
 from benchmarks.navigation import goal_log
 from benchmarks.navigation.goal_log import SUBJECT, LoggedGoal
 from benchmarks.statistics.runs import in_memory
-from deploy.scenario.scenario_file import parse
+from deploy.scenario.scenario_file import Overrides, parse
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
 from observation.accounting.tracks import Tracks, tracks_of
@@ -41,6 +41,8 @@ class NavigationCourse:
     localisation: str | None = None
     """Name of a preset; None: as scenarios have it that say nothing."""
     navigation: str | None = None
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Keys of a scenario that are other than the presets have them."""
     margin: float = 0.1
     """Goals and starts lie at least so far beyond the body's radius from walls, m; own choice: a little more
     than what planning keeps."""
@@ -84,7 +86,7 @@ def scenario(course: NavigationCourse) -> Scenario:
         **_presets(course),
         "robot": tables,
     }
-    return parse(document(content), course.map)
+    return parse(document(content), course.map, Overrides(settings=course.settings))
 
 
 def _presets(course: NavigationCourse) -> dict[str, Any]:

@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table
 
 from actors.installation.repository import SHIPPED
-from benchmarks.navigation import goal_log
+from benchmarks.navigation import goal_log, original
 from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
 from benchmarks.statistics.measured import Measured, proportion
 from benchmarks.statistics.runs import in_order
+from deploy.scenario.scenario_file import settings
 
 MAPS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)
@@ -63,6 +64,8 @@ class NavigationTask:
     runs: int = 8
     localisation: str | None = None
     navigation: str | None = None
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Keys of a scenario that are other than the presets have them."""
     workers: int | None = None
     """Processes; None: one per processor."""
 
@@ -76,12 +79,18 @@ def check(
     navigation: str | None = None,
     log: Path | None = None,
     seed: int = 1,
+    source: Path | None = None,
+    setting: Sequence[str] = (),
 ) -> Measured:
     """Measure a task as `NavigationTask` has it, or only write what r1 decides in one run from that seed.
 
-    It holds where no wall is touched. Raises LogError.
+    Or, with `source`, compare preset `chapter` with a folder of what the original decided. It holds where no
+    wall is touched, or the original is met. Raises LogError, RowsError.
     """
-    task = NavigationTask(tuple(maps), tuple(robots), goals, runs, localisation, navigation)
+    if source is not None:
+        return original.check(source)
+    presets = localisation, navigation, settings(setting)
+    task = NavigationTask(tuple(maps), tuple(robots), goals, runs, *presets)
     if log is not None:
         return write_log(task, log, seed)
     figures = measured(task)
@@ -108,7 +117,7 @@ def write_log(task: NavigationTask, file: Path, seed: int) -> Measured:
     """
     robots = max(task.robots)
     each = math.ceil(task.goals / (task.runs * robots))
-    course = NavigationCourse(task.maps[0], robots, each, seed, task.localisation, task.navigation)
+    course = NavigationCourse(task.maps[0], robots, each, seed, *_told(task))
     written = cycle_log.write(file, course)
     says = (
         f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
@@ -117,10 +126,14 @@ def write_log(task: NavigationTask, file: Path, seed: int) -> Measured:
     return Measured({"file": str(file), **asdict(written)}, (says,))
 
 
+def _told(task: NavigationTask) -> tuple[str | None, str | None, tuple[tuple[str, Any], ...]]:
+    return task.localisation, task.navigation, task.settings
+
+
 def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[NavigationCourse]:
     """One per run, with goals enough."""
     each = math.ceil(task.goals / (task.runs * robots))
-    first = NavigationCourse(map_file, robots, each, 1, task.localisation, task.navigation)
+    first = NavigationCourse(map_file, robots, each, 1, *_told(task))
     return [replace(first, seed=seed) for seed in range(1, task.runs + 1)]
 
 

@@ -113,7 +113,7 @@ class ShortestWays:
         cells = descent(self._costs, field, *first)
         x, y = self._grid.centres()
         way = np.column_stack((x[cells[:, 1]], y[cells[:, 0]]))
-        return _length(self._taut(np.vstack([np.array([start]), way, np.array([goal])])))
+        return along(self._taut(np.vstack([np.array([start]), way, np.array([goal])])))
 
     def _nearest(self, point: Point) -> Cell | None:
         """The cell with room for the disc nearest to `point`."""
@@ -124,9 +124,9 @@ class ShortestWays:
         for turn in range(_ROUNDS):
             way = self._pulled(_dense(way, self._grid.resolution))[::-1]
             if turn % 2:
-                if before - _length(way) < _GAIN:
+                if before - along(way) < _GAIN:
                     break
-                before = _length(way)
+                before = along(way)
         return way
 
     def _pulled(self, way: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -157,5 +157,6 @@ def _dense(way: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     return np.column_stack([np.interp(marks, gone, way[:, 0]), np.interp(marks, gone, way[:, 1])])
 
 
-def _length(way: NDArray[np.float64]) -> float:
+def along(way: NDArray[np.float64]) -> float:
+    """The length of a way of (n, 2) points, m."""
     return float(np.hypot(*np.diff(way, axis=0).T).sum())

@@ -41,11 +41,14 @@ class RunTask:
     seconds: float
     robots: int | None = None
     """None: the scenario's."""
+    navigation: str | None = None
+    """Preset of navigation; None: the scenario's."""
 
     def words(self, out: Path) -> list[str]:
         """The command line after `acrc`."""
         robots = [] if self.robots is None else ["--robots", str(self.robots)]
-        words = ["run", str(self.scenario), "--duration", f"{self.seconds:g}", *robots]
+        navigation = [] if self.navigation is None else ["--navigation", self.navigation]
+        words = ["run", str(self.scenario), "--duration", f"{self.seconds:g}", *robots, *navigation]
         return [*words, "--bus", "memory", "--json", "--out", str(out)]
 
 

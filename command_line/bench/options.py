@@ -5,7 +5,13 @@ from typing import Any, Final
 
 from actors.installation.usage import OptionError
 
-_WORDS: Final = {"size": "--bytes", "source": "--from", "maps": "--map", "map_file": "--map"}
+_WORDS: Final = {
+    "size": "--bytes",
+    "source": "--from",
+    "maps": "--map",
+    "map_file": "--map",
+    "setting": "--set",
+}
 
 
 def given(

@@ -46,7 +46,11 @@ def verify(
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE|DIR", help="localisation: feed the filter with these logs."),
+        typer.Option(
+            "--from",
+            metavar="FILE|DIR",
+            help="localisation: feed the filter with these logs; navigation: compare with these rows.",
+        ),
     ] = None,
     against: Annotated[
         Path | None,
@@ -86,6 +90,14 @@ def verify(
     navigation: Annotated[
         str | None, typer.Option(metavar="PRESET", help="navigation, failures: preset of navigation.")
     ] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="navigation: replace a key of its scenarios: dwa.sim_time=1.7. Repeatable.",
+        ),
+    ] = None,
     trials: Annotated[
         int | None,
         typer.Option(
@@ -121,7 +133,7 @@ def verify(
         "runs": runs, "seed": seed, "duration": duration, "robots": robots, "workers": workers, "data": data,
         "source": source, "against": against, "log": log, "cell": cell, "maps": maps, "goals": goals,
         "scenario": scenario, "strategy": strategy, "localisation": localisation, "navigation": navigation,
-        "trials": trials, "hours": hours, "size": size, "only": only, "install": install,
+        "setting": setting, "trials": trials, "hours": hours, "size": size, "only": only, "install": install,
     }  # fmt: skip
     chosen = verification.chosen(claim or ())
     takers = {name: one.takes for name, one in verification.CHECKED.items()}

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from actors.installation.version import software
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.stack_tables import navigation_preset
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml
 from observation.results.origin import UNKNOWN, Origin, versions
@@ -63,5 +64,12 @@ def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin
     """The origin of a run of `scenario`, whose file is called `name`."""
     run = scenario.run
     return Origin(
-        name, run.strategy, behaviour, dict(scenario.strategy), commit, versions(), key=run.key or ""
+        name,
+        run.strategy,
+        behaviour,
+        dict(scenario.strategy),
+        commit,
+        versions(),
+        key=run.key or "",
+        navigation=navigation_preset(scenario),
     )

@@ -8,9 +8,10 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from actors import table_wording, toml_file
+from actors import table_wording, toml_file, wording
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
@@ -36,6 +37,8 @@ class Overrides:
     """Replaces run.step_ms, ms."""
     strategy: str | None = None
     """Replaces run.strategy; if the file names another one, its table [strategy] is left out, too."""
+    navigation: str | None = None
+    """Replaces navigation.preset."""
     settings: tuple[tuple[str, Any], ...] = ()
     """Replace other keys, such as ("deeco.publish", 0.5): dotted keys, and values as the file would have."""
 
@@ -47,8 +50,10 @@ _KEYS: Final = {
     "duration": ("run", "duration"),
     "step": ("run", "step_ms"),
     "strategy": ("run", "strategy"),
+    "navigation": ("navigation", "preset"),
 }
 """Where each field of Overrides stands in the file."""
+_TEXTS: Final = {"strategy", "key", "navigation"}
 
 
 def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) -> Scenario:
@@ -78,6 +83,8 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
     """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
     options: dict[tuple[str, ...], str] = {}
+    if overrides.navigation not in {None, *NAVIGATION_PRESETS}:
+        raise wrong_value("--navigation", overrides.navigation, wording.one_of(tuple(NAVIGATION_PRESETS)))
     _leave_settings_out(content, overrides.strategy)
     for dotted, value in overrides.settings:
         place = tuple(dotted.split("."))
@@ -87,7 +94,7 @@ def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[st
         value = getattr(overrides, name)
         table = content.setdefault(table_name, {})
         if value is not None and isinstance(table, dict):
-            table[key] = value if name in {"strategy", "key"} else _number(value)
+            table[key] = value if name in _TEXTS else _number(value)
             options[table_name, key] = f"--{name}"
     return options
 

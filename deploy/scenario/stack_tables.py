@@ -5,7 +5,7 @@
     max_particles = 1000   # any field of AmclParameters
 
     [navigation]
-    preset = "chapter"     # or "robust": for this table, [planner], [local_map] and [dwa]
+    preset = "chapter"     # or "improved", "robust": for this table, [planner], [local_map] and [dwa]
 
 Beside the presets, any field of the parameters may be set; durations in s.
 """
@@ -20,17 +20,19 @@ from actors import table_wording
 from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
 from actors.robot.behaviour.ports import LONGEST_S
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.localisation import PRESETS, AmclParameters
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
-from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
-from actors.robot.navigation.planning import PlanningParameters
+from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
 from actors.table import FileTable, Right
 
 ODOMETRY: Final = "odometry"
 """The preset of [localisation] that trusts the odometry alone."""
+CHAPTER: Final = "chapter"
+"""The preset that holds where none is named."""
 _P = TypeVar("_P")
 
 
@@ -53,7 +55,7 @@ def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[FileTable]:
         one.name: (_KINDS.get(hints[one.name], hints[one.name]), None) for one in fields(kind)
     }
     if presets:
-        keys["preset"] = (Literal[presets], "chapter")
+        keys["preset"] = (Literal[presets], CHAPTER)
     return create_model(f"{kind.__name__}Table", __base__=FileTable, **keys)
 
 
@@ -81,7 +83,7 @@ def _stack(file: Any) -> Stack:
         return Stack(
             localisation=_localisation(file.localisation),
             navigation=_with(NAVIGATION_PRESETS[preset], file.navigation),
-            planner=_with(PlanningParameters(), file.planner),
+            planner=_with(PLANNER_PRESETS[preset], file.planner),
             local_map=_with(LOCAL_MAP_PRESETS[preset], file.local_map),
             dwa=_with(DWA_PRESETS[preset], file.dwa),
         )
@@ -108,6 +110,11 @@ def _with(preset: _P, table: FileTable) -> _P:
 def stack_of(file: FileTable) -> Stack:
     """What a scenario or a fleet file says. Raises AcrcError."""
     return stack(file.model_dump(include=set(TABLES)))
+
+
+def navigation_preset(file: FileTable) -> str:
+    """The preset of navigation of a scenario or a fleet file: named, or the one that holds without a word."""
+    return str(file.model_dump(include={"navigation"})["navigation"].get("preset", CHAPTER))
 
 
 def stack_fault(file: FileTable) -> str | None:

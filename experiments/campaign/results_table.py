@@ -58,6 +58,7 @@ def rows(store: Store) -> Iterator[Row]:
             "scenario": scenario,
             "strategy": record.strategy,
             "settings": _json(origin.settings) if origin is not None else None,
+            "navigation.preset": origin.navigation if origin is not None else None,
             "seed": record.seed,
             "tuning": tuning,
             **{f"vary.{key}": _cell(value) for key, value in record.variant.items()},

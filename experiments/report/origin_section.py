@@ -29,8 +29,8 @@ def origin(sources: Sequence[CaseSource]) -> Section:
             NumberTable("versions", "Beside that", ("package", "version", "runs"), tuple(_versions(sources))),
             NumberTable(
                 "runs", "Every run",
-                ("folder", "condition", "strategy", "seed", "places", "of", "complete at, s", "ended at, s",
-                 "length, s", "octets/s", "CPU ms/s", "failure", "digest"),
+                ("folder", "condition", "strategy", "navigation", "seed", "places", "of", "complete at, s",
+                 "ended at, s", "length, s", "octets/s", "CPU ms/s", "failure", "digest"),
                 tuple(_run(one, case) for one in sources for case in one.cases), folded=True,
             ),
         ),
@@ -68,7 +68,10 @@ def _versions(sources: Sequence[CaseSource]) -> Iterator[tuple[Cell, ...]]:
 
 
 def _run(source: CaseSource, case: Case) -> tuple[Cell, ...]:
-    who = (source.name, case.condition, label(case.strategy), None if case.seed is None else str(case.seed))
+    origin = case.outcome.origin if isinstance(case.outcome, RunResult) else None
+    navigation = origin.navigation or None if origin is not None else None
+    seed = None if case.seed is None else str(case.seed)
+    who = (source.name, case.condition, label(case.strategy), navigation, seed)
     if case.outcome is None:
         return (*who, *[None] * 7, case.failure, None)
     one = case.outcome

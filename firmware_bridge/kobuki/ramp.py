@@ -14,7 +14,7 @@ class RampParameters:
     """m/s²."""
     slow_down: float = 0.6
     """The same, towards standing. Own choice, above kobuki_driver's 0.36: navigation plans with 1.0
-    (actors.robot.navigation.dwa_parameters), and on this base comes to stand later than it means to."""
+    (actors.robot.local_planning.dwa_parameters), and on this base comes to stand later than it means to."""
     turn_up: float = 3.5
     """rad/s²."""
     turn_down: float = 4.2

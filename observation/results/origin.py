@@ -47,6 +47,8 @@ class Origin(msgspec.Struct, frozen=True):
     """Of Python and of the packages that matter."""
     key: str = ""
     """What all that is random follows from beside the seed; empty: there is none."""
+    navigation: str = ""
+    """Preset of navigation, as the scenario or `--navigation` says; empty in results that do not say it."""
     branch: BranchOrigin | None = None
     """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
 

@@ -112,6 +112,8 @@ def _places_done(result: RunResult) -> Iterator[str]:
         return
     robots = "1 robot" if result.robots == 1 else f"{result.robots} robots"
     by = f" with strategy {printable(result.origin.strategy)}" if result.origin.strategy else ""
+    if by and result.origin.navigation:
+        by += f" and navigation {printable(result.origin.navigation)}"
     if result.completion_s is not None:
         lasted = _s(result.completion_s)
         yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} simulated s."

@@ -14,8 +14,8 @@ from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
 from actors.robot.core import RobotCore
+from actors.robot.local_planning.steering import Cycle, PeriodicPlanner
 from actors.robot.localisation import Estimate
-from actors.robot.navigation.local_planner import Cycle, DwaLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from actors.runtime.core import Inputs, Output, read
@@ -106,7 +106,7 @@ class Perception:
         cast(Any, core).advance = watched
         cast(Any, core.localisation).update = noted
         local_planner = core.navigation.local_planner
-        if isinstance(local_planner, DwaLocalPlanner):
+        if isinstance(local_planner, PeriodicPlanner):
             local_planner.witness = self._steered
 
     @property

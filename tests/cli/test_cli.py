@@ -67,7 +67,7 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
         ("verify failures --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
         ("verify failure", "CLAIM: failure; did you mean failures?"),
         ("verify radio seal --trials 3", "--trials: is not for radio, seal, but for standstill, sensors"),
-        ("verify --from x", "--from: must stand beside what it is for: localisation"),
+        ("verify --from x", "--from: must stand beside what it is for: localisation, navigation"),
         ("bench relays --below -91", "--below: -91; must be a number from -90 to 0"),
         ("bench relays --out x", "--out: is not for relays, but for radio"),
         ("bench x", "NAME: x; must be one of swarm, recordings, relays, radio, world, deeco, functions"),

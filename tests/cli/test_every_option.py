@@ -44,7 +44,10 @@ STORIES: dict[str, tuple[Line, ...]] = {
             f"--key {'0f' * 16} --check --json",
             r"checked: 4 actors replayed.*messages equal",
         ),
-        Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b --trust", r"2 robots"),
+        Line(
+            "run --robots 2 --navigation chapter --set run.duration=1.5 --isolate --out runs/b --trust",
+            r"2 robots with strategy chapter and navigation chapter",
+        ),
         Line(
             "branch runs/a@1 --event 'kill r2 at 1.5' --out runs/branch --trust",
             r"r2",
@@ -224,9 +227,11 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "verify driving": (
         Line(
             "verify navigation --map maps/corridor.yaml --robots 1 --goals 1 --runs 1 --localisation robust "
+            "--set dwa.max_speed=0.4 "
             "--navigation robust --json",
             r"corridor",
         ),
+        Line("verify navigation --from {root}/tests/navigation/original --json", r'"within_one": 0\.9'),
         Line("verify navigation --log n.zip --seed 2 --robots 1 --goals 8", r"n.zip", "n.zip"),
         Line(
             "verify failures --scenario scenarios/head_on.toml --robots 2 --runs 1 --duration 1 "

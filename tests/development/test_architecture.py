@@ -28,8 +28,9 @@ PAGES = [
 ]
 CLASS = r"(?<![\w./:-])([A-Z][a-z]+(?:[A-Z][a-z0-9]*)+|[A-Z][a-z]+(?=\.[a-z]))(?:\.([a-z_]\w*))?"
 ELSEWHERE = {
-    "CostmapModel", "ExecStopPost", "InOut", "LaserScan", "MemoryMax", "NamedTuple", "ObstacleCostFunction",
-    "ParamHolder", "PeriodicScheduling", "SimpleTrajectoryGenerator", "TasksMax",
+    "ClearCostmapRecovery", "CostmapModel", "ExecStopPost", "InOut", "LaserScan", "MemoryMax", "MoveBase",
+    "NamedTuple", "ObstacleCostFunction", "ParamHolder", "PeriodicScheduling", "SimpleTrajectoryGenerator",
+    "TasksMax",
 }  # fmt: skip
 """Names of ROS, JDEECo, systemd and Python."""
 ROOM_LIMIT = 20

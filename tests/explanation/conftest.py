@@ -27,6 +27,9 @@ start = [[6.5, 12.5, 0.0], [13.0, 12.5, 0.0], [20.0, 12.5, 0.0], [12.0, 11.5, 0.
 [localisation]
 preset = "odometry"
 
+[navigation]
+preset = "improved"
+
 [places]
 preset = "golden"
 per_robot = 1

@@ -1,6 +1,7 @@
 """What follows from content alone is made once, for as long as somebody holds it."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from actors.floor.grid import OccupancyGrid
@@ -8,7 +9,7 @@ from actors.floor.map_file import load_map
 from actors.floor.sharing import Shared
 from actors.geometry import Point
 from actors.robot.localisation import likelihood_field
-from actors.robot.navigation.planning import PlanningParameters, ground
+from actors.robot.navigation.planning import PLANNER_PRESETS, ground
 from tests.floor.plans import plan
 
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
@@ -64,9 +65,9 @@ def test_equal_grids_have_one_ground_and_one_field_for_equal_parameters() -> Non
     grid = load_map(CORRIDOR)
     twin = OccupancyGrid(grid.cells, grid.resolution, grid.origin)
     floor, field = ground(grid, 0.2), likelihood_field(grid, 2.0)
-    assert ground(twin, 0.2, PlanningParameters()) is floor
+    assert ground(twin, 0.2, PLANNER_PRESETS["robust"]) is floor
     assert likelihood_field(twin, 2.0) is field
     assert ground(twin, 0.25) is not floor
-    assert ground(twin, 0.2, PlanningParameters(margin=0.04)) is not floor
+    assert ground(twin, 0.2, replace(PLANNER_PRESETS["robust"], margin=0.04)) is not floor
     assert likelihood_field(twin, 1.0) is not field
     assert not any(part.flags.writeable for part in (floor.clearance, floor.costs, field.levels, field.floor))

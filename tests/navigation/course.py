@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
-from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
-from actors.robot.navigation.local_planner import DwaLocalPlanner, Steering
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
+from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameters
+from actors.robot.local_planning.local_planner import DwaLocalPlanner
+from actors.robot.local_planning.steering import PeriodicPlanner, Steering
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
+from actors.robot_model import DriveParameters
 from tests.robot.base import FakeBase, at_step, model
 
 RADIUS = 0.177
-TOLERANCE = 0.15
 KIND = model(rays=240)
-CHAPTER = DWA_PRESETS["chapter"]
+IMPROVED = DWA_PRESETS["improved"]
 ROBUST = DWA_PRESETS["robust"]
 
 
@@ -48,6 +50,15 @@ CELL = 0.04
 DOOR = neck(0.88)
 """As the necks between the corridor and the offices of the testbed."""
 HALL = floor(hall(7.0, 3.2))
+
+
+def local_planner(
+    local: CostMap, parameters: DwaParameters, drive: DriveParameters = KIND.drive
+) -> PeriodicPlanner:
+    """By the rules that the parameters name."""
+    if parameters.rules == "indigo":
+        return DwaLocalPlanner(local, drive, parameters)
+    return DiscLocalPlanner(local, RADIUS, drive, parameters)
 
 
 @dataclass
@@ -80,7 +91,7 @@ class Pilot:
         start: Pose,
         goal: Point,
         *,
-        preset: str = "chapter",
+        preset: str = "improved",
         parameters: DwaParameters | None = None,
         noise: np.random.Generator | None = None,
     ) -> None:
@@ -89,9 +100,7 @@ class Pilot:
         self.goal = goal
         self.fixed: list[tuple[Point, float]] = []
         self.local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
-        self.local_planner = DwaLocalPlanner(
-            self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset]
-        )
+        self.local_planner = local_planner(self.local, parameters or DWA_PRESETS[preset])
         self.record = Record()
         self._start = start
         self._sweeps = Sweeps(KIND.sensor)
@@ -109,10 +118,10 @@ class Pilot:
             way = self._planner.path(estimate.point, self.goal)
             assert way is not None
             self.local_planner.follow(way)
-        self.record.arrived |= self.goal.distance_to(estimate.point) <= TOLERANCE
+        velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
+        self.record.arrived |= self.local_planner.reached(estimate, velocity)
         steering = Steering(STILL, True)
         if not self.record.arrived:
-            velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
             steering = self.local_planner.steer(instant, here, estimate, velocity)
         self.record.steerings.append(steering)
         self.record.poses.append(self.base.pose)

@@ -1,6 +1,7 @@
 """Distances on small grids against looking at every marked cell."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from actors.bounds import ParameterError
-from actors.robot.navigation.cell_distance import MOST_REACH, fingerprint, squared_within
-from actors.robot.navigation.cost_map import CostMap, CostMapParameters
-from actors.robot.navigation.planning import Planner, PlanningParameters, ground
+from actors.robot.cost_maps.cell_distance import MOST_REACH, fingerprint, squared_within
+from actors.robot.cost_maps.cost_map import CostMap, CostMapParameters
+from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
 from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS
 
@@ -48,12 +49,18 @@ def test_the_largest_reach_does_not_overflow() -> None:
     ("make", "sentence"),
     [
         (
-            lambda: CostMap(load_model("turtlebot2").sensor, 0.177, CostMapParameters(padding=7.0)),
+            lambda: CostMap(
+                load_model("turtlebot2").sensor,
+                0.177,
+                CostMapParameters(body="disc", allowance=0.0, padding=7.0),
+            ),
             "local_map: the radius of the body with its padding is 7.177, but must be at most 126 cells of "
             "0.05 m",
         ),
         (
-            lambda: Planner(ground(TWO_ROOMS, 0.177), PlanningParameters(inflation_radius=6.4)),
+            lambda: Planner(
+                ground(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["improved"], inflation_radius=6.4)
+            ),
             "planner: the reach of what is marked is 6.4, but must be at most 126 cells of 0.05 m",
         ),
     ],

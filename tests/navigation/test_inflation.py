@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.robot.navigation.inflation import INSCRIBED, LETHAL, Inflation, fingerprint
+from actors.robot.cost_maps import footprint
+from actors.robot.cost_maps.inflation import INSCRIBED, LETHAL, Inflation, fingerprint
 
 LOCAL = Inflation(0.222, 0.75, 15.0)
 
@@ -46,3 +47,26 @@ def test_a_table_cannot_be_changed_and_is_the_same_each_time() -> None:
     with pytest.raises(ValueError, match="read-only"):
         LOCAL.table(0.05)[0] = 1
     assert fingerprint() == fingerprint()
+
+
+def outline(radius: float, padding: float) -> list[complex]:
+    """The corners as costmap_2d makes and pads them, with the sines and cosines of the C library."""
+
+    def padded(value: float) -> float:
+        return value + math.copysign(padding, value) if value else 0.0
+
+    corners = (math.tau * k / 16 for k in range(16))
+    return [complex(padded(radius * math.cos(a)), padded(radius * math.sin(a))) for a in corners]
+
+
+@pytest.mark.parametrize("radius", [0.1, 0.18, 0.5])
+@pytest.mark.parametrize("padding", [0.0, 0.01, 0.1])
+def test_the_inscribed_radius_is_that_of_the_padded_outline(radius: float, padding: float) -> None:
+    corners = outline(radius, padding)
+    sides = zip(corners, corners[1:] + corners[:1], strict=True)
+    distances = [(a.conjugate() * b).imag / abs(b - a) for a, b in sides]
+    assert footprint.inscribed(radius, padding) == pytest.approx(min(distances))
+
+
+def test_the_inscribed_radius_of_the_chapters_files() -> None:
+    assert footprint.inscribed(0.18, 0.01) == pytest.approx(0.18626, abs=5e-6)

@@ -13,8 +13,8 @@ from actors.bounds import ParameterError
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
-from actors.robot.navigation.inflation import INSCRIBED, LETHAL
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.cost_maps.inflation import INSCRIBED, LETHAL
 from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
@@ -54,7 +54,7 @@ def test_an_echo_marks_the_cell_it_comes_from() -> None:
         (1.025, 0.025), (-0.075, 1.025)]  # fmt: skip
     costs = local.costs()
     assert costs.shape == (80, 80)
-    assert costs[40, 60] == LETHAL and costs[40, 56] == INSCRIBED and 0 < costs[40, 54] < INSCRIBED
+    assert costs[40, 60] == LETHAL and costs[40, 57] == INSCRIBED and 0 < costs[40, 56] < INSCRIBED
 
 
 def test_a_scan_counts_from_where_it_was_made_not_from_where_the_robot_is() -> None:
@@ -112,7 +112,7 @@ def test_whether_silence_clears_is_a_parameter(valid: bool, left: int) -> None:
 
 
 def test_silence_does_not_clear_where_the_sensor_is_blind_and_as_far_again() -> None:
-    local = CostMap(CAMERA, RADIUS)
+    local = CostMap(CAMERA, RADIUS, replace(CostMapParameters(), inf_is_valid=True))
     local.take(START, ORIGIN, sweep(ORIGIN, only={-10: 600, 10: 1200}, sensor=CAMERA))
     assert len(local.marks()) == 2
     local.take(START, ORIGIN, sweep(ORIGIN, sensor=CAMERA))

@@ -12,37 +12,42 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
-from actors.robot.navigation.dwa_parameters import DWA_PRESETS
-from actors.robot.navigation.local_planner import DwaLocalPlanner, Steering
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
+from actors.robot.local_planning.steering import PeriodicPlanner, Steering
 from actors.robot.sweep import Sweep
-from tests.navigation.course import CHAPTER, KIND, RADIUS, ROBUST
+from tests.navigation.course import IMPROVED, KIND, RADIUS, ROBUST, local_planner
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 EAST = np.column_stack((np.linspace(0.0, 3.0, 61), np.zeros(61)))
+PRESETS = pytest.mark.parametrize("preset", list(DWA_PRESETS))
 SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 
-def planned(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[DwaLocalPlanner, CostMap]:
+def planned(
+    preset: str = "improved", ranges: NDArray[np.uint16] = SILENCE
+) -> tuple[PeriodicPlanner, CostMap]:
     """At the origin of both frames, on a plan to the east."""
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
-    made = DwaLocalPlanner(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
+    made = local_planner(local, DWA_PRESETS[preset])
     made.follow(EAST)
     return made, local
 
 
-def test_from_rest_it_speeds_up_as_fast_as_it_may() -> None:
-    steering = planned()[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
+@PRESETS
+def test_from_rest_it_speeds_up_as_fast_as_it_may(preset: str) -> None:
+    steering = planned(preset)[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid
     assert steering.twist.vx == pytest.approx(0.2)
     assert abs(steering.twist.omega) < 0.05
 
 
 @pytest.mark.parametrize("estimate", [Pose(3.0, -2.0, 2.5), Pose(0.0, 0.0, -1.0)])
-def test_the_plan_is_carried_over_from_the_map_frame(estimate: Pose) -> None:
+@PRESETS
+def test_the_plan_is_carried_over_from_the_map_frame(preset: str, estimate: Pose) -> None:
     moved = np.array([estimate.compose(Pose(x, y, 0.0))[:2] for x, y in EAST])
-    made, _ = planned()
+    made, _ = planned(preset)
     straight = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     made.begin()
     made.follow(moved)
@@ -70,8 +75,9 @@ def test_it_thinks_five_times_a_second_however_long_steps_are(
     assert all(later - earlier == 1 for earlier, later in itertools.pairwise(slots))
 
 
-def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
-    made, _ = planned()
+@PRESETS
+def test_between_it_holds_the_command_and_a_new_goal_ends_that(preset: str) -> None:
+    made, _ = planned(preset)
     first = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert made.steer(Instant(199_999), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) == first
     assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) != first
@@ -82,27 +88,38 @@ def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
     assert made.steer(Instant(410_000), ORIGIN, ORIGIN, STILL).valid
 
 
-def test_without_a_fresh_scan_it_does_not_drive() -> None:
+@PRESETS
+def test_without_a_fresh_scan_it_does_not_drive(preset: str) -> None:
     local = CostMap(KIND.sensor, RADIUS)
-    blind = DwaLocalPlanner(local, RADIUS, KIND.drive, CHAPTER)
+    blind = local_planner(local, DWA_PRESETS[preset])
     blind.follow(EAST)
     assert blind.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
-    made, local = planned()
+    made, local = planned(preset)
     assert made.steer(Instant(500_000), ORIGIN, ORIGIN, STILL).valid
     assert made.steer(Instant(500_001), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
     local.take(Instant(600_000), ORIGIN, Sweep(SILENCE, ORIGIN))
     assert made.steer(Instant(600_000), ORIGIN, ORIGIN, STILL).valid
 
 
-def test_a_plan_that_is_elsewhere_is_no_plan() -> None:
+def test_a_plan_ends_within_the_tolerance_of_its_last_point_at_any_speed() -> None:
     made, _ = planned()
+    fast, near = Twist(0.5, 0.0, 1.0), Pose(3.0 - IMPROVED.goal_tolerance, 0.0, 2.0)
+    assert made.period == IMPROVED.period and made.reached(near, fast)
+    assert not made.reached(near._replace(x=near.x - 1e-9), fast) and not made.reached(ORIGIN, STILL)
+    made.begin()
+    assert not made.reached(near, STILL)
+
+
+@PRESETS
+def test_a_plan_that_is_elsewhere_is_no_plan(preset: str) -> None:
+    made, _ = planned(preset)
     made.follow(np.add(EAST, (0.0, 2.5)))
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    preset=st.sampled_from(["chapter", "robust"]),
+    preset=st.sampled_from(["chapter", "improved", "robust"]),
     seed=st.integers(0, 10**6),
     vx=st.floats(-0.7, 0.7),
     omega=st.floats(-6, 6),
@@ -124,24 +141,32 @@ def test_no_command_exceeds_the_limits(
         assert twist == STILL
         return
     assert abs(twist.vx) >= 0.1 - 1e-3 or abs(twist.omega) >= p.least_turn - 1e-3
-    assert not -0.2 <= vx <= 0.7 or abs(twist.vx - vx) <= 0.2 + 1e-9
+    assert not -0.2 <= vx <= 0.7 or abs(twist.vx - vx) <= 0.2 + 1e-6
     gain = 0.2 * p.turn_acceleration
-    assert abs(omega) > 5.0 + gain or abs(twist.omega - omega) <= gain + 1e-9
+    assert abs(omega) > 5.0 + gain or abs(twist.omega - omega) <= gain + 1e-6
 
 
-def test_the_bases_limits_hold_where_they_are_lower() -> None:
+@PRESETS
+def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
     slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
-    made = DwaLocalPlanner(local, RADIUS, slow, CHAPTER)
+    made = local_planner(local, DWA_PRESETS[preset], slow)
     made.follow(EAST)
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
-    assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx == pytest.approx(0.15)
+    # of the samples that end in the same cells the original takes the first, not the fastest
+    fast = made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx
+    assert fast == pytest.approx(0.15) if preset != "chapter" else 0.13 < fast <= 0.15 + 1e-7
 
 
 @pytest.mark.parametrize(
     ("preset", "escape", "valid"),
-    [("chapter", CHAPTER.escape, False), ("chapter", 0.06, True), ("robust", ROBUST.escape, True)],
+    [
+        ("chapter", 0.035, False),
+        ("improved", IMPROVED.escape, False),
+        ("improved", 0.06, True),
+        ("robust", ROBUST.escape, True),
+    ],
 )
 def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: bool) -> None:
     """Its front touches what is 18 cm from its centre: the chapter's robot is stuck, another may get away."""
@@ -150,7 +175,7 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
     assert local.marks().shape == (1, 2)
-    made = DwaLocalPlanner(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
+    made = local_planner(local, replace(DWA_PRESETS[preset], escape=escape))
     made.follow(np.column_stack((np.zeros(20), np.linspace(0.0, 1.0, 20))))
     steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid == valid

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.robot.navigation.map_grid import bearing, cut, detour, fingerprint, free_goal, wavefront
+from actors.robot.local_planning.map_grid import bearing, cut, detour, fingerprint, free_goal, wavefront
 
 Squares = NDArray[np.int16]
 squares = arrays(np.int16, st.tuples(st.integers(2, 16), st.integers(2, 16)), elements=st.integers(0, 9))
@@ -22,8 +22,9 @@ def cells(*pairs: tuple[int, int]) -> NDArray[np.int32]:
 
 
 def searched(squared: Squares, limit: float, starts: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Breadth-first search."""
-    steps = np.full(squared.shape, squared.size)
+    """Breadth-first search; what it meets and may not enter counts as one step less than what it never
+    meets."""
+    steps = np.full(squared.shape, squared.size + 1)
     queue = deque((int(r), int(c)) for r, c in starts)
     for cell in queue:
         steps[cell] = 0
@@ -31,7 +32,11 @@ def searched(squared: Squares, limit: float, starts: NDArray[np.int32]) -> NDArr
         row, column = queue.popleft()
         for r, c in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
             inside = 0 <= r < squared.shape[0] and 0 <= c < squared.shape[1]
-            if inside and squared[r, c] > limit and steps[r, c] == squared.size:
+            if not inside or steps[r, c] < squared.size:
+                continue
+            if squared[r, c] <= limit:
+                steps[r, c] = squared.size
+            elif steps[r, c] > squared.size:
                 steps[r, c] = steps[row, column] + 1
                 queue.append((r, c))
     return steps

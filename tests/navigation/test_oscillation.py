@@ -3,7 +3,7 @@
 import pytest
 
 from actors.geometry import Pose
-from actors.robot.navigation.oscillation import OscillationCritic
+from actors.robot.local_planning.oscillation import OscillationCritic
 
 HERE = Pose(1.0, 2.0, 3.1)
 

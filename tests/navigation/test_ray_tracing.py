@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from actors.messages import NO_ECHO_MM
-from actors.robot.navigation.ray_tracing import fingerprint, stamp, take_in
+from actors.robot.cost_maps.ray_tracing import fingerprint, stamp, take_in
 
 Marks = NDArray[np.uint8]
 SIDE = 24

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.robot.navigation.inflation import INSCRIBED, LETHAL
+from actors.robot.cost_maps.inflation import INSCRIBED, LETHAL
 from benchmarks.localisation.log import CourseLogError
 from benchmarks.navigation import log as navigation_log
 from benchmarks.navigation.course import NavigationCourse

@@ -47,7 +47,7 @@ def test_a_page_shows_floor_robots_and_what_they_did(evidence: RunEvidence, tmp_
 def test_a_page_says_what_run_it_is(evidence: RunEvidence) -> None:
     figure = run_page.draw(evidence)
     assert figure.axes[0].get_title(loc="left") == (
-        f"chapter: 6 of 6 places in 98.6 s   (2 robots, seed 1, digest {evidence.result.digest[:8]})"  # type: ignore[union-attr]
+        f"chapter: 6 of 6 places in 99.1 s   (2 robots, seed 1, digest {evidence.result.digest[:8]})"  # type: ignore[union-attr]
     )
     assert [label.get_text() for label in figure.axes[1].get_yticklabels()] == ["r1", "r2"]
     assert figure.axes[2].get_ylabel() == "radio frames/s"
@@ -65,7 +65,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunEvidence) ->
     figure = side_by_side.draw([evidence, evidence])
     floors, lanes = figure.axes[::2], figure.axes[1::2]
     assert {axes.get_xlim() for axes in lanes} == {(0.0, evidence.end)}
-    assert all(axes.get_title(loc="left") == "chapter: 6 of 6 places in 98.6 s" for axes in floors)
+    assert all(axes.get_title(loc="left") == "chapter: 6 of 6 places in 99.1 s" for axes in floors)
     low, high = floors[0].get_xlim()
     assert low <= evidence.true[..., 0].min() and evidence.true[..., 0].max() <= high
 
@@ -120,7 +120,8 @@ def test_a_page_needs_nothing_beside_itself_and_says_what_the_run_said(
     page = (tmp_path / "run.html").read_text()
     assert page.startswith("<!DOCTYPE html>") and page.count("data:image/svg+xml;base64,") == 1
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", page) and "<script" not in page
-    assert "<p>2 robots with strategy chapter cleaned all 6 places in 98.5 simulated s.</p>" in page
+    cleaned = "2 robots with strategy chapter and navigation improved cleaned all 6 places in 99 simulated s."
+    assert f"<p>{cleaned}</p>" in page
     headings = re.findall(r"<h2 id=\"s(\d)\">", page)
     assert headings == [str(number) for number in range(1, len(headings) + 1)] and len(headings) == 8
     assert page.count("<td>takes over ") == len(evidence.taken_over)
@@ -137,7 +138,7 @@ def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunEvidence) ->
 
 def test_a_page_of_a_run_that_was_cut_says_so(evidence: RunEvidence) -> None:
     page = run_html.html(replace(evidence, result=None), b"")
-    assert "The run was cut off after 98.6 simulated s" in page and "How to make it again</h2>" not in page
+    assert "The run was cut off after 99.1 simulated s" in page and "How to make it again</h2>" not in page
 
 
 def test_a_movie_shows_robots_moving_and_places_filling(evidence: RunEvidence, tmp_path: Path) -> None:
@@ -195,7 +196,7 @@ def test_the_demonstration_shows_the_problem_and_its_cure(tmp_path: Path) -> Non
         "in, and neither gives way."
     )
     assert adapted == (
-        "With the chapter's adaptation: 6 of 6 places are clean by 98.6 s. Who is blocked tells the other by "
+        "With the chapter's adaptation: 6 of 6 places are clean by 99.1 s. Who is blocked tells the other by "
         "radio, and they exchange where they go: 4 places changed hands."
     )
     assert pictures == f"Both side by side: {out / 'demo.png'}, {out / 'demo.svg'}"

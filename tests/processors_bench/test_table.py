@@ -21,7 +21,7 @@ def test_both_tasks_are_those_of_the_house_test_and_the_chapter() -> None:
     assert crowd.scenario == REPOSITORY / "tests" / "swarm" / "crowd.toml" and crowd.robots is None
     assert chapter.words(Path("o")) == [
         "run", str(REPOSITORY / "scenarios" / "chapter.toml"), "--duration", "600", "--robots", "4",
-        "--bus", "memory", "--json", "--out", "o",
+        "--navigation", "chapter", "--bus", "memory", "--json", "--out", "o",
     ]  # fmt: skip
 
 

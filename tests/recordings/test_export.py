@@ -70,7 +70,8 @@ def test_an_exchange_names_frame_and_fields(tables: dict[str, Rows]) -> None:
     assert (one["seconds"], one["peer"], one["via"], one["hops"]) == (15.0, "r1", "r1", 0)
     assert one["heard"] + one["age"] == pytest.approx(15.0)
     frame = next(row for row in tables["frames"] if row["sender"] == "r1" and row["seconds"] == one["heard"])
-    assert (frame["receiver"], frame["copy"], frame["strength"]) == ("r2", "heard", one["rssi"])
+    assert (frame["receiver"], frame["copy"]) == ("r2", "heard")
+    assert frame["strength"] == pytest.approx(one["rssi"], abs=0.2)  # the chip has codes, about 5 to a dB
     fields = {
         row["field"]: json.loads(row["after"])
         for row in tables["knowledge"]

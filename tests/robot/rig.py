@@ -13,10 +13,10 @@ from actors.messages import (
 )
 from actors.robot.behaviour.decision_limits import RobotLimits
 from actors.robot.core import RobotCore, RobotParts
+from actors.robot.cost_maps.cost_map import CostMap
+from actors.robot.local_planning.dwa_parameters import DwaParameters
+from actors.robot.local_planning.local_planner import DwaLocalPlanner
 from actors.robot.localisation import DeadReckoning
-from actors.robot.navigation.cost_map import CostMap
-from actors.robot.navigation.dwa_parameters import DwaParameters
-from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
@@ -60,7 +60,7 @@ class Robot:
         self.behaviour = behaviour or Scripted(decision)
         self.base = FakeBase(TWO_ROOMS, kind, START)
         local = CostMap(kind.sensor, 0.177)
-        local_planner = DwaLocalPlanner(local, 0.177, kind.drive, DwaParameters())
+        local_planner = DwaLocalPlanner(local, kind.drive, DwaParameters())
         navigation = Navigator(Planner(FLOOR), local, local_planner)
         self.localisation = Masked(START)
         parts = RobotParts(Sweeps(kind.sensor), self.localisation, navigation, self.behaviour)

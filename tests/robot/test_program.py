@@ -94,6 +94,14 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     assert ours == [
         "actors.floor.distance",
         "actors.floor.flood",
+        "actors.robot.cost_maps.cell_distance",
+        "actors.robot.cost_maps.footprint",
+        "actors.robot.cost_maps.inflation",
+        "actors.robot.cost_maps.ray_tracing",
+        "actors.robot.local_planning.disc_dwa",
+        "actors.robot.local_planning.dwa",
+        "actors.robot.local_planning.local_plan",
+        "actors.robot.local_planning.map_grid",
         "actors.robot.localisation.beams",
         "actors.robot.localisation.confidence",
         "actors.robot.localisation.evidence",
@@ -102,12 +110,8 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
         "actors.robot.localisation.measurement",
         "actors.robot.localisation.motion",
         "actors.robot.localisation.resampling",
-        "actors.robot.navigation.cell_distance",
-        "actors.robot.navigation.dwa",
-        "actors.robot.navigation.inflation",
-        "actors.robot.navigation.map_grid",
+        "actors.robot.navigation.navfn_potential",
         "actors.robot.navigation.potential",
-        "actors.robot.navigation.ray_tracing",
     ]
 
 

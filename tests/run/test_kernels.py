@@ -53,7 +53,8 @@ def test_a_program_that_wants_json_is_told_nothing(cache: Path, capsys: pytest.C
 
 def test_every_module_with_kernels_is_compiled_once() -> None:
     names = [module.__name__ for module in kernels.kernel_modules()]
-    assert {"actors.world.rays", "actors.radio.medium.medium", "actors.robot.navigation.dwa"} <= set(names)
+    robot = "actors.robot.local_planning.dwa"
+    assert {"actors.world.rays", "actors.radio.medium.medium", robot} <= set(names)
     assert len(names) == len(set(names)) > 20
 
 
@@ -68,7 +69,7 @@ def test_a_robot_s_computer_compiles_what_a_robot_needs_and_nothing_of_the_world
         {module.__name__ for module in kernels.kernel_modules(onboard=onboard)} for onboard in (True, False)
     )
     assert robot < everything
-    assert "actors.robot.navigation.dwa" in robot and not any(
+    assert "actors.robot.local_planning.dwa" in robot and not any(
         name.startswith("actors.world") for name in robot
     )
 

@@ -49,6 +49,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
         "settings": {},
         "key": "",
         "commit": software(),
+        "navigation": "chapter",
         "branch": None,
     }
     text = (tmp_path / "one" / "out" / "scenario.toml").read_text()

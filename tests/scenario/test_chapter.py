@@ -63,5 +63,6 @@ def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
     for name, table in load_scenario(CHAPTER).model_dump().items():
         if isinstance(table, dict) and name not in ("strategy", *TABLES):
             assert set(table) - absent == set(content[name]), name
-    assert content["localisation"] == content["navigation"] == {"preset": "chapter"}
+    assert content["localisation"] == {"preset": "chapter"}
+    assert content["navigation"] == {"preset": "improved"}
     assert set(content["strategy"]) == {field.name for field in fields(AdaptationParameters)}

@@ -6,11 +6,11 @@ import pytest
 
 from actors import toml_file
 from actors.instant import seconds
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
 from actors.robot.localisation import PRESETS
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS
-from actors.robot.navigation.dwa_parameters import DWA_PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
-from actors.robot.navigation.planning import PlanningParameters
+from actors.robot.navigation.planning import PLANNER_PRESETS
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
 from deploy.scenario.stack_tables import stack
@@ -23,7 +23,6 @@ weighting = "product"
 
 [navigation]
 preset = "robust"
-tolerance = 0.2
 controller_patience = 2
 mark_robots = false
 
@@ -35,6 +34,7 @@ size = 3
 
 [dwa]
 sim_time = 2.5
+goal_tolerance = 0.2
 """
 
 
@@ -46,11 +46,11 @@ def test_everything_that_a_file_may_hold() -> None:
     found = parse(WHOLE)
     assert found.localisation == replace(PRESETS["robust"], max_particles=1000, weighting="product")
     assert found.navigation == replace(
-        NAVIGATION_PRESETS["robust"], tolerance=0.2, controller_patience=seconds(2), mark_robots=False
+        NAVIGATION_PRESETS["robust"], controller_patience=seconds(2), mark_robots=False
     )
-    assert found.planner == PlanningParameters(cached=4)
+    assert found.planner == replace(PLANNER_PRESETS["robust"], cached=4)
     assert found.local_map == replace(LOCAL_MAP_PRESETS["robust"], size=3.0)
-    assert found.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5)
+    assert found.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5, goal_tolerance=0.2)
 
 
 def test_an_empty_file_means_the_chapter() -> None:
@@ -72,7 +72,10 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
             'localisation.preset = "best"',
             'localisation.preset is "best", but must be "chapter", "robust" or "odometry"',
         ),
-        ("navigation.preset = 1", 'navigation.preset is 1, but must be "chapter" or "robust"'),
+        (
+            "navigation.preset = 1",
+            'navigation.preset is 1, but must be "chapter", "improved" or "robust"',
+        ),
         ("localisation.particles = 7", None),
         ("localisation.beams = 60.0", "localisation.beams is 60.0, but must be a whole number"),
         ("localisation.beam_skip = 1", "localisation.beam_skip is 1, but must be true or false"),
@@ -88,13 +91,27 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
             'localisation.beams is set, but must be left out where the preset is "odometry", '
             "which has no parameters",
         ),
-        ("navigation.tolerance = 0", "navigation.tolerance is 0, but must be above 0"),
+        ("navigation.tolerance = 0.15", "navigation.tolerance is not known"),
+        ("navigation.retreat = 0", "navigation.retreat is 0, but must be above 0"),
         ("navigation.replanning = -1", "navigation.replanning is -1, but must be a number of seconds"),
         ("navigation.recoveries = -1", "navigation.recoveries is -1, but must be at least 0"),
         ("planner.cached = 0", "planner.cached is 0, but must be at least 1"),
         ("planner.cell = 0", "planner.cell is 0, but must be above 0"),
+        (
+            "planner.cell = 0.1",
+            'planner.cell is 0.1, but must be left at 0.05 where planner.method is "navfn", '
+            "which does not use it",
+        ),
+        ('planner.method = "a*"', 'planner.method is "a*", but must be "navfn" or "grid"'),
         ("local_map.cell = 0", "local_map.cell is 0, but must be above 0"),
         ("dwa.sim_time = 0", "dwa.sim_time is 0, but must be above 0"),
+        (
+            "dwa.escape = 0.1",
+            'dwa.escape is 0.1, but must be left out, as it has a meaning only where dwa.rules is "disc"',
+        ),
+        ('dwa.rules = "mine"', 'dwa.rules is "mine", but must be "indigo" or "disc"'),
+        ('local_map.body = "square"', 'local_map.body is "square", but must be "polygon" or "disc"'),
+        ("dwa.goal_tolerance = 0", "dwa.goal_tolerance is 0, but must be above 0"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> None:

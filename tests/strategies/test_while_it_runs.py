@@ -18,6 +18,8 @@ map = "{REPOSITORY}/maps/corridor.yaml"
 duration = 120.0
 [localisation]
 preset = "odometry"
+[navigation]
+preset = "improved"
 [places]
 preset = "listed"
 [robots]

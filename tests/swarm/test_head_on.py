@@ -12,7 +12,7 @@ from deploy.scenario.tables import EventTable, Scenario
 from observation.results.result import RunResult
 from tests.seeds import sampled
 
-IN_THE_WAY = 8
+IN_THE_WAY = 26
 """The seed from which a robot that is done stands in the way of the other one for good."""
 SAMPLE = (1, 7, 13, 20)
 """The seeds of every day; the others are left to the night."""

@@ -1,1 +1,1 @@
-"""How a robot gets somewhere: goals, global planning, the local cost map, the local planner."""
+"""How a robot gets somewhere: goals, recoveries and global planning."""

@@ -1,7 +1,7 @@
 """Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
 
-from dataclasses import dataclass, field
-from typing import Final, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,18 @@ from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.plan import Plan
-from actors.robot.navigation.local_planner import Steering
+from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
-from actors.robot.navigation.planning import Planner
+from actors.robot.navigation.planning import GlobalPlanner
+from actors.robot.navigation.pursuit import Pursuit, PursuitState
 from actors.robot.navigation.trail import Trail, Withdrawal, backward
 from actors.robot.sweep import Sweep
 
 
 @dataclass(frozen=True)
 class NavigationParameters:
-    """When a goal is reached and when given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
+    """When goals are planned for and given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
 
-    tolerance: float = 0.15
-    """So near to the path's end the goal is reached, m (DWA xy_goal_tolerance)."""
     replanning: Duration = field(default=seconds(1))
     """The path is planned anew so often (move_base planner_frequency 1 Hz)."""
     planner_patience: Duration = field(default=seconds(0.5))
@@ -35,15 +34,18 @@ class NavigationParameters:
     oscillation_timeout: Duration = field(default=seconds(10))
     """The same if the robot has stayed for so long ... (move_base oscillation_timeout)"""
     oscillation_distance: float = 0.2
-    """... within so many metres (move_base oscillation_distance)."""
+    """... within less than so many metres (move_base oscillation_distance)."""
     recoveries: int = 1
     """So often in a row navigation recovers before it gives up; the files list one recovery, the next."""
-    reset_distance: float = 3.0
-    """To recover, what is marked outside of a square of this side round the robot is forgotten, m
-    (clear_costmap_recovery reset_distance)."""
+    reset_distance: float = 1000.0
+    """To recover, what is marked outside of a square of this side round the robot is forgotten, m. More than
+    any window: the files say 3 (clear_costmap_recovery reset_distance), but that recovery looks for layers
+    named `obstacles` only (ClearCostmapRecovery::clear, clear_costmap_recovery.cpp), and theirs have other
+    names, so that it forgot nothing."""
     mark_robots: bool = False
-    """Let the global map hold what the local one shows and the floor plan does not. The files switch the
-    marking off, so that other robots are never in the global plan."""
+    """Let the global map hold what the local one shows and the floor plan does not; off in the files, so that
+    other robots are never in the global plan. If on, a cycle without a valid trajectory asks for no path:
+    those round others who pass lead astray, and robots give up more goals. Own choice."""
     back_off: bool = False
     """A robot whose local planner does not get it away, for want of a valid trajectory or of progress, backs
     off straight by `retreat` once it is free behind it. Off, as in move_base: its local planner has nothing
@@ -57,7 +59,7 @@ class NavigationParameters:
     """So long one retreat may take; twice what it takes with free wheels."""
 
     def __post_init__(self) -> None:
-        lengths = ("tolerance", "oscillation_distance", "retreat", "retreat_speed")
+        lengths = ("oscillation_distance", "retreat", "retreat_speed")
         check(
             "navigation",
             self,
@@ -67,14 +69,17 @@ class NavigationParameters:
         )
 
 
+_IMPROVED: Final = NavigationParameters(reset_distance=3.0)
 NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
-    "robust": NavigationParameters(
-        planner_patience=seconds(5), controller_patience=seconds(3), recoveries=2, mark_robots=True
+    "improved": _IMPROVED,
+    "robust": replace(
+        _IMPROVED, planner_patience=seconds(5), controller_patience=seconds(3), recoveries=2, mark_robots=True
     ),
 }
-"""`chapter`: the original's. `robust`: other robots are planned around, and patience is as the original's
-files say at first."""
+"""`chapter`: the original's. `improved`: the original's numbers, driven by our own local planner; a recovery
+forgets what is marked farther away. `robust`: other robots are planned around, and patience is as the
+original's files say at first."""
 
 
 class LocalObstacles(Protocol):
@@ -99,34 +104,30 @@ class LocalObstacles(Protocol):
 class LocalPlanner(Protocol):
     """Chooses the velocity that leads the robot along a plan; ROS's local planner."""
 
+    @property
+    def period(self) -> Duration:
+        """So long a command holds."""
+
     def begin(self) -> None:
         """Forget what was on the way to another goal."""
 
     def follow(self, way: NDArray[np.float64]) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
 
+    def reached(self, estimate: Pose, velocity: Twist) -> bool:
+        """True once the robot is where its plan ends, as this local planner means it."""
+
     def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """What to command, with the robot `here` in the odometry frame and at `estimate` in the map's."""
 
 
-@dataclass
-class _Pursuit:
-    """What is remembered about an active goal."""
+class _Sensed(NamedTuple):
+    """Where the robot is: arguments of `Navigator.advance`."""
 
-    anchor: Point
-    """Where the robot last was far enough from the anchor before."""
-    anchored: Instant
-    had_plan: Instant
-    """When there last was a path; at first, and after a recovery, when planning began."""
-    had_trajectory: Instant
-    """When there last was a valid trajectory; at first when the pursuit began."""
-    end: Point | None = None
-    """Where the path ends; None without one."""
-    due: Instant | None = None
-    """When to plan next; None: at once."""
-    recoveries: int = 0
-    """In a row, for the reason `trigger`."""
-    trigger: AbortReason | None = None
+    instant: Instant
+    here: Pose
+    estimate: Pose
+    velocity: Twist
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ class Navigator:
 
     def __init__(
         self,
-        planner: Planner,
+        planner: GlobalPlanner,
         local: LocalObstacles,
         local_planner: LocalPlanner,
         parameters: NavigationParameters = NavigationParameters(),
@@ -153,7 +154,9 @@ class Navigator:
         self._local_planner = local_planner
         self._p = parameters
         self._goal: Goal | None = None
-        self._pursuit: _Pursuit | None = None
+        self._pursuit: Pursuit | None = None
+        self._anchor: Point | None = None
+        """Where the robot last was far enough from the anchor before, map frame; new goals keep it."""
         self._retreat: _Retreat | None = None
         self._stuck = False
         """The local planner did not get the robot away, and it has not backed off yet."""
@@ -236,7 +239,7 @@ class Navigator:
         if self._retreats(instant, here, bumped):
             self._in_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
-        return self._pursue(self._goal.point, instant, here, estimate, velocity)
+        return self._pursue(self._goal.point, _Sensed(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
         """The velocity that leads back along the trail; None once that is over."""
@@ -251,56 +254,80 @@ class Navigator:
             self._in_phase(GoalPhase.RETREATING, instant)
         return twist
 
-    def _pursue(self, goal: Point, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Twist:
-        if self._pursuit is None:
-            self._pursuit = _Pursuit(estimate.point, instant, instant, instant)
-            self._local_planner.begin()
-        pursuit = self._pursuit
-        if self._plan(pursuit, goal, instant, here, estimate) is None:
-            if instant - pursuit.had_plan > self._p.planner_patience:
-                return self._recover(pursuit, AbortReason.NO_PLAN, instant)
-            return self._in_phase(GoalPhase.PLANNING, instant)
-        assert pursuit.end is not None
-        if pursuit.end.distance_to(estimate.point) <= self._p.tolerance:
-            return self._close(GoalStatus.SUCCEEDED)
-        if self._stays(pursuit, instant, estimate.point):
-            return self._recover(pursuit, AbortReason.NO_PROGRESS, instant)
-        return self._control(pursuit, instant, here, estimate, velocity)
+    def _pursue(self, goal: Point, now: _Sensed) -> Twist:
+        """The command of the present cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
 
-    def _control(
-        self, pursuit: _Pursuit, instant: Instant, here: Pose, estimate: Pose, velocity: Twist
-    ) -> Twist:
-        """Let the local planner choose a trajectory, and see what follows if it finds none."""
-        steering = self._local_planner.steer(instant, here, estimate, velocity)
+        There a new goal's path comes after a first cycle, in which the base keeps its last command.
+        """
+        pursuit = self._pursuit
+        if pursuit is None:
+            pursuit = self._pursuit = Pursuit.begin(now.instant, self._local_planner.period)
+            self._local_planner.begin()
+            self._plan(pursuit, goal, now)
+        begins = pursuit.cycle_begins(now.instant)
+        if begins:
+            self._watch(pursuit, now)
+            if pursuit.drives and now.instant - pursuit.planned >= self._p.replanning:
+                self._plan(pursuit, goal, now)
+        if pursuit.drives and self._local_planner.reached(now.estimate, now.velocity):
+            return self._close(GoalStatus.SUCCEEDED)
+        if begins:
+            pursuit.twist = self._cycle(pursuit, goal, now)
+        return pursuit.twist
+
+    def _cycle(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
+        """What the state asks for (MoveBase::executeCycle: its switch)."""
+        if pursuit.state is PursuitState.CLEARING:
+            return self._recover(pursuit, now.instant)
+        if pursuit.drives:
+            return self._control(pursuit, goal, now)
+        if pursuit.planned < now.instant:
+            self._plan(pursuit, goal, now)
+        return self._in_phase(GoalPhase.PLANNING, now.instant)
+
+    def _control(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
+        """Let the local planner choose a trajectory; without a valid one stand, and plan anew at once.
+
+        MoveBase::executeCycle, case CONTROLLING. So who has not got away still gets a command in that cycle,
+        and does not recover yet if there is no valid trajectory in it.
+        """
+        instant = now.instant
+        if instant - pursuit.progressed > self._p.oscillation_timeout:
+            pursuit.gives_up(AbortReason.NO_PROGRESS)
+        steering = self._local_planner.steer(*now)
         if steering.valid:
             pursuit.had_trajectory = instant
             self._stuck &= steering.twist.vx == 0.0
-            _settle(pursuit, AbortReason.BLOCKED)
+            pursuit.settles(AbortReason.BLOCKED)
             self._in_phase(GoalPhase.CONTROLLING, instant)
             return steering.twist
         if instant - pursuit.had_trajectory > self._p.controller_patience:
-            self._in_phase(GoalPhase.OBSTRUCTED, instant)
-            return self._recover(pursuit, AbortReason.BLOCKED, instant)
+            pursuit.gives_up(AbortReason.BLOCKED)
+        elif self._p.mark_robots:
+            pursuit.state = PursuitState.CONTROLLING
+        else:
+            pursuit.state, pursuit.had_plan = PursuitState.PLANNING, instant
+            self._plan(pursuit, goal, now)
         return self._in_phase(GoalPhase.OBSTRUCTED, instant)
 
-    def _plan(
-        self, pursuit: _Pursuit, goal: Point, instant: Instant, here: Pose, estimate: Pose
-    ) -> Point | None:
-        """The end of a path that is fresh enough; None while there is none."""
-        if pursuit.due is not None and instant < pursuit.due:
-            return pursuit.end
-        pursuit.due = Instant(instant + self._p.replanning)
-        way = self._planner.path(estimate.point, goal, self._strangers(here, estimate))
-        self._journal.plans(way is not None)
-        if way is None:
-            pursuit.end = self._plan_now = None
-            return None
-        self._local_planner.follow(way)
-        self._plan_now = Plan(way)
-        pursuit.had_plan = instant
-        pursuit.end = Point(float(way[-1, 0]), float(way[-1, 1]))
-        _settle(pursuit, AbortReason.NO_PLAN)
-        return pursuit.end
+    def _plan(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> None:
+        """Look for a path (MoveBase::planThread).
+
+        If none leads there, who is driving goes on along the old one; who has none is patient for a while.
+        """
+        pursuit.planned = now.instant
+        way = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
+        if way is not None:
+            self._journal.plans(found=True)
+            self._local_planner.follow(way)
+            self._plan_now = Plan(way)
+            pursuit.had_plan, pursuit.state = now.instant, PursuitState.CONTROLLING
+            pursuit.settles(AbortReason.NO_PLAN)
+        elif pursuit.state is PursuitState.PLANNING:
+            self._journal.plans(found=False)
+            self._plan_now = None
+            if now.instant - pursuit.had_plan > self._p.planner_patience:
+                pursuit.gives_up(AbortReason.NO_PLAN)
 
     def _strangers(self, here: Pose, estimate: Pose) -> NDArray[np.float64] | None:
         """What the local map shows, in the map frame, if planning is to know of it."""
@@ -312,26 +339,27 @@ class Navigator:
         x, y = marks[:, 0] - here.x, marks[:, 1] - here.y
         return np.stack([x * c - y * s + estimate.x, x * s + y * c + estimate.y], axis=1)
 
-    def _recover(self, pursuit: _Pursuit, reason: AbortReason, instant: Instant) -> Twist:
-        """Forget what is marked farther away and plan anew, or give the goal up."""
-        self._stuck = self._p.back_off and reason is not AbortReason.NO_PLAN
+    def _recover(self, pursuit: Pursuit, instant: Instant) -> Twist:
+        """Forget what is marked farther away and plan anew, or give the goal up, for why it recovers.
+
+        MoveBase::executeCycle, case CLEARING. It plans in the next cycle, and drives in the one after it.
+        """
+        self._stuck = self._p.back_off and pursuit.trigger is not AbortReason.NO_PLAN
         if pursuit.recoveries >= self._p.recoveries:
-            return self._close(GoalStatus.ABORTED, reason)
+            return self._close(GoalStatus.ABORTED, pursuit.trigger)
         self._local.clear(self._p.reset_distance)
         self._journal.recovers()
         pursuit.recoveries += 1
-        pursuit.trigger = reason
-        pursuit.anchored = pursuit.had_plan = instant
-        pursuit.due = None
-        pursuit.end = None
+        pursuit.progressed = pursuit.had_plan = instant
+        pursuit.state, self._plan_now = PursuitState.PLANNING, None
         return self._in_phase(GoalPhase.PLANNING, instant)
 
-    def _stays(self, pursuit: _Pursuit, instant: Instant, place: Point) -> bool:
-        """True if the robot has not left its surroundings for too long."""
-        if pursuit.anchor.distance_to(place) > self._p.oscillation_distance:
-            pursuit.anchor, pursuit.anchored = place, instant
-            _settle(pursuit, AbortReason.NO_PROGRESS)
-        return instant - pursuit.anchored > self._p.oscillation_timeout
+    def _watch(self, pursuit: Pursuit, now: _Sensed) -> None:
+        """Note whether the robot gets about (MoveBase::executeCycle, at its begin, in every state)."""
+        place, distance = now.estimate.point, self._p.oscillation_distance
+        if self._anchor is None or self._anchor.distance_to(place) >= distance:
+            self._anchor, pursuit.progressed = place, now.instant
+            pursuit.settles(AbortReason.NO_PROGRESS)
 
     def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
         """True while the robot has to back away."""
@@ -370,9 +398,3 @@ class Navigator:
         self._journal.closes(status, reason)
         self._pursuit = self._plan_now = None
         return STILL
-
-
-def _settle(pursuit: _Pursuit, reason: AbortReason) -> None:
-    """What recoveries were made for is no longer so."""
-    if pursuit.trigger is reason:
-        pursuit.trigger, pursuit.recoveries = None, 0

@@ -2,19 +2,21 @@
 
 import math
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from types import MappingProxyType
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.bounds import check
+from actors.bounds import ParameterError, check
 from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.sharing import Shared
 from actors.geometry import Point
-from actors.robot.navigation.cell_distance import check_reach, squared_within
-from actors.robot.navigation.inflation import INSCRIBED, Inflation
+from actors.robot.cost_maps.cell_distance import check_reach, squared_within
+from actors.robot.cost_maps.inflation import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
 
@@ -22,32 +24,84 @@ from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 class PlanningParameters:
     """How ways are planned; costs as in d3scomp/ROSRemote, simulation/params (navfn on a costmap of ROS)."""
 
+    method: str = "navfn"
+    """"navfn": as ROS's navfn, on the map's own cells, by a new wave from the robot for every plan. "grid":
+    ours, from cell to cell of a coarser grid, by potentials that begin at the goal and are kept. A parameter
+    that names one of them holds for that only. What a behaviour asks of the floor is answered on that grid,
+    also with navfn."""
     cell: float = 0.05
-    """The planning grid's cells are the smallest multiple of the map's that is at least so long, m."""
+    """grid: its cells are the smallest multiple of the map's that is at least so long, m."""
     margin: float = 0.03
-    """The body's disc keeps at least this far from walls, m; own choice: what the local planner may stray."""
+    """grid: the body's disc keeps at least this far from walls, m; own choice: what the local planner may
+    stray."""
+    allowance: float = 0.003
+    """navfn: the body's disc counts as so much larger, m; the files' robot_radius is 0.18, the TurtleBot's is
+    0.177."""
+    padding: float = 0.01
+    """navfn: corners of the body's outline count as so much farther out along each axis, m (costmap_2d)."""
     inflation_radius: float = 0.5
     """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
     scaling: float = 10.0
     """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
     neutral: int = 50
     """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
-    factor: float = 3.0
-    """What a cell costs on the cost map, up to 252, counts so many times (the files' cost_factor)."""
+    factor: float = 0.8
+    """What a cell costs on the cost map, up to 252, counts so many times (navfn, COST_FACTOR as compiled; the
+    files' cost_factor 3.0 is another planner's, and navfn does not read it)."""
     wall: float = 0.1
     """What is marked nearer than this to a wall of the map is taken for it, m; own choice: cells, and what
     the pose may err."""
     tolerance: float = 0.5
     """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
-    (navfn default_tolerance); the same holds for the start."""
+    (navfn default_tolerance); with the method grid the same holds for the start."""
     cached: int = 16
-    """At most so many potentials are kept for goals to come back to; 0.5 MB each on the corridor map."""
+    """grid: at most so many potentials are kept for goals to come back to, 0.5 MB on the corridor map."""
     cached_mb: float = 16.0
-    """They take at most so much memory, MB; the last one is kept whatever it takes."""
+    """grid: they take at most so much memory, MB; the last one is kept whatever it takes."""
 
     def __post_init__(self) -> None:
-        lengths = {"margin": 0, "inflation_radius": 0, "scaling": 0, "factor": 0, "wall": 0, "tolerance": 0}
-        check("planner", self, positive=("cell", "cached_mb"), least={"neutral": 1, "cached": 1, **lengths})
+        names = ("margin", "allowance", "padding", "inflation_radius", "scaling", "factor", "wall")
+        lengths = dict.fromkeys((*names, "tolerance"), 0)
+        check(
+            "planner",
+            self,
+            positive=("cell", "cached_mb"),
+            least={"neutral": 1, "cached": 1, **lengths},
+            most={"neutral": HIGHEST} if self.method == "navfn" else None,
+            known={"method": tuple(_IDLE)},
+        )
+        for name in _IDLE[self.method]:
+            value, default = getattr(self, name), getattr(PlanningParameters, name)
+            if value != default:
+                right = f'left at {default:g} where planner.method is "{self.method}", which does not use it'
+                raise ParameterError(f"planner.{name}", value, right)
+
+
+HIGHEST: Final = 253
+"""Cost of a cell in navfn, at most, that can be passed."""
+_IDLE: Final = {
+    "navfn": ("cell", "margin", "cached", "cached_mb"),
+    "grid": ("allowance", "padding"),
+}
+"""By method: parameters that it does not use."""
+_GRID: Final = PlanningParameters(method="grid", factor=3.0)
+PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
+    {"chapter": PlanningParameters(), "improved": _GRID, "robust": _GRID}
+)
+"""As the presets of the table [navigation] are called."""
+
+
+class GlobalPlanner(Protocol):
+    """What finds ways."""
+
+    def path(
+        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64] | None:
+        """The way from `start` to `goal`, or to a point near it; None without one.
+
+        (n, 2), n ≥ 1, m in the map frame. `marks`: (k, 2), m, map frame: what else is in the way.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +123,7 @@ class Ground:
 _GROUNDS: Final = Shared[Ground]()
 
 
-def ground(
-    plan: OccupancyGrid, radius: float, parameters: PlanningParameters = PlanningParameters()
-) -> Ground:
+def ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = _GRID) -> Ground:
     """The ground for a disc of `radius`, m: computed once per map and body, never changed, and shared."""
     content = plan.content, radius, parameters
     return _GROUNDS.get(content, lambda: _ground(plan, radius, parameters))
@@ -99,31 +151,49 @@ def _costs(distance: NDArray[np.float64], radius: float, parameters: PlanningPar
 
 
 def occupied(
-    ground: Ground, marks: NDArray[np.float64], parameters: PlanningParameters = PlanningParameters()
+    ground: Ground, marks: NDArray[np.float64], parameters: PlanningParameters = _GRID
 ) -> NDArray[np.int32]:
     """The ground's costs with more things on it than the floor plan shows; the very same without any.
 
     `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
     """
-    cell, (rows, columns) = ground.grid.resolution, ground.costs.shape
-    column, row = np.floor((marks - np.array(ground.grid.origin)) / cell).astype(np.intp).T
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    row, column = row[inside], column[inside]
-    strange = ground.clearance[row, column] >= parameters.wall
-    row, column = row[strange], column[strange]
+    row, column = strangers(ground.grid, ground.clearance, marks, parameters.wall)
     if not row.size:
         return ground.costs
+    cell = ground.grid.resolution
     reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
-    bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
-    window = np.s_[bottom : int(row.max()) + reach + 1, left : int(column.max()) + reach + 1]
+    window, marked = around(ground.costs.shape, row, column, reach)
     costs = ground.costs.copy()
-    marked = np.zeros(costs[window].shape, np.uint8)
-    marked[row - bottom, column - left] = 1
     distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
     higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
     costs[window] = np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
     costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
     return costs
+
+
+def strangers(
+    grid: OccupancyGrid, clearance: NDArray[np.float64], marks: NDArray[np.float64], wall: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the cells with marks on the map that are not nearer than `wall`, m, to its walls.
+
+    `clearance`: (rows, columns), m. `marks`: (k, 2), m, map frame.
+    """
+    column, row = np.floor((marks - np.array(grid.origin)) / grid.resolution).astype(np.intp).T
+    inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
+    row, column = row[inside], column[inside]
+    strange = clearance[row, column] >= wall
+    return row[strange], column[strange]
+
+
+def around(
+    shape: tuple[int, ...], row: NDArray[np.intp], column: NDArray[np.intp], reach: int
+) -> tuple[tuple[slice, slice], NDArray[np.uint8]]:
+    """The part of a grid of `shape` within `reach` cells of some cells; and what is there: 1, elsewhere 0."""
+    bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
+    top, right = min(int(row.max()) + reach + 1, shape[0]), min(int(column.max()) + reach + 1, shape[1])
+    marked = np.zeros((top - bottom, right - left), np.uint8)
+    marked[row - bottom, column - left] = 1
+    return (slice(bottom, top), slice(left, right)), marked
 
 
 def _coarse(fine: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
@@ -136,9 +206,9 @@ def _coarse(fine: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
 
 
 class Planner:
-    """Finds ways on one ground; keeps the potentials of the last goals."""
+    """Finds ways on one ground by the method grid; keeps the potentials of the last goals."""
 
-    def __init__(self, ground: Ground, parameters: PlanningParameters = PlanningParameters()) -> None:
+    def __init__(self, ground: Ground, parameters: PlanningParameters = _GRID) -> None:
         farthest = max(parameters.inflation_radius, ground.reach)
         check_reach("planner: the reach of what is marked", farthest, ground.grid.resolution)
         self._ground = ground

@@ -1,9 +1,9 @@
-"""Kernel of the dynamic window approach: which of the velocities within reach leads to the best place.
+"""Kernel of our own dynamic window approach: which of the velocities within reach leads a disc to the best
+place.
 
-Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics & Automation Magazine
-4(1), 1997, with the trajectories and critics of ros-planning/navigation: dwa_planner.cpp of dwa_local_planner
-and {simple_trajectory_generator,map_grid_cost_function,obstacle_cost_function}.cpp of base_local_planner.
-All lengths are in cells of the window here; positions count from its south-west corner.
+The critics are those of `dwa`; but trajectories are arcs, their end counts where the plan ends, and how near
+they come to anything is an exact distance, with a body that grows with its speed. All lengths are in cells of
+the window here; positions count from its south-west corner.
 """
 
 import math
@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.portable.compiled import cos, cos_sin, sin
-from actors.robot.navigation.map_grid import steps_at
+from actors.robot.local_planning.map_grid import steps_at
 
 Floats = NDArray[np.float64]
 Squares = NDArray[np.int16]
@@ -51,21 +51,20 @@ WEIGHTS = np.dtype(
         ("least_turn", np.float64),
         ("goal_distance", np.float64),
         ("escape", np.float64),
-        ("nose_barred", np.bool_),
     ],
     align=True,
 )
 """The critics' weights per step, and what a trajectory is measured with.
 
-`nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long
-as stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It ends
-where it has gone `goal_distance`, cells, though, or could stop, if that is farther. It is looked at every
-`stride`, cells, or `turn_stride`, rad. All along it the centre has to be farther from what is marked than
-`radius` and `padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`,
-cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the
-centre is nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does
-not fall are valid. The nose counts as rows · columns from everything where the centre cannot be, if
-`nose_barred`; else as farther than the centre by the most steps that it can be away from it.
+`nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long as
+stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It ends where
+it has gone `goal_distance`, cells, though, or could stop, if that is farther. It is looked at every `stride`,
+cells, or `turn_stride`, rad. All along it the centre has to be farther from what is marked than `radius` and
+`padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`, cells/s. Its
+speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the centre is
+nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does not fall
+are valid. Where the centre cannot be, the nose counts as farther than the centre by the most steps that it
+can be away from it.
 """
 
 
@@ -75,7 +74,7 @@ class Fields(NamedTuple):
     squared: Squares
     """Squared distance to the nearest marked cell, cells²."""
     path: Steps
-    """Steps to the plan; rows · columns where it is out of reach."""
+    """Steps to the plan; rows · columns and more where it is out of reach."""
     goal: Steps
     """Steps to the local goal, the same."""
     front: Steps
@@ -144,7 +143,6 @@ def fingerprint() -> bytes:
         0.4,
         9.0,
         0.5,
-        False,
     ]
     weights = np.array([tuple(numbers)], WEIGHTS)
     table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
@@ -269,16 +267,16 @@ def _score(
     `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
     whatever leads away is better.
     """
-    to_path, to_goal = steps_at(path, x, y), steps_at(goal, x, y)
+    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(goal, x, y), path.size)
     if max(to_path, to_goal) == path.size and not too_near:
         return INVALID
     row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
     if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
         return INVALID
     nose_to_path, nose_to_front = float(path[row, column]), float(front[row, column])
-    if nose_to_path == path.size and not w.nose_barred:
+    if nose_to_path >= path.size:
         nose_to_path = to_path + _DIAGONAL * w.nose
-    if nose_to_front == path.size and not w.nose_barred:
+    if nose_to_front >= path.size:
         nose_to_front = to_goal + _DIAGONAL * w.nose
     away = float(path.size) if too_near else 0.0
     return float(

@@ -19,8 +19,9 @@ Cells = NDArray[np.int32]
 
 
 def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
-    """Steps from each cell to the nearest of `starts`: (rows, columns); rows · columns where there is no way.
+    """Steps from each cell to the nearest of `starts`: (rows, columns).
 
+    rows · columns in a cell that the wave meets but may not enter, one more where it does not come to.
     `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
     `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
     """
@@ -95,10 +96,12 @@ def fingerprint() -> bytes:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
+def _ringed(squared: Squares, limit: float, far: int) -> Cells:
+    """`far` where the wave may come to, -1 where it may not, and a ring of 0, which is not entered, around.
+
+    The ring saves asking where the window ends.
+    """
     rows, columns = squared.shape
-    far = np.int32(rows * columns)
-    # a ring of cells that are not entered saves asking where the window ends
     width = columns + 2
     known = np.full((rows + 2) * width, np.int32(0), np.int32)
     for row in range(rows):
@@ -106,6 +109,15 @@ def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
         open_row = squared[row]
         for column in range(columns):
             inside[column] = far if open_row[column] > limit else np.int32(-1)
+    return known
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
+    rows, columns = squared.shape
+    far, barred, met = np.int32(rows * columns + 1), np.int32(-1), np.int32(-2)
+    width = columns + 2
+    known = _ringed(squared, limit, far)
     queue = np.empty(rows * columns + starts.shape[0], np.int32)
     end = 0
     for k in range(starts.shape[0]):
@@ -125,12 +137,22 @@ def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
                 known[near] = further
                 queue[queued] = near
                 queued += one
+            elif known[near] == barred:
+                known[near] = met
+    distances: Steps = _distances(known, rows, columns, far)
+    return distances
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _distances(known: Cells, rows: int, columns: int, far: int) -> Steps:
+    """What is within the ring; `far` where the wave may not come to, one less if it has met that."""
+    width = columns + 2
     distances = np.empty((rows, columns), np.int32)
     for row in range(rows):
         inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]
         out = distances[row]
         for column in range(columns):
-            out[column] = far if inside[column] < 0 else inside[column]
+            out[column] = inside[column] if inside[column] >= 0 else far + inside[column] + 1
     return distances
 
 
@@ -197,7 +219,7 @@ def steps_at(steps: Steps, x: float, y: float) -> int:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _detour(steps: Steps, cells: Cells, body: Floats) -> int:
     here = steps_at(steps, body[0], body[1])
-    if here == steps.size:
+    if here >= steps.size:
         return 0
     planned = abs(cells[0, 0] - math.floor(body[1])) + abs(cells[0, 1] - math.floor(body[0]))
     for k in range(1, cells.shape[0]):

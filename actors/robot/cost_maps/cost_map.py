@@ -18,9 +18,10 @@ from actors.floor.grid import Cell
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import arrays
-from actors.robot.navigation.cell_distance import check_reach, squared_within
-from actors.robot.navigation.inflation import Inflation
-from actors.robot.navigation.ray_tracing import stamp, take_in
+from actors.robot.cost_maps.cell_distance import check_reach, squared_within
+from actors.robot.cost_maps.footprint import inscribed, outline
+from actors.robot.cost_maps.inflation import Inflation
+from actors.robot.cost_maps.ray_tracing import stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 
@@ -39,26 +40,32 @@ class CostMapParameters:
     """What is nearer to the sensor is marked, m."""
     raytrace_range: float = 3.0
     """Up to this distance from the sensor rays clear, m."""
-    inf_is_valid: bool = True
+    inf_is_valid: bool = False
     """Whether rays without echo clear. In costmap_2d this is off by default, and what was once marked stays
-    where nothing is behind it. Own choice: on. Where the sensor has a shortest range they clear from twice of
-    it on, as nothing nearer than it gives an echo either."""
+    where nothing is behind it. Where they do and the sensor has a shortest range, they clear from twice of it
+    on, as nothing nearer than it gives an echo either."""
     inflation_radius: float = 0.75
     """From this distance on nothing costs anything, m."""
     scaling: float = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
-    padding: float = 0.045
-    """Added to the body's radius: so near to a marked cell's middle its centre may not be, m. Of it 0.01 is
-    costmap_2d's footprint_padding; the rest is half a cell's diagonal, as what is marked may be in a corner
-    of its cell. costmap_2d has the rest by looking at all cells below the body's outline."""
+    body: str = "polygon"
+    """What the body is on the map: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a
+    "disc"."""
+    allowance: float = 0.003
+    """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
+    padding: float = 0.01
+    """Added to the polygon's coordinates, m (costmap_2d footprint_padding), or to the disc's radius. The
+    centre may not be so near to a marked cell's middle as the disc within the polygon reaches, or the padded
+    disc."""
     free_memory: Duration = field(default=Duration(0))
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
     free_range: float = 1.0
     """That far from the sensor it is remembered, m."""
 
     def __post_init__(self) -> None:
-        ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "padding", "free_range")
-        check("local_map", self, positive=("cell", "size"), least=dict.fromkeys(ranges, 0.0))
+        ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "free_range")
+        least = dict.fromkeys((*ranges, "allowance", "padding"), 0.0)
+        check("local_map", self, positive=("cell", "size"), least=least, known={"body": ("polygon", "disc")})
         if not 4 <= self.size / self.cell <= 400:
             raise ParameterError("local_map.size", self.size, f"4 to 400 cells of {self.cell:g} m")
         if self.inflation_radius > 100 * self.cell:
@@ -66,9 +73,17 @@ class CostMapParameters:
             raise ParameterError("local_map.inflation_radius", self.inflation_radius, right)
 
 
+_IMPROVED: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
 LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
-    {"chapter": CostMapParameters(), "robust": replace(CostMapParameters(), free_memory=seconds(3))}
+    {
+        "chapter": CostMapParameters(),
+        "improved": _IMPROVED,
+        "robust": replace(_IMPROVED, free_memory=seconds(3)),
+    }
 )
+"""`improved` and `robust`: own choices. Of their padding 0.01 is costmap_2d's, the rest half a cell's
+diagonal, as what is marked may be in a corner of its cell; costmap_2d has that by looking at all cells below
+the outline."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +118,11 @@ class CostMap:
     ) -> None:
         """`radius`: of the body, m."""
         p = self.parameters = parameters
-        self.inflation: Final = Inflation(radius + p.padding, p.inflation_radius, p.scaling)
+        outer = radius + p.allowance
+        self.outline: Final = outline(outer, p.padding)
+        """(16, 2): corners of the body as a polygon, m, in its frame."""
+        within = inscribed(outer, p.padding) if p.body == "polygon" else outer + p.padding
+        self.inflation: Final = Inflation(within, p.inflation_radius, p.scaling)
         check_reach("local_map: the radius of the body with its padding", self.inflation.inscribed, p.cell)
         self.table: Final = self.inflation.table(p.cell)
         """Cost by squared distance in cells."""
@@ -140,6 +159,11 @@ class CostMap:
             stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
         self._squared = None
         self._taken = instant
+
+    def restore(self, instant: Instant, corner: Cell, marks: NDArray[np.uint8]) -> None:
+        """Hold what another cost map held at `instant`: `marks`, (rows, columns), 0 or 1, from `corner`
+        on."""
+        self.corner, self._marks, self._squared, self._taken = corner, marks, None, instant
 
     def age(self, instant: Instant) -> float:
         """Seconds since a scan was last taken in; inf before the first."""

@@ -1,0 +1,1 @@
+"""What stands around a robot, and what it costs to be near it."""

@@ -1,0 +1,240 @@
+"""Kernel of the dynamic window approach as ROS Indigo has it: which velocity within reach costs least.
+
+Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics & Automation Magazine
+4(1), 1997, as ros-planning/navigation computes it, branch indigo-devel: dwa_planner.cpp of dwa_local_planner,
+and {simple_trajectory_generator,map_grid_cost_function,obstacle_cost_function,costmap_model}.cpp of
+base_local_planner. Lengths are in cells of the window here, positions count from its south-west corner;
+speeds are in m/s and, with the turn rates, of 32 bits, as there: whether a trajectory has a step more depends
+on that.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from actors.robot.cost_maps.footprint import cost_below
+from actors.robot.local_planning.trajectories import count_of, drive, foresee, start_of
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Costs = NDArray[np.uint8]
+Squares = NDArray[np.int16]
+Steps = NDArray[np.int32]
+
+INVALID: Final = -1.0
+"""Cost of a trajectory that must not be driven."""
+_NEARLY: Final = 1e-4
+"""So little less than the least speed still is that speed (SimpleTrajectoryGenerator::generateTrajectory)."""
+_BEYOND: Final = 2.7
+"""A marked cell is no part of an outline whose corners are by so many cells nearer: half a diagonal to the
+middle of the robot's cell, the same to that of a corner's, and the way a line of cells strays."""
+
+CRITICS = np.dtype(
+    [
+        ("obstacle", np.float64),
+        ("front", np.float64),
+        ("alignment", np.float64),
+        ("path", np.float64),
+        ("goal", np.float64),
+        ("nose", np.float64),
+        ("cell", np.float64),
+        ("horizon", np.float64),
+        ("stride", np.float64),
+        ("turn_stride", np.float64),
+        ("least_speed", np.float64),
+        ("least_turn", np.float64),
+        ("most_speed", np.float64),
+    ],
+    align=True,
+)
+"""The critics' scales, and what a trajectory is made with.
+
+`nose`: so far ahead of the centre the nose is, cells. `cell`: m. `horizon`: a trajectory takes so long, s;
+its points are `stride`, m, or `turn_stride`, rad, apart at most. It is at least as fast as `least_speed`,
+m/s, or turns at least as fast as `least_turn`, rad/s; `most_speed`, m/s, is the highest.
+"""
+
+
+class Surroundings(NamedTuple):
+    """What the critics know of the window's cells; each is (rows, columns)."""
+
+    squared: Squares
+    """Squared distance to the nearest marked cell, cells²."""
+    path: Steps
+    """Steps to the plan; rows · columns in an obstacle, one more where it is out of reach."""
+    goal: Steps
+    """Steps to the local goal, the same."""
+    front: Steps
+    """Steps to where the nose is drawn to, the same."""
+
+
+class CheapestVelocity(NamedTuple):
+    """The cheapest trajectory."""
+
+    speed: float
+    """m/s."""
+    turn: float
+    """rad/s."""
+    cost: float
+    """INVALID if there is no valid one; then speed and turn are 0."""
+
+
+def cheapest(
+    pose: Floats,
+    speeds: Singles,
+    turns: Singles,
+    barred: NDArray[np.bool_],
+    around: Surroundings,
+    table: Costs,
+    outline: Floats,
+    critics: NDArray[np.void],
+) -> CheapestVelocity:
+    """The valid trajectory of the lowest cost; of several the first, speeds in the outer loop.
+
+    `pose`: x and y, m, and heading, rad, of the body; x and y, m, of the window's corner. `speeds`, `turns`:
+    tried are all pairs, m/s and rad/s. `barred`: (4,), True if forward, backward, left turn, right turn must
+    not be. `table`: cost by squared distance. `outline`: (n, 2), corners of the body in its frame, cells.
+    `critics`: (1,) of CRITICS.
+    """
+    speed: float
+    turn: float
+    cost: float
+    speed, turn, cost = _cheapest(pose, speeds, turns, barred, *around, table, outline, critics)
+    return CheapestVelocity(speed, turn, cost)
+
+
+def samples(low: float, high: float, count: int) -> Singles:
+    """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
+
+    One value if both are equal (velocity_iterator.h of base_local_planner).
+    """
+    values: Singles = _samples(low, high, count)
+    return values
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 40))
+    squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
+    table = np.maximum(100 - np.arange(101), 0).astype(np.uint8)
+    table[0], table[1:5] = 254, 253
+    table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
+    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
+    around = Surroundings(squared, np.abs(row - 25).astype(np.int32), steps, steps)
+    numbers = (0.05, 1.2, 3.2, 3.2, 1.2, 3.3, 0.1, 3.0, 0.05, 0.1, 0.1, 0.4, 0.5)
+    critics = np.array([numbers], CRITICS)
+    corners = np.array([(2.0, 0.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0)])
+    speeds, turns, barred = samples(-0.1, 0.5, 7), samples(-1.0, 1.0, 8), np.zeros(4, np.bool_)
+    poses = [np.array([1.115, 2.52, heading, 0.5, 1.5]) for heading in (-3.0, 0.1, 1.4)]
+    chosen = [cheapest(pose, speeds, turns, barred, around, table, corners, critics) for pose in poses]
+    return np.array(chosen).tobytes() + speeds.tobytes() + turns.tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _samples(low: float, high: float, count: int) -> Singles:
+    values = np.empty(count + 1, np.float32)
+    if low == high:
+        values[0] = low
+        return values[:1]
+    size, step, current = 0, (high - low) / (count - 1), low
+    for _ in range(count - 1):
+        following = current + step
+        values[size] = current
+        size += 1
+        if current < 0.0 < following:
+            values[size] = 0.0
+            size += 1
+        current = following
+    values[size] = high
+    return values[: size + 1]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
+    """True for a motion that is too slow or too fast, or that would be the other half of an oscillation."""
+    if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
+        return True
+    along = (speed > 0.0 and barred[0]) or (speed < 0.0 and barred[1])
+    across = (turn > 0.0 and barred[2]) or (turn < 0.0 and barred[3])
+    return bool(along or across or abs(speed) - _NEARLY > w.most_speed)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _collides(
+    points: Floats, count: int, far: float, squared: Squares, table: Costs, outline: Floats
+) -> bool:
+    """True if the body's outline meets a mark at some of the first `count` points: x, y, cosine and sine."""
+    for k in range(count):
+        x, y = points[k, 0], points[k, 1]
+        inside = far <= min(x, y) and max(x, y) < squared.shape[0] - far
+        if inside and squared[int(y), int(x)] > far * far:
+            continue
+        if cost_below(squared, table, x, y, points[k, 2], points[k, 3], outline) < 0:
+            return True
+    return False
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cost(obstacle: float, point: Floats, path: Steps, goal: Steps, front: Steps, w: Any) -> float:
+    """What the critics say together of a trajectory by its last point, summed in the original's order."""
+    x, y = point[0], point[1]
+    row, column = int(y), int(x)
+    ahead, beside = int(y + w.nose * point[3]), int(x + w.nose * point[2])
+    cost = w.obstacle * obstacle
+    cost += w.front * front[ahead, beside]
+    if w.alignment != 0.0:
+        cost += w.alignment * path[ahead, beside]
+    cost += w.path * path[row, column]
+    cost += w.goal * goal[row, column]
+    return float(cost)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cheapest(
+    pose: Floats,
+    speeds: Singles,
+    turns: Singles,
+    barred: NDArray[np.bool_],
+    squared: Squares,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
+    table: Costs,
+    outline: Floats,
+    critics: NDArray[np.void],
+) -> tuple[float, float, float]:
+    w = critics[0]
+    start = start_of(pose)
+    far = 0.0
+    for corner in range(outline.shape[0]):
+        far = max(
+            far, math.sqrt(outline[corner, 0] * outline[corner, 0] + outline[corner, 1] * outline[corner, 1])
+        )
+    far += _BEYOND
+    most = count_of(max(abs(speeds[0]), abs(speeds[-1])), max(abs(turns[0]), abs(turns[-1])), w)
+    points = np.empty((most + 1, 4))
+    best_speed, best_turn, lowest = 0.0, 0.0, INVALID
+    for speed_sample in speeds:
+        for turn_sample in turns:
+            speed, turn = float(speed_sample), float(turn_sample)
+            if _is_barred(speed, turn, barred, w):
+                continue
+            # the centre costs no more than the outline will: most trajectories need not be driven
+            if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, path, w):
+                centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
+                if _cost(centre, points[0], path, goal, front, w) >= lowest:
+                    continue
+            count = drive(points, pose, start, speed, turn, path, goal, w)
+            if count == 0:
+                continue
+            last = points[count - 1]
+            if _collides(points, count, far, squared, table, outline):
+                continue
+            below = cost_below(squared, table, last[0], last[1], last[2], last[3], outline)
+            cost = _cost(max(below, table[squared[int(last[1]), int(last[0])]]), last, path, goal, front, w)
+            if lowest < 0.0 or cost < lowest:
+                best_speed, best_turn, lowest = speed, turn, cost
+    return best_speed, best_turn, lowest

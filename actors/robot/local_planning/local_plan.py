@@ -1,0 +1,139 @@
+"""Kernel: what of the global plan the local planner goes by, as cells of its window.
+
+As ros-planning/navigation, branch indigo-devel: transformGlobalPlan in
+base_local_planner/src/goal_functions.cpp, MapGrid::adjustPlanResolution, setTargetCells and setLocalGoal in
+map_grid.cpp, and DWAPlanner::updatePlanAndLocalCosts in dwa_local_planner/src/dwa_planner.cpp.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from actors.portable.compiled import cos_sin, hypot
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int32]
+
+
+class LocalPlan(NamedTuple):
+    """Cells are (row, column)."""
+
+    cells: Cells
+    """(k, 2): where it leads through; k = 0 where it is not in the window."""
+    goal: Cells
+    """(1, 2): the last of them; meaningless for k = 0, as is all that follows."""
+    front: Cells
+    """(1, 2): the last one of a plan that ends farther away from the robot, where its nose is drawn to."""
+    far: bool
+    """True if its end is farther away than the nose is ahead."""
+
+
+def local_plan(
+    way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
+) -> LocalPlan:
+    """The part of `way` from its first point within half a window of the robot to the first one beyond.
+
+    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: x, y, m, and heading, rad, of the robot in the map
+    frame and in the odometry frame; `corner`: x and y, m, of the window's in the latter. `cell`: m. `side`:
+    of the window, cells. `nose`: so far ahead of the centre the nose is, m.
+    """
+    cells: Cells
+    goal: Cells
+    front: Cells
+    far: bool
+    cells, goal, front, far = _local_plan(way, estimate, here, corner, cell, side, nose)
+    return LocalPlan(cells, goal, front, far)
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
+    estimate, here = np.array([0.4, 0.8, 0.3]), np.array([0.9, 0.7, 0.6])
+    found = local_plan(way, estimate, here, np.array([-0.1, -0.3]), 0.05, 40, 0.325)
+    assert found.cells.size
+    return found.cells.tobytes() + found.goal.tobytes() + found.front.tobytes() + bytes([found.far])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
+    """Indices of the first point of it and of the one after its last."""
+    first = 0
+    while first < way.shape[0]:
+        dx, dy = robot[0] - way[first, 0], robot[1] - way[first, 1]
+        if dx * dx + dy * dy <= reach * reach:
+            break
+        first += 1
+    last = first
+    while last < way.shape[0]:
+        dx, dy = robot[0] - way[last, 0], robot[1] - way[last, 1]
+        last += 1
+        if dx * dx + dy * dy > reach * reach:
+            break
+    return first, last
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Cells) -> int:
+    """Write the cells of the points, m, and of others between them if they are more than a cell apart.
+
+    From the first that is in the window to the last before one that is not; given is how many.
+    """
+    count = 0
+    for k in range(points.shape[0]):
+        steps = 1
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            if dx * dx + dy * dy > cell * cell:
+                steps = math.ceil(math.sqrt(dx * dx + dy * dy) / cell)
+        for step in range(1, steps + 1):
+            x, y = points[k, 0], points[k, 1]
+            if step < steps:
+                x = points[k - 1, 0] + step * (dx / steps)
+                y = points[k - 1, 1] + step * (dy / steps)
+            x, y = (x - corner[0]) / cell, (y - corner[1]) / cell
+            inside = min(x, y) >= 0.0 and max(x, y) < side
+            if not inside and count > 0:
+                return count
+            if inside and count < cells.shape[0]:
+                cells[count, 0], cells[count, 1] = int(y), int(x)
+                count += 1
+    return count
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
+    """The points in the odometry frame."""
+    c, s = cos_sin(here[2] - estimate[2])
+    x = here[0] - (c * estimate[0] - s * estimate[1])
+    y = here[1] - (s * estimate[0] + c * estimate[1])
+    points = np.empty_like(way)
+    for k in range(way.shape[0]):
+        points[k, 0] = c * way[k, 0] - s * way[k, 1] + x
+        points[k, 1] = s * way[k, 0] + c * way[k, 1] + y
+    return points
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _local_plan(
+    way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
+) -> tuple[Cells, Cells, Cells, bool]:
+    first, last = _part(way, estimate, side * cell / 2)
+    points = _moved(way[first:last], estimate, here)
+    room = math.ceil(nose / cell) + 2
+    for k in range(1, points.shape[0]):
+        room += 1 + math.ceil(hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) / cell)
+    cells = np.empty((room, 2), np.int32)
+    count = _cells(points, cell, corner, side, cells)
+    if count == 0:
+        return cells[:0], cells[:0], cells[:0], False
+    end_x, end_y = points[-1, 0], points[-1, 1]
+    apart = hypot(end_x - here[0], end_y - here[1])
+    east, north = (1.0, 0.0) if apart == 0.0 else ((end_x - here[0]) / apart, (end_y - here[1]) / apart)
+    points[-1, 0], points[-1, 1] = end_x + nose * east, end_y + nose * north
+    farther = np.empty_like(cells)
+    ahead = _cells(points, cell, corner, side, farther)
+    front = cells[count - 1 : count] if ahead == 0 else farther[ahead - 1 : ahead]
+    return cells[:count], cells[count - 1 : count].copy(), front.copy(), apart > nose

@@ -1,0 +1,229 @@
+"""Kernels of navfn, ROS's global planner: a planar wave over cell costs, and the way down its potential.
+
+By ros-planning/navigation, navfn/src/navfn.cpp, whose order of cells and rounding to 32-bit floats are kept,
+so that potentials are the same to the last bit. A cell's potential follows from the lower of its two
+neighbours along each axis, as if a straight front came in between them. The wave takes cells in blocks, those
+below a threshold first, which rises. Two things are not kept: a block of the original drops what it has no
+room for, beyond 10 000 cells; and it gives up a way of more than 4 · columns steps, or without a slope.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+UNREACHED: Final = np.float32(1e10)
+"""The potential of a cell to which no wave came (POT_HIGH)."""
+IMPASSABLE: Final = 254
+"""Cost of a cell that no wave enters (COST_OBS)."""
+_ASIDE: Final = 0.707106781
+"""A cell is looked at again if its potential is higher than a neighbour's by so much of its cost."""
+_STEP: Final = 0.5
+"""Length of a step down, cells (pathStep)."""
+
+
+def wave(
+    costs: NDArray[np.uint8], root: tuple[int, int], neutral: int, until: tuple[int, int] | None = None
+) -> NDArray[np.float32]:
+    """The potential of the cells, 0 at `root` (row, column): (rows, columns), UNREACHED where no wave came.
+
+    `costs`: (rows, columns), of a step through each cell; IMPASSABLE or more all along the edge, where the
+    root must not be; its own cost does not matter. `neutral`: the lowest cost, of which thresholds are made.
+    The wave ends as it reaches the cell `until`: potentials near that are not yet as low as they can be.
+    """
+    rows, columns = costs.shape
+    assert 0 < root[0] < rows - 1 and 0 < root[1] < columns - 1
+    last = -1 if until is None else until[0] * columns + until[1]
+    start = root[0] * columns + root[1]
+    field: NDArray[np.float32] = _wave(costs.ravel(), columns, start, last, 2.0 * neutral)
+    return field.reshape(costs.shape)
+
+
+def way_down(field: NDArray[np.float32], row: int, column: int, neutral: int) -> NDArray[np.float64]:
+    """The steepest way from a cell that was reached to the potential's root: (n, 2), rows and columns.
+
+    They are in cells: a point in the middle of a cell has that cell's numbers. From one to the next it is
+    half a cell, beside what was not reached up to a diagonal. The first is the cell, the last the root.
+    """
+    columns = field.shape[1]
+    most = 64 + int(4 * field[row, column] / neutral)
+    points: NDArray[np.float64] = _way_down(
+        field.ravel(), columns, row * columns + column, float(neutral), most
+    )
+    return points
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((21, 33))
+    costs = np.where((row * 5 + column * column * 3) % 7 < 6, 50 + (row * column * 7) % 200, IMPASSABLE)
+    costs[:, 4] = costs[10] = 50
+    costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
+    costs = costs.astype(np.uint8)
+    costs.setflags(write=False)  # as those of the robot: this compiles the very variant that it calls
+    field = wave(costs, (10, 4), 50)
+    way = way_down(field, 10, 30, 50)
+    return field.tobytes() + way.tobytes() + wave(costs, (10, 4), 50, (12, 28)).tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _front(field: NDArray[np.float32], columns: int, cell: int, cost: np.float32) -> np.float32:
+    """A cell's potential from those of its four neighbours."""
+    lower = min(field[cell - 1], field[cell + 1])
+    other = min(field[cell - columns], field[cell + columns])
+    if other < lower:
+        lower, other = other, lower
+    apart = np.float32(other - lower)
+    if apart >= cost:
+        return np.float32(lower + cost)
+    slant = np.float64(np.float32(apart / cost))
+    share = np.float32(-0.2301 * slant * slant + 0.5307 * slant + 0.7040)
+    return np.float32(lower + np.float32(cost * share))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wake(
+    field: NDArray[np.float32],
+    costs: NDArray[np.uint8],
+    columns: int,
+    cell: int,
+    waiting: NDArray[np.bool_],
+    block: NDArray[np.int32],
+    count: int,
+) -> int:
+    """Put the neighbours whose potential a cell may lower into a block of `count` cells; its new count."""
+    for near in (cell - 1, cell + 1, cell - columns, cell + columns):
+        if costs[near] < IMPASSABLE and not waiting[near]:
+            aside = np.float32(_ASIDE * np.float64(costs[near]))
+            if field[near] > np.float32(field[cell] + aside):
+                waiting[near] = True
+                block[count] = near
+                count += 1
+    return count
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wave(costs: NDArray[np.uint8], columns: int, root: int, last: int, rise: float) -> NDArray[np.float32]:
+    field = np.full(costs.size, UNREACHED, np.float32)
+    waiting = np.zeros(costs.size, np.bool_)
+    # a cell waits in one block at most, so each may hold all of them
+    blocks = np.empty((3, costs.size), np.int32)
+    now, soon, later = blocks[0], blocks[1], blocks[2]
+    threshold = np.float32(IMPASSABLE)
+    field[root] = 0.0
+    count, count_soon, count_later = _wake(field, costs, columns, root, waiting, now, 0), 0, 0
+    while count > 0:
+        for i in range(count):
+            waiting[now[i]] = False
+        for i in range(count):
+            cell = now[i]
+            value = _front(field, columns, cell, np.float32(costs[cell]))
+            if value < field[cell]:
+                field[cell] = value
+                if value < threshold:
+                    count_soon = _wake(field, costs, columns, cell, waiting, soon, count_soon)
+                else:
+                    count_later = _wake(field, costs, columns, cell, waiting, later, count_later)
+        now, soon, count, count_soon = soon, now, count_soon, 0
+        if count == 0:
+            threshold = np.float32(threshold + rise)
+            now, later, count, count_later = later, now, count_later, 0
+        if last >= 0 and field[last] < UNREACHED:
+            break
+    return field
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_reached_around(field: NDArray[np.float32], columns: int, cell: int) -> bool:
+    """True if the cell and the eight around it have been reached."""
+    for line in (cell - columns, cell, cell + columns):
+        if max(field[line - 1], field[line], field[line + 1]) >= UNREACHED:
+            return False
+    return True
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _lowest_beside(field: NDArray[np.float32], columns: int, cell: int) -> int:
+    """The cell with the lowest potential of the nine; whole numbers decide, as in the original."""
+    lowest, best = np.floor(field[cell]), cell
+    for line in (cell - columns, cell, cell + columns):
+        for near in (line - 1, line, line + 1):
+            if field[near] < lowest:
+                lowest, best = np.floor(field[near]), near
+    return best
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _slope(field: NDArray[np.float32], columns: int, cell: int) -> tuple[float, float]:
+    """Direction, right and up, in which the potential falls at a reached cell: of length 1, or 0."""
+    here, right, up = np.float64(field[cell]), 0.0, 0.0
+    if field[cell - 1] < UNREACHED:
+        right += field[cell - 1] - here
+    if field[cell + 1] < UNREACHED:
+        right += here - field[cell + 1]
+    if field[cell - columns] < UNREACHED:
+        up += field[cell - columns] - here
+    if field[cell + columns] < UNREACHED:
+        up += here - field[cell + columns]
+    length = np.sqrt(right * right + up * up)
+    if length > 0:
+        return right / length, up / length
+    return 0.0, 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _interpolated(
+    field: NDArray[np.float32], columns: int, cell: int, right: float, up: float
+) -> tuple[float, float]:
+    """The slope beside the cell, from those of it and of its neighbours right and up."""
+    a, b = _slope(field, columns, cell), _slope(field, columns, cell + 1)
+    c, d = _slope(field, columns, cell + columns), _slope(field, columns, cell + columns + 1)
+    x = (1.0 - up) * ((1.0 - right) * a[0] + right * b[0]) + up * ((1.0 - right) * c[0] + right * d[0])
+    y = (1.0 - up) * ((1.0 - right) * a[1] + right * b[1]) + up * ((1.0 - right) * c[1] + right * d[1])
+    return x, y
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _rounded(value: float) -> int:
+    """The nearest whole number, of two the one farther from 0."""
+    return int(value + 0.5) if value >= 0 else -int(0.5 - value)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _way_down(
+    field: NDArray[np.float32], columns: int, cell: int, neutral: float, most: int
+) -> NDArray[np.float64]:
+    # after `most` points, of which that many are enough, from cell to cell: each lower than the one before
+    points = np.empty((2 * most, 2))
+    right, up = 0.0, 0.0
+    count = 0
+    while True:
+        nearest = cell + _rounded(right) + columns * _rounded(up)
+        if field[nearest] < neutral:
+            points[count] = nearest // columns, nearest % columns
+            return points[: count + 1].copy()
+        points[count] = cell // columns + up, cell % columns + right
+        count += 1
+        back_and_forth = (
+            count > 2
+            and points[count - 1, 0] == points[count - 3, 0]
+            and points[count - 1, 1] == points[count - 3, 1]
+        )
+        x, y = 0.0, 0.0
+        if count < most and not back_and_forth and _is_reached_around(field, columns, cell):
+            x, y = _interpolated(field, columns, cell, right, up)
+        length = np.sqrt(x * x + y * y)
+        if length == 0.0:
+            cell, right, up = _lowest_beside(field, columns, cell), 0.0, 0.0
+            continue
+        right += x * _STEP / length
+        up += y * _STEP / length
+        if right > 1.0:
+            cell, right = cell + 1, right - 1.0
+        elif right < -1.0:
+            cell, right = cell - 1, right + 1.0
+        if up > 1.0:
+            cell, up = cell + columns, up - 1.0
+        elif up < -1.0:
+            cell, up = cell - columns, up + 1.0

@@ -1,0 +1,292 @@
+"""Preset `chapter` of navigation, held against what the original ROS stack made of the same inputs.
+
+A folder of rows holds local_*.npz, global_*.npz and inflation.npz. Of each control cycle they have the marks,
+the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; of pairs of points the
+plans of navfn; of marks the costs of costmap_2d.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
+from actors.geometry import Point, Pose, Twist
+from actors.instant import Instant
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
+from actors.robot.local_planning.local_planner import DwaLocalPlanner
+from actors.robot.navigation.navfn import NavfnPlanner, global_costs
+from actors.robot.navigation.planning import PLANNER_PRESETS
+from actors.runtime.errors import AcrcError
+from benchmarks.navigation.course import body
+from benchmarks.navigation.yardsticks import along
+from benchmarks.statistics.measured import Measured
+
+PRESET: Final = "chapter"
+CATEGORIES: Final = ("free", "near_goal", "turning")
+"""By their number in the rows."""
+LEAST_SAME, LEAST_WITHIN_ONE, LEAST_EQUAL = 0.95, 0.99, 0.999
+MOST_REGRET, MOST_LONGER = 1.0, 0.005
+"""The claim: shares of cycles and of cells, the regret that 90 % of cycles do not exceed, and by what share a
+plan is longer or shorter."""
+_SAME: Final = 1e-4
+"""Velocities that differ by less are the same, m/s and rad/s."""
+_NOW: Final = Instant(1)
+Rows = Mapping[str, NDArray[Any]]
+
+
+class RowsError(AcrcError):
+    """A folder of rows that cannot be read."""
+
+
+@dataclass(frozen=True)
+class JudgedCycle:
+    """One choice beside the original's."""
+
+    category: int
+    here: bool
+    """There is a valid trajectory."""
+    there: bool
+    same: bool = False
+    within_one: bool = False
+    """Speed and turn rate are at most a sample away."""
+    refused: bool = False
+    """The original would not drive it."""
+    regret: float = math.nan
+    """The original's cost of the choice, less that of its own; nan if one of the two has none."""
+
+
+@dataclass(frozen=True)
+class CycleFigures:
+    """Some cycles together; shares are of those in which both have a valid trajectory."""
+
+    cycles: int
+    same: float
+    within_one: float
+    regret_median: float
+    regret_90: float
+    refused: float
+    only_ours: int
+    only_theirs: int
+
+
+@dataclass(frozen=True)
+class PlanFigures:
+    """The plans on one map."""
+
+    pairs: int
+    none: int
+    """Pairs between which there is no plan here."""
+    length_ratio_median: float
+    """Ours by the original's."""
+    length_ratio_max: float
+    farthest_apart: float
+    """From any point of one of ours to the nearest of the original's, m."""
+
+
+def check(folder: Path) -> Measured:
+    """Compare with all rows of a folder. Raises RowsError."""
+    judged = [cycle for rows in _files(folder, "local_*.npz") for cycle in _cycles(rows)]
+    if not judged:
+        raise RowsError(f"{folder}: holds no local_*.npz; must be a folder of rows of the original")
+    cycles = {"all": _figures(judged)}
+    for number, name in enumerate(CATEGORIES):
+        cycles[name] = _figures([one for one in judged if one.category == number])
+    costs = _inflation(folder)
+    plans = dict(_plans(rows) for rows in _files(folder, "global_*.npz"))
+    figures: dict[str, Any] = {name: asdict(one) for name, one in cycles.items()}
+    figures["plans"] = {name: asdict(one) for name, one in plans.items()}
+    figures["inflation"] = costs
+    return Measured(figures, _shown(cycles, plans, costs), _holds(cycles, plans, costs))
+
+
+def _files(folder: Path, pattern: str) -> Iterator[Rows]:
+    for file in sorted(folder.glob(pattern)):
+        yield _read(file)
+
+
+def _read(file: Path) -> Rows:
+    try:
+        with np.load(file, allow_pickle=False) as rows:
+            return {name: rows[name] for name in rows.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise RowsError(f"{file}: is no file of arrays: {error}") from None
+
+
+def _cycles(rows: Rows) -> Iterator[JudgedCycle]:
+    """Every cycle of a log, chosen anew from what the original got."""
+    try:
+        model = body()
+        local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
+        planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
+        for index in range(len(rows["time"])):
+            yield _judged(rows, index, local, planner)
+    except KeyError as error:
+        raise RowsError(f"a file of control cycles lacks the array {error}") from None
+
+
+def _judged(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> JudgedCycle:
+    column, row = rows["corner"][index]
+    local.restore(_NOW, Cell(int(row), int(column)), (rows["costs"][index] == 254).astype(np.uint8))
+    begin, end = rows["plan_start"][rows["plan"][index] :][:2]
+    planner.follow(np.ascontiguousarray(rows["plan_points"][begin:end]))
+    here, estimate = (Pose(*map(float, rows[name][index])) for name in ("pose_odometry", "pose_map"))
+    barred = np.array([False, False, *rows["barred"][index]])
+    chosen = planner.dynamic_window(here, estimate, Twist(*map(float, rows["velocity"][index])), barred)
+    category, there = int(rows["category"][index]), bool(rows["indigo_valid"][index])
+    if chosen.cost < 0.0 or not there:
+        return JudgedCycle(category, chosen.cost >= 0.0, there)
+    return _compared(rows, index, category, (chosen.speed, chosen.turn))
+
+
+def _compared(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> JudgedCycle:
+    """Both have a valid trajectory."""
+    samples = [values[~np.isnan(values)] for values in (rows["vx"][index], rows["omega"][index])]
+    spacing = [np.ptp(values) / (count - 1) for values, count in zip(samples, (15, 20), strict=True)]
+    nearest = tuple(int(np.abs(values - one).argmin()) for values, one in zip(samples, choice, strict=True))
+    apart = [abs(float(one) - other) for one, other in zip(rows["indigo_choice"][index], choice, strict=True)]
+    refused = bool(rows["indigo_refused"][index][nearest] != 0)
+    regret = math.nan
+    if not refused:
+        # the rows' costs are of 32 bits
+        regret = round(float(rows["indigo_total"][index][nearest] - rows["indigo_cost"][index]), 3) + 0.0
+    return JudgedCycle(
+        category,
+        here=True,
+        there=True,
+        same=max(apart) < _SAME,
+        within_one=all(gap <= 1.01 * step + _SAME for gap, step in zip(apart, spacing, strict=True)),
+        refused=refused,
+        regret=regret,
+    )
+
+
+def _figures(judged: Sequence[JudgedCycle]) -> CycleFigures:
+    both = [one for one in judged if one.here and one.there]
+    regrets = [one.regret for one in both if not math.isnan(one.regret)] or [0.0]
+    share = 1.0 / max(len(both), 1)
+    return CycleFigures(
+        cycles=len(judged),
+        same=share * sum(one.same for one in both),
+        within_one=share * sum(one.within_one for one in both),
+        regret_median=float(np.percentile(regrets, 50)),
+        regret_90=float(np.percentile(regrets, 90)),
+        refused=share * sum(one.refused for one in both),
+        only_ours=sum(one.here and not one.there for one in judged),
+        only_theirs=sum(one.there and not one.here for one in judged),
+    )
+
+
+def _plans(rows: Rows) -> tuple[str, PlanFigures]:
+    """The map's name, and the plans between its pairs of points beside navfn's."""
+    try:
+        about = json.loads(str(rows["about"]))
+        cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
+        grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
+        parameters = PLANNER_PRESETS[PRESET]
+        planner = NavfnPlanner(global_costs(grid, body().footprint.circumradius, parameters), parameters)
+        ratios, apart = [], []
+        begins, points = rows["plan_start"], rows["plan_points"]
+        for index, (start, goal) in enumerate(zip(rows["starts"], rows["goals"], strict=True)):
+            ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
+            theirs = points[begins[index] : begins[index + 1]]
+            if ours is not None and len(theirs) > 1:
+                ratios.append(along(ours) / along(theirs))
+                apart.append(max(map(min, np.hypot(*(ours[:, None] - theirs[None]).T))))
+        return about["map"], PlanFigures(
+            len(begins) - 1,
+            len(begins) - 1 - len(ratios),
+            float(np.median(ratios)),
+            max(ratios),
+            float(max(apart)),
+        )
+    except KeyError as error:
+        raise RowsError(f"a file of plans lacks {error}") from None
+
+
+def _inflation(folder: Path) -> dict[str, float] | None:
+    """Cells, and the share of them with the original's cost; None without rows of that."""
+    file = folder / "inflation.npz"
+    if not file.exists():
+        return None
+    rows = _read(file)
+    try:
+        about = json.loads(str(rows["about"]))
+        marks = np.unpackbits(rows["marks"], axis=-1)
+        equal = [
+            _equal(marks, rows[f"costs_{part}"], about[key])
+            for part, key in (("local", "local"), ("global", "glob"))
+        ]
+    except KeyError as error:
+        raise RowsError(f"{file}: lacks {error}") from None
+    return {"cells": 2 * marks.size, "equal": sum(equal) / (2 * marks.size)}
+
+
+def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
+    model = body()
+    parameters: CostMapParameters = replace(
+        LOCAL_MAP_PRESETS[PRESET],
+        inflation_radius=numbers["inflation_radius"],
+        scaling=numbers["cost_scaling_factor"],
+    )
+    local = CostMap(model.sensor, model.footprint.circumradius, parameters)
+    equal = 0
+    for window, costs in zip(marks, theirs, strict=True):
+        local.restore(_NOW, Cell(0, 0), np.ascontiguousarray(window))
+        equal += int((local.costs() == costs).sum())
+    return equal
+
+
+def _holds(
+    cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
+) -> bool:
+    agree = all(
+        one.same >= LEAST_SAME and one.within_one >= LEAST_WITHIN_ONE and one.regret_90 <= MOST_REGRET
+        for one in cycles.values()
+        if one.cycles
+    )
+    lengths = all(
+        not one.none and abs(ratio - 1) <= MOST_LONGER
+        for one in plans.values()
+        for ratio in (one.length_ratio_median, one.length_ratio_max)
+    )
+    return agree and lengths and (costs is None or costs["equal"] >= LEAST_EQUAL)
+
+
+def _shown(
+    cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
+) -> list[Table | str]:
+    columns = (
+        "cycles",
+        "n",
+        "same",
+        "within one sample",
+        "regret: median",
+        "90 %",
+        "refused",
+        "only ours",
+        "only theirs",
+    )
+    table = Table(*columns, title=f"preset {PRESET} beside dwa_local_planner of ROS Indigo")
+    for name, one in cycles.items():
+        shares = (f"{one.same:.1%}", f"{one.within_one:.1%}")
+        regrets = (f"{one.regret_median:.3f}", f"{one.regret_90:.3f}")
+        counts = (f"{one.refused:.1%}", str(one.only_ours), str(one.only_theirs))
+        table.add_row(name.replace("_", " "), str(one.cycles), *shares, *regrets, *counts)
+    told: list[Table | str] = [table]
+    for name, plan in plans.items():
+        lengths = f"{plan.length_ratio_median:.4f} in the median, at most {plan.length_ratio_max:.4f}"
+        told.append(
+            f"plans on {name}: {plan.pairs - plan.none} of {plan.pairs}; length by navfn's {lengths}; "
+            f"at most {plan.farthest_apart:.3f} m apart"
+        )
+    if costs is not None:
+        told.append(f"costs after inflation: {costs['equal']:.2%} of {costs['cells']:.0f} cells are equal")
+    return told

@@ -1,0 +1,239 @@
+"""Plans as the original's, point by point; and what every plan must be like."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from actors.bounds import ParameterError
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.geometry import Point
+from actors.robot.assembly import common_ground
+from actors.robot.navigation.navfn import NavfnPlanner, global_costs, static_costs
+from actors.robot.navigation.navfn_potential import IMPASSABLE, wave
+from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, PlanningParameters, ground
+from actors.robot.stack import Stack
+from actors.robot_model import load_model
+from tests.robot.base import TWO_ROOMS, plan
+
+RADIUS = 0.177
+CHAPTER = PLANNER_PRESETS["chapter"]
+MAPS = Path(__file__).parents[2] / "maps"
+ORIGINAL = np.load(Path(__file__).with_name("navfn_plans.npz"))
+START, GOAL = Point(1.0, 1.75), Point(8.0, 1.75)
+DOOR = np.array([[4.7, 1.75], [4.75, 1.5], [4.75, 2.0]])  # of a robot that stands in it
+
+
+def planner(floor: OccupancyGrid, parameters: PlanningParameters = CHAPTER) -> NavfnPlanner:
+    return NavfnPlanner(global_costs(floor, RADIUS, parameters), parameters)
+
+
+def length(way: NDArray[np.float64]) -> float:
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())
+
+
+def is_on_free_cells(floor: OccupancyGrid, way: NDArray[np.float64]) -> bool:
+    """Whether the body's centre may be in all cells of a way but the first, where the robot is."""
+    costs = global_costs(floor, RADIUS, CHAPTER).costs
+    column, row = np.rint((way - np.array(floor.origin)) / floor.resolution).astype(int).T[:, 1:-1]
+    return bool((costs[row, column] < IMPASSABLE).all())
+
+
+@pytest.mark.parametrize("name", ["apartment", "corridor", "maze"])
+def test_plans_are_the_originals_point_by_point(name: str) -> None:
+    on = planner(load_map(MAPS / f"{name}.yaml"))
+    ends = np.cumsum(ORIGINAL[f"{name}_counts"])
+    theirs = np.split(ORIGINAL[f"{name}_points"].astype(np.float64), ends[:-1])
+    assert len(theirs) == 6
+    for start, goal, way in zip(ORIGINAL[f"{name}_starts"], ORIGINAL[f"{name}_goals"], theirs, strict=True):
+        ours = on.path(Point(*start.tolist()), Point(*goal.tolist()))
+        assert ours is not None and ours.shape == way.shape
+        assert np.abs(ours - way).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["apartment", "corridor", "maze"])
+def test_potentials_are_the_originals_to_the_last_bit(name: str) -> None:
+    floor = load_map(MAPS / f"{name}.yaml")
+    costs = global_costs(floor, RADIUS, CHAPTER).costs
+    pairs = zip(ORIGINAL[f"{name}_starts"].tolist(), ORIGINAL[f"{name}_goals"].tolist(), strict=True)
+    cells = [(floor.cell(Point(*start)), floor.cell(Point(*goal))) for start, goal in pairs]
+    ours = [wave(costs, start, CHAPTER.neutral, goal)[goal] for start, goal in cells]
+    assert np.array_equal(ours, ORIGINAL[f"{name}_potentials"])
+
+
+@pytest.mark.parametrize("name", ["apartment", "maze"])
+def test_costs_are_the_originals(name: str) -> None:
+    floor = load_map(MAPS / f"{name}.yaml")
+    ours = static_costs(floor, global_costs(floor, RADIUS, CHAPTER).inflation)
+    assert np.array_equal(ours, ORIGINAL[f"{name}_costs"])
+
+
+def gap(cells: int, resolution: float) -> OccupancyGrid:
+    """Two rooms of 2 m by 2 m, and between them a wall of a cell with a gap of so many."""
+    side = round(2.0 / resolution)
+    walls = np.ones((side + 2, 2 * side + 3), dtype=bool)
+    walls[1:-1, 1 : side + 1] = walls[1:-1, side + 2 : -1] = False
+    walls[side // 2 : side // 2 + cells, side + 1] = False
+    return OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), resolution)
+
+
+@pytest.mark.parametrize(("resolution", "least"), [(0.05, 7), (0.03125, 11)])
+def test_gaps_from_35_centimetres_on_are_passed(resolution: float, least: int) -> None:
+    start, goal = Point(1.0, 1.0), Point(3.2, 1.0)
+    way = planner(gap(least, resolution)).path(start, goal)
+    assert way is not None and tuple(way[-1]) == goal
+    assert length(way) == pytest.approx(2.2, rel=0.05)
+    assert planner(gap(least - 1, resolution)).path(start, goal) is None
+    assert (
+        Planner(ground(gap(least, resolution), RADIUS)).path(start, goal) is None
+    )  # the other method's limit
+
+
+maps = arrays(
+    np.uint8,
+    st.tuples(st.integers(12, 40), st.integers(12, 40)),
+    elements=st.sampled_from([FREE] * 99 + [OCCUPIED]),
+)
+shares = st.floats(0.05, 0.95)
+
+
+@settings(max_examples=80, deadline=None)
+@given(cells=maps, ends=st.tuples(shares, shares, shares, shares))
+def test_a_way_leads_over_free_cells_from_the_robot_to_the_goal(
+    cells: NDArray[np.uint8], ends: tuple[float, float, float, float]
+) -> None:
+    floor = OccupancyGrid(cells, 0.1, Point(-1.0, 2.0))
+    wide, high = floor.columns * 0.1, floor.rows * 0.1
+    start, goal = (Point(-1.0 + x * wide, 2.0 + y * high) for x, y in (ends[:2], ends[2:]))
+    on = planner(floor)
+    way, back = on.path(start, goal), on.path(goal, start)
+    if way is None:
+        return
+    own, there = floor.cell(start), floor.cell(goal)
+    assert way[0] == pytest.approx((-1.0 + own.column * 0.1, 2.0 + own.row * 0.1))
+    end = Point(*way[-1])
+    assert is_on_free_cells(floor, way)
+    assert np.hypot(*np.diff(way[:-1], axis=0).T).max(initial=0) < 0.1 * 2**0.5 + 1e-9
+    assert length(way) >= Point(*way[0]).distance_to(end) - 1e-9
+    if end != goal:
+        assert end.distance_to(goal) <= 0.5 * 2**0.5 + 1e-9
+        assert global_costs(floor, RADIUS, CHAPTER).costs[there] == IMPASSABLE or there != floor.cell(end)
+    elif back is not None and Point(*back[-1]) == start:
+        # each wave counts the cells that it enters; and a way to a corner of a cell may be a cell longer
+        assert length(way) == pytest.approx(length(back), rel=0.35, abs=0.4)
+
+
+def test_a_way_leads_around_a_mark_and_not_through_its_inflation() -> None:
+    on = planner(TWO_ROOMS)
+    straight, mark = on.path(START, GOAL), np.array([[2.5, 1.75]])
+    diverted = on.path(START, GOAL, mark)
+    assert straight is not None and diverted is not None
+    assert np.hypot(*(straight - mark).T).min() < 0.1
+    inscribed = global_costs(TWO_ROOMS, RADIUS, CHAPTER).inflation.inscribed
+    assert np.hypot(*(diverted - mark).T).min() > inscribed - 0.05
+    again = on.path(START, GOAL)
+    assert again is not None and np.array_equal(again, straight)
+
+
+def test_a_door_that_is_taken_leaves_no_way() -> None:
+    assert planner(TWO_ROOMS).path(START, GOAL, DOOR) is None
+
+
+def test_marks_at_walls_and_beyond_the_map_change_nothing() -> None:
+    on = planner(TWO_ROOMS)
+    marks = np.array([[0.27, 1.0], [4.7, 3.0], [-3.0, 99.0]])
+    before, after = on.path(START, GOAL), on.path(START, GOAL, marks)
+    assert before is not None and after is not None and np.array_equal(before, after)
+
+
+def test_a_goal_on_a_mark_becomes_the_nearest_point_beside_it() -> None:
+    way = planner(TWO_ROOMS).path(START, GOAL, np.array([GOAL]))
+    assert way is not None
+    assert Point(*way[-1]).distance_to(GOAL) == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("goal", "end"), [(Point(0.12, 2.0), Point(0.42, 2.0)), (Point(-0.01, 2.0), Point(0.44, 2.0))]
+)
+def test_a_goal_in_a_wall_or_beyond_it_becomes_the_nearest_point_where_there_is_room(
+    goal: Point, end: Point
+) -> None:
+    way = planner(TWO_ROOMS).path(START, goal)
+    assert way is not None and tuple(way[-1]) == pytest.approx(end)
+
+
+@pytest.mark.parametrize("goal", [Point(-1.0, 1.0), Point(50.0, 50.0), Point(10.5, 2.0)])
+def test_there_is_no_way_to_a_goal_without_room_within_the_tolerance(goal: Point) -> None:
+    assert planner(TWO_ROOMS).path(START, goal) is None
+
+
+@pytest.mark.parametrize("start", [Point(-3.0, 1.0), Point(0.3, 1.0), Point(0.01, 1.0), Point(9.99, 3.49)])
+def test_a_robot_that_is_beyond_the_map_or_too_near_to_a_wall_has_no_way(start: Point) -> None:
+    assert planner(TWO_ROOMS).path(start, GOAL) is None
+
+
+def test_a_robot_with_room_beside_it_comes_away_from_the_wall() -> None:
+    way = planner(TWO_ROOMS).path(Point(0.38, 1.0), GOAL)  # in the last cell that is too near
+    assert global_costs(TWO_ROOMS, RADIUS, CHAPTER).costs[20, 7] == IMPASSABLE
+    assert way is not None and tuple(way[0]) == pytest.approx((0.35, 1.0))
+    assert is_on_free_cells(TWO_ROOMS, way)
+
+
+def test_a_goal_in_the_robots_own_cell_is_two_points_away() -> None:
+    way = planner(TWO_ROOMS).path(Point(1.01, 1.01), Point(1.04, 1.03))
+    assert way is not None and way == pytest.approx(np.array([[1.0, 1.0], [1.04, 1.03]]))
+
+
+def test_no_way_leads_through_unknown_space() -> None:
+    cells = np.where(TWO_ROOMS.cells == OCCUPIED, OCCUPIED, FREE).astype(np.uint8)
+    cells[:, 97:99] = np.where(cells[:, 97:99] == FREE, UNKNOWN, OCCUPIED)  # the door
+    assert planner(OccupancyGrid(cells, 0.05)).path(START, GOAL) is None
+
+
+def test_costs_are_computed_once_per_map_and_body() -> None:
+    first = global_costs(TWO_ROOMS, RADIUS, CHAPTER)
+    twin = OccupancyGrid(TWO_ROOMS.cells, TWO_ROOMS.resolution, TWO_ROOMS.origin)
+    assert global_costs(twin, RADIUS, PlanningParameters()) is first
+    assert global_costs(twin, 0.2, CHAPTER) is not first
+    assert not first.costs.flags.writeable
+
+
+def test_robots_have_the_costs_of_the_method_that_they_plan_by() -> None:
+    model = load_model("turtlebot2", "chapter")
+    chapter = common_ground(TWO_ROOMS, model, Stack())
+    assert chapter.costs is global_costs(TWO_ROOMS, model.footprint.circumradius, CHAPTER)
+    assert common_ground(TWO_ROOMS, model, Stack(planner=PLANNER_PRESETS["robust"])).costs is None
+
+
+IDLE = ', but must be left at {} where planner.method is "{}", which does not use it'
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"method": "theta"}, 'planner.method is "theta", but must be "navfn" or "grid"'),
+        ({"neutral": 254}, "planner.neutral is 254, but must be at most 253"),
+        ({"margin": 0.05}, "planner.margin is 0.05" + IDLE.format("0.03", "navfn")),
+        ({"cached": 3}, "planner.cached is 3" + IDLE.format("16", "navfn")),
+        ({"method": "grid", "allowance": 0.0}, "planner.allowance is 0" + IDLE.format("0.003", "grid")),
+    ],
+)
+def test_what_is_wrong_among_the_parameters_is_said(change: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ParameterError) as raised:
+        replace(CHAPTER, **change)
+    assert str(raised.value) == fault
+
+
+def test_an_inflation_that_reaches_too_far_is_refused() -> None:
+    with pytest.raises(ParameterError) as raised:
+        global_costs(plan("####\n#  #\n####\n"), RADIUS, replace(CHAPTER, inflation_radius=6.4))
+    assert str(raised.value) == (
+        "planner: the reach of what is marked is 6.4, but must be at most 126 cells of 0.05 m"
+    )
