@@ -59,7 +59,7 @@ class Situation:
                 "strategy": self.strategy,
             },
             "localisation": {"preset": "chapter"},
-            "navigation": navigation or {},
+            "navigation": {"preset": "improved", **(navigation or {})},
             "robots": {"count": len(robots)},
             "robot": robots,
             "event": list(self.events),

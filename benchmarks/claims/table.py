@@ -68,8 +68,9 @@ CLAIMS: Final = (
         "Beside the compiled original: the same velocity in 99.0 % of 1280 cycles, within one sample in "
         "99.8 %, the same 75 plans (`--from DIR`, [what differs](navigation.md#against-the-original)). On "
         "three maps a robot alone with navigation `improved` reaches 593 of 600 goals; no wall is touched.",
-        "benchmarks.navigation.navigation", small={"robots": (1,), "goals": 2, "runs": 1},
-        full={"goals": 200, "runs": 8}, seconds=(8, 1200),
+        "benchmarks.navigation.navigation",
+        small={"robots": (1,), "goals": 2, "runs": 1, "navigation": "improved"},
+        full={"goals": 200, "runs": 8, "navigation": "improved"}, seconds=(8, 1200),
         takes=(
             *("maps", "robots", "goals", "runs", "localisation", "navigation", "setting"),
             *("log", "seed", "source"),
