@@ -231,7 +231,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "--navigation robust --json",
             r"corridor",
         ),
-        Line("verify navigation --from {root}/tests/navigation/original --json", r'"within_one": 0\.9'),
+        Line("verify navigation --from {root}/tests/navigation/original --json", r'"within_one": 1\.0'),
         Line("verify navigation --log n.zip --seed 2 --robots 1 --goals 8", r"n.zip", "n.zip"),
         Line(
             "verify failures --scenario scenarios/head_on.toml --robots 2 --runs 1 --duration 1 "

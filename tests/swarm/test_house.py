@@ -72,7 +72,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("eventful")
     crowd = CROWD.read_text().partition("[[event]]")[0]
     for told, meant in (
-        ("duration = 50.0", "duration = 14.0"),
+        ("duration = 65.0", "duration = 14.0"),
         ("../../maps", f"{ROOT}/maps"),
         ("blind.toml", f"{CROWD.parent}/blind.toml"),
     ):
