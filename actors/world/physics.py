@@ -1,6 +1,7 @@
 """The floor with everything solid on it: walls, robots, obstacles, and how they move and push one another."""
 
 import math
+import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -76,6 +77,7 @@ class Arena:
         self._obstacles: list[tuple[float, float, float]] = []
         self._doors: dict[int, _ClosedDoor] = {}
         self._space = _space(segments, contact or ContactModel())
+        weakref.finalize(self, _empty, self._space).atexit = False
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
         numbers = np.array([body.id for body in self._bodies], np.uint64)
         self._robots = np.argsort(numbers, kind="stable")
@@ -281,6 +283,15 @@ def _space(segments: NDArray[np.float64], contact: ContactModel) -> pymunk.Space
     for x0, y0, x1, y1 in segments.tolist():
         space.add(_still(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
     return space
+
+
+def _empty(space: pymunk.Space) -> None:
+    """Take everything out of a space that nobody uses any more.
+
+    Where garbage collection frees a full one, a shape may go after what it still points to, and the process
+    with it (viblo/pymunk, issue 209).
+    """
+    space.remove(*space.shapes, *space.bodies)
 
 
 def _left_after_a_second(contact: ContactModel) -> float:

@@ -1,3 +1,4 @@
+import gc
 import math
 from collections.abc import Callable
 
@@ -291,3 +292,14 @@ def test_what_does_not_fit_is_refused_in_one_sentence(
     with pytest.raises(AcrcError) as caught:
         attempt(world)
     assert str(caught.value) == sentence and world.poses.tobytes() == before
+
+
+def test_of_an_arena_that_is_gone_nothing_is_left_in_its_space() -> None:
+    """Whether counted down or found by garbage collection: a full one would be freed in no order."""
+    world = arena(Pose(1.0, 1.0, 0.0))
+    space, cycle = world._space, [world]
+    cycle.append(cycle)  # type: ignore[arg-type]
+    assert space.shapes and space.bodies
+    del world, cycle
+    gc.collect()
+    assert not space.shapes and not space.bodies
