@@ -51,6 +51,17 @@ def check(
         check_range(f"{table}.{name}", getattr(parameters, name), low, high)
 
 
+def check_unused(table: str, parameters: object, names: Iterable[str], where: str) -> None:
+    """Raise ParameterError for a field that is not as it is without a word, though nothing uses it.
+
+    `where`: in which case nothing does, in words that go on after "where".
+    """
+    for name in names:
+        value = getattr(parameters, name)
+        if value != getattr(type(parameters), name):
+            raise ParameterError(f"{table}.{name}", value, f"left out where {where}, which does not use it")
+
+
 def check_range(key: str, value: float, least: float, most: float) -> None:
     """Raise ParameterError for a value that is not from `least` to `most`, ends included."""
     if not least <= value <= most:

@@ -21,7 +21,7 @@ from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning import disc_dwa, dwa, local_plan, map_grid
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import PeriodicPlanner
+from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
 from actors.robot.navigation import navfn_potential, potential
 from actors.robot.navigation.floor_plan import ReachableFloor
@@ -162,7 +162,7 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     )
 
 
-def _local_planner(local: CostMap, model: RobotModel, stack: Stack) -> PeriodicPlanner:
+def _local_planner(local: CostMap, model: RobotModel, stack: Stack) -> BaseLocalPlanner:
     if stack.dwa.rules == "indigo":
         return DwaLocalPlanner(local, model.drive, stack.dwa)
     return DiscLocalPlanner(local, model.footprint.circumradius, model.drive, stack.dwa)

@@ -16,7 +16,7 @@ from actors.floor.map_file import load_map
 from actors.instant import Instant
 from actors.messages import SENSES, Senses
 from actors.robot.core import RobotCore
-from actors.robot.local_planning.steering import Cycle, PeriodicPlanner
+from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
 from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
 from actors.runtime.bus.replay_bus import topic_of
@@ -60,7 +60,7 @@ def _cycles(out: Path, robot: str) -> list[Cycle]:
     cycles: list[Cycle] = []
 
     def look_on(core: Core, _step_us: int) -> None:
-        assert isinstance(core, RobotCore) and isinstance(core.navigation.local_planner, PeriodicPlanner)
+        assert isinstance(core, RobotCore) and isinstance(core.navigation.local_planner, BaseLocalPlanner)
         core.navigation.local_planner.witness = cycles.append
 
     replay_actor(out, robot, Onlook(look_on))

@@ -14,7 +14,7 @@ from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
 from actors.robot.core import RobotCore
-from actors.robot.local_planning.steering import Cycle, PeriodicPlanner
+from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
 from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
@@ -106,7 +106,7 @@ class Perception:
         cast(Any, core).advance = watched
         cast(Any, core.localisation).update = noted
         local_planner = core.navigation.local_planner
-        if isinstance(local_planner, PeriodicPlanner):
+        if isinstance(local_planner, BaseLocalPlanner):
             local_planner.witness = self._steered
 
     @property

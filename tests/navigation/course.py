@@ -13,7 +13,7 @@ from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import PeriodicPlanner, Steering
+from actors.robot.local_planning.steering import BaseLocalPlanner, Steering
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
 from actors.robot_model import DriveParameters
@@ -54,7 +54,7 @@ HALL = floor(hall(7.0, 3.2))
 
 def local_planner(
     local: CostMap, parameters: DwaParameters, drive: DriveParameters = KIND.drive
-) -> PeriodicPlanner:
+) -> BaseLocalPlanner:
     """By the rules that the parameters name."""
     if parameters.rules == "indigo":
         return DwaLocalPlanner(local, drive, parameters)
@@ -120,8 +120,10 @@ class Pilot:
             self.local_planner.follow(way)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
         self.record.arrived |= self.local_planner.reached(estimate, velocity)
-        steering = Steering(STILL, True)
-        if not self.record.arrived:
+        steering = self.record.steerings[-1] if step % 2 else Steering(STILL, True)
+        if self.record.arrived:
+            steering = Steering(STILL, True)
+        elif step % 2 == 0:  # of 0.1 s: a command holds for two
             steering = self.local_planner.steer(instant, here, estimate, velocity)
         self.record.steerings.append(steering)
         self.record.poses.append(self.base.pose)

@@ -1,6 +1,5 @@
 """What the local planner commands in single situations, and when it thinks again."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
-from actors.robot.local_planning.steering import PeriodicPlanner, Steering
+from actors.robot.local_planning.steering import BaseLocalPlanner, Steering
 from actors.robot.sweep import Sweep
 from tests.navigation.course import IMPROVED, KIND, RADIUS, ROBUST, local_planner
 
@@ -26,7 +25,7 @@ SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 def planned(
     preset: str = "improved", ranges: NDArray[np.uint16] = SILENCE
-) -> tuple[PeriodicPlanner, CostMap]:
+) -> tuple[BaseLocalPlanner, CostMap]:
     """At the origin of both frames, on a plan to the east."""
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
@@ -55,37 +54,14 @@ def test_the_plan_is_carried_over_from_the_map_frame(preset: str, estimate: Pose
     assert turned.twist == pytest.approx(straight.twist, abs=0.05)
 
 
-@pytest.mark.parametrize("period_us", [10_000, 20_000, 50_000, 100_000, 200_000, 150_000, 70_000])
-def test_it_thinks_five_times_a_second_however_long_steps_are(
-    period_us: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made, local = planned()
-    thought: list[int] = []
-
-    def choose(instant: Instant, *_: object) -> Steering:
-        thought.append(instant)
-        return Steering(STILL, True)
-
-    monkeypatch.setattr(made, "_choose", choose)
-    for instant in range(0, 4_000_000, period_us):
-        local.take(Instant(instant), ORIGIN, Sweep(SILENCE, ORIGIN))
-        made.steer(Instant(instant), ORIGIN, ORIGIN, STILL)
-    assert len(thought) == 20
-    slots = [instant // 200_000 for instant in thought]
-    assert all(later - earlier == 1 for earlier, later in itertools.pairwise(slots))
-
-
 @PRESETS
-def test_between_it_holds_the_command_and_a_new_goal_ends_that(preset: str) -> None:
+def test_after_it_has_begun_anew_it_needs_a_plan(preset: str) -> None:
     made, _ = planned(preset)
-    first = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
-    assert made.steer(Instant(199_999), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) == first
-    assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) != first
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).valid
     made.begin()
-    assert made.steer(Instant(210_000), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
     made.follow(EAST)
-    assert not made.steer(Instant(220_000), ORIGIN, ORIGIN, STILL).valid
-    assert made.steer(Instant(410_000), ORIGIN, ORIGIN, STILL).valid
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).valid
 
 
 @PRESETS
@@ -180,3 +156,17 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
     steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid == valid
     assert steering.twist.vx <= 0.0
+
+
+def test_without_least_speeds_standing_is_no_trajectory_but_a_command_at_the_goal() -> None:
+    """The samples hold 0 in both: it takes no step, and a time by no steps is no number."""
+    free = replace(DWA_PRESETS["chapter"], least_speed=0.0, least_turn=0.0)
+    local = CostMap(KIND.sensor, RADIUS)
+    local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
+    made = local_planner(local, free)
+    made.follow(EAST)
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist != STILL
+    near = Pose(2.95, 0.0, 2.0)
+    made.follow(EAST)
+    stopping = made.steer(Instant(0), near, near, Twist(0.15, 0.0, 0.1))
+    assert stopping == Steering(STILL, True)

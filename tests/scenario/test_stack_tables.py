@@ -99,7 +99,7 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ("planner.cell = 0", "planner.cell is 0, but must be above 0"),
         (
             "planner.cell = 0.1",
-            'planner.cell is 0.1, but must be left at 0.05 where planner.method is "navfn", '
+            'planner.cell is 0.1, but must be left out where planner.method is "navfn", '
             "which does not use it",
         ),
         ('planner.method = "a*"', 'planner.method is "a*", but must be "navfn" or "grid"'),
@@ -107,10 +107,15 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ("dwa.sim_time = 0", "dwa.sim_time is 0, but must be above 0"),
         (
             "dwa.escape = 0.1",
-            'dwa.escape is 0.1, but must be left out, as it has a meaning only where dwa.rules is "disc"',
+            'dwa.escape is 0.1, but must be left out where dwa.rules is "indigo", which does not use it',
         ),
         ('dwa.rules = "mine"', 'dwa.rules is "mine", but must be "indigo" or "disc"'),
         ('local_map.body = "square"', 'local_map.body is "square", but must be "polygon" or "disc"'),
+        (
+            "dwa.granularity = 0.0001",
+            "dwa.sim_time is 3, but must be such that a trajectory has at most 10000 points at the highest "
+            "speeds",
+        ),
         ("dwa.goal_tolerance = 0", "dwa.goal_tolerance is 0, but must be above 0"),
     ],
 )

@@ -49,8 +49,7 @@ class CostMapParameters:
     scaling: float = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
     body: str = "polygon"
-    """What the body is on the map: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a
-    "disc"."""
+    """What the body is here: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a "disc"."""
     allowance: float = 0.003
     """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
     padding: float = 0.01
@@ -161,8 +160,7 @@ class CostMap:
         self._taken = instant
 
     def restore(self, instant: Instant, corner: Cell, marks: NDArray[np.uint8]) -> None:
-        """Hold what another cost map held at `instant`: `marks`, (rows, columns), 0 or 1, from `corner`
-        on."""
+        """Hold what another held at `instant`: `marks`, (rows, columns), 0 or 1; `corner`: of its window."""
         self.corner, self._marks, self._squared, self._taken = corner, marks, None, instant
 
     def age(self, instant: Instant) -> float:

@@ -74,12 +74,12 @@ def cost_below(
     last = corners.shape[0] - 1
     right = x + (corners[last, 0] * c - corners[last, 1] * s)
     up = y + (corners[last, 0] * s + corners[last, 1] * c)
-    if min(right, up) < 0.0 or right >= columns or up >= rows:
+    if not (0.0 <= right < columns and 0.0 <= up < rows):
         return -1
     for corner in range(corners.shape[0]):
         next_right = x + (corners[corner, 0] * c - corners[corner, 1] * s)
         next_up = y + (corners[corner, 0] * s + corners[corner, 1] * c)
-        if min(next_right, next_up) < 0.0 or next_right >= columns or next_up >= rows:
+        if not (0.0 <= next_right < columns and 0.0 <= next_up < rows):
             return -1
         cost = _along(squared, table, int(right), int(up), int(next_right), int(next_up))
         if cost < 0:

@@ -7,14 +7,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.geometry import Pose, Twist
+from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
-from actors.portable import hypot
+from actors.portable import cos_sin, hypot
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.disc_dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.map_grid import bearing, cut, detour, free_goal, wavefront
-from actors.robot.local_planning.steering import NOWHERE, PeriodicPlanner, Steering, reachable
+from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
 from actors.robot_model import DriveParameters
 
 _PER_STEP: Final = 0.5
@@ -31,7 +31,7 @@ class _Outlook(NamedTuple):
     """Where the plan leads, rad, from the robot's heading."""
 
 
-class DiscLocalPlanner(PeriodicPlanner):
+class DiscLocalPlanner(BaseLocalPlanner):
     """Follows one plan at a time."""
 
     def __init__(
@@ -135,6 +135,20 @@ class DiscLocalPlanner(PeriodicPlanner):
         """True if it turns on the spot now: from too large an angle on until it is half of that."""
         least = self._p.spot_angle * (0.5 if self._turning else 1.0)
         return abs(angle) > least
+
+    def _body(self, here: Pose) -> NDArray[np.float64]:
+        """x and y in the window, cells, and heading, rad."""
+        corner = self._local.corner
+        return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
+
+    def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
+        """From the map frame to the window: see `cut`."""
+        turn = wrap(here.heading - estimate.heading)
+        c, s = cos_sin(turn)
+        x = here.x - (c * estimate.x - s * estimate.y)
+        y = here.y - (s * estimate.x + c * estimate.y)
+        corner, cell = self._local.corner, self._cell
+        return np.array([c, s, x - corner.column * cell, y - corner.row * cell, 1.0 / cell])
 
 
 def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) -> tuple[int, int]:

@@ -154,7 +154,9 @@ def _samples(low: float, high: float, count: int) -> Singles:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
-    """True for a motion that is too slow or too fast, or that would be the other half of an oscillation."""
+    """True for none, one that is too slow or too fast, or that would be the other half of an oscillation."""
+    if speed == 0.0 and turn == 0.0:
+        return True
     if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
         return True
     along = (speed > 0.0 and barred[0]) or (speed < 0.0 and barred[1])

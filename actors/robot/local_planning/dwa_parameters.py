@@ -5,23 +5,24 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
-from actors.bounds import ParameterError, check
+from actors.bounds import ParameterError, check, check_unused
 from actors.instant import Duration, seconds
 
-_RULES: Final = ("indigo", "disc")
-_ONLY: Final = {
-    "indigo": ("heading_tolerance", "stopped_speed", "stopped_turn"),
-    "disc": (
+_IDLE: Final = {
+    "indigo": (
         *("min_speed", "stop_buffer", "scaling_speed", "max_scaling_factor"),
         *("goal_slack", "detour", "spot_angle", "escape"),
     ),
+    "disc": ("heading_tolerance", "stopped_speed", "stopped_turn"),
 }
-"""What has a meaning by these rules only."""
+"""By rules: parameters that they do not use."""
+_MOST_POINTS: Final = 10_000
+"""Of a trajectory; own choice: a hundred times what it has."""
 _LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", "scaling_speed")
 _NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")
 _LEAST: Final = {
     **dict.fromkeys((*_NOT_NEGATIVE, "forward_point", "max_scaling_factor", "goal_slack"), 0.0),
-    **dict.fromkeys(("detour", "spot_angle", *_ONLY["indigo"]), 0.0),
+    **dict.fromkeys(("detour", "spot_angle", *_IDLE["disc"]), 0.0),
     **dict.fromkeys(("oscillation_distance", "oscillation_angle"), 0.0),
     **dict.fromkeys(("speed_samples", "turn_samples"), 2.0),
     "min_speed": -10.0,
@@ -118,14 +119,17 @@ class DwaParameters:
     def __post_init__(self) -> None:
         times = ("period", "sim_time", "granularity", "angular_granularity")
         check(
-            "dwa", self, positive=(*times, *_LIMITS, "goal_tolerance"), least=_LEAST, known={"rules": _RULES}
+            "dwa",
+            self,
+            positive=(*times, *_LIMITS, "goal_tolerance"),
+            least=_LEAST,
+            known={"rules": tuple(_IDLE)},
         )
-        for rules, names in _ONLY.items():
-            for name in names if rules != self.rules else ():
-                default = type(self).__dataclass_fields__[name].default
-                if getattr(self, name) != default:
-                    right = f'left out, as it has a meaning only where dwa.rules is "{rules}"'
-                    raise ParameterError(f"dwa.{name}", getattr(self, name), right)
+        finest = max(self.max_speed / self.granularity, self.max_turn / self.angular_granularity)
+        if self.sim_time * finest > _MOST_POINTS:
+            right = f"such that a trajectory has at most {_MOST_POINTS} points at the highest speeds"
+            raise ParameterError("dwa.sim_time", self.sim_time, right)
+        check_unused("dwa", self, _IDLE[self.rules], f'dwa.rules is "{self.rules}"')
 
 
 _IMPROVED: Final = DwaParameters(rules="disc", granularity=0.05)

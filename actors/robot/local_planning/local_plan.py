@@ -94,7 +94,7 @@ def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Cells)
                 x = points[k - 1, 0] + step * (dx / steps)
                 y = points[k - 1, 1] + step * (dy / steps)
             x, y = (x - corner[0]) / cell, (y - corner[1]) / cell
-            inside = min(x, y) >= 0.0 and max(x, y) < side
+            inside = 0.0 <= x < side and 0.0 <= y < side
             if not inside and count > 0:
                 return count
             if inside and count < cells.shape[0]:
@@ -125,7 +125,7 @@ def _local_plan(
     room = math.ceil(nose / cell) + 2
     for k in range(1, points.shape[0]):
         room += 1 + math.ceil(hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) / cell)
-    cells = np.empty((room, 2), np.int32)
+    cells = np.empty((min(room, side * side), 2), np.int32)
     count = _cells(points, cell, corner, side, cells)
     if count == 0:
         return cells[:0], cells[:0], cells[:0], False

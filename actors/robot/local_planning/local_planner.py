@@ -28,19 +28,19 @@ from actors.robot.local_planning.dwa import (
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.local_plan import local_plan
 from actors.robot.local_planning.map_grid import wavefront
-from actors.robot.local_planning.steering import NOWHERE, PeriodicPlanner, Steering, reachable
+from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
 from actors.robot_model import DriveParameters
 
 _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure)."""
 _GOAL_HEADING: Final = 0.0
-"""The chapter's robots ask for it at every goal, rad, map frame: cz.cuni.mff.d3s.deeco.ros of
+"""The chapter's robots ask for it at every goal, rad, map frame: driveRobot of CleanerRobot in
 d3scomp/deeco-adaptation-testbed sends the quaternion (0, 0, 0, 1)."""
 _ALL: Final = np.zeros(4, np.bool_)
 """No direction is barred."""
 
 
-class DwaLocalPlanner(PeriodicPlanner):
+class DwaLocalPlanner(BaseLocalPlanner):
     """The local planner of preset `chapter`."""
 
     def __init__(self, local: CostMap, limits: DriveParameters, parameters: DwaParameters) -> None:
@@ -172,9 +172,10 @@ class DwaLocalPlanner(PeriodicPlanner):
         return math.copysign(min(self._max_turn, max(least, wanted)), astray)
 
     def _checked(self, here: Pose, estimate: Pose, twist: Twist) -> Steering:
-        """This velocity, if no critic refuses it; one below both least speeds has none (checkTrajectory)."""
+        """This velocity, if no critic refuses it; below both least speeds none looks (checkTrajectory)."""
         self._oscillation.forget()
-        if abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn:
+        slow = abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn
+        if slow or twist == STILL:
             return Steering(twist, True)
         around = self._surroundings(here, estimate)
         speed, turn = np.array([twist.vx], np.float32), np.array([twist.omega], np.float32)

@@ -1,4 +1,4 @@
-"""What a local planner says, and when it chooses anew: so much is the same whatever it chooses by."""
+"""What a local planner is asked and says: so much is the same whatever it chooses by."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import Cell
-from actors.geometry import STILL, Pose, Twist, wrap
+from actors.geometry import STILL, Pose, Twist
 from actors.instant import Duration, Instant, in_seconds
-from actors.portable import cos_sin
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.oscillation import OscillationCritic
@@ -48,8 +47,8 @@ class Cycle(NamedTuple):
     steering: Steering
 
 
-class PeriodicPlanner(ABC):
-    """Follows one plan at a time: a choice per period, held until the next."""
+class BaseLocalPlanner(ABC):
+    """Follows one plan at a time."""
 
     def __init__(self, local: CostMap, parameters: DwaParameters) -> None:
         """`local` is kept up to date by whoever owns it."""
@@ -59,14 +58,12 @@ class PeriodicPlanner(ABC):
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._way: NDArray[np.float64] = np.zeros((0, 2))
         self._turning = False
-        self._due: Instant | None = None
-        self._held = NOWHERE
         self.witness: Callable[[Cycle], None] | None = None
         """Is told of every cycle; for those who execute a robot again to look into it."""
 
     @property
     def period(self) -> Duration:
-        """So long a command holds."""
+        """How often it is to be asked: so long a command holds."""
         return self._p.period
 
     def begin(self) -> None:
@@ -74,31 +71,25 @@ class PeriodicPlanner(ABC):
         self._way = np.zeros((0, 2))
         self._oscillation.forget()
         self._turning = False
-        self._due, self._held = None, NOWHERE
 
     def follow(self, way: NDArray[np.float64]) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
         self._way = way
 
     def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        """What to command at `instant`; a new choice once a period, otherwise the last one again.
+        """What to command from `instant` on, for a period; not valid without a fresh scan.
 
         `here` and `estimate`: the body's pose at that instant, in the odometry frame, to which the local map
         has been rolled, and in the map frame. `velocity`: the base's own.
         """
-        p = self._p
-        if not self._local.age(instant) <= in_seconds(p.scan_patience):
-            self._due, self._held = None, NOWHERE
-            return self._held
-        if self._due is None or instant >= self._due:
-            since = Duration(0) if self._due is None else Duration((instant - self._due) % p.period)
-            self._due = Instant(instant - since + p.period)
-            self._held = self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
-            if self.witness is not None:
-                local = self._local
-                given = instant, here, estimate, velocity, self._way, local.corner, local.costs()
-                self.witness(Cycle(*given, self._turning, self._held))
-        return self._held
+        if not self._local.age(instant) <= in_seconds(self._p.scan_patience):
+            return NOWHERE
+        steering = self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
+        if self.witness is not None:
+            local = self._local
+            given = instant, here, estimate, velocity, self._way, local.corner, local.costs()
+            self.witness(Cycle(*given, self._turning, steering))
+        return steering
 
     @abstractmethod
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
@@ -107,21 +98,6 @@ class PeriodicPlanner(ABC):
     @abstractmethod
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """One cycle; there is a plan."""
-
-    def _body(self, here: Pose) -> NDArray[np.float64]:
-        """x and y in the window, cells, and heading, rad."""
-        corner = self._local.corner
-        return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
-
-    def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
-        """From the map frame to the window: cosine and sine of the angle, shift of x and y, m, cells per
-        m."""
-        turn = wrap(here.heading - estimate.heading)
-        c, s = cos_sin(turn)
-        x = here.x - (c * estimate.x - s * estimate.y)
-        y = here.y - (s * estimate.x + c * estimate.y)
-        corner, cell = self._local.corner, self._cell
-        return np.array([c, s, x - corner.column * cell, y - corner.row * cell, 1.0 / cell])
 
 
 def reachable(value: float, gain: float, low: float, high: float) -> tuple[float, float]:

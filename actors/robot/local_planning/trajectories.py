@@ -31,8 +31,7 @@ def count_of(speed: float, turn: float, w: Any) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def start_of(pose: Floats) -> Floats:
-    """Cosine and sine of the heading that all trajectories from there begin with; `pose` as for
-    `cheapest`."""
+    """Cosine and sine of the heading with which all trajectories begin; `pose` as for `cheapest`."""
     c, s = cos_sin(float(np.float32(pose[2])))
     return np.array([c, s])
 
@@ -41,10 +40,9 @@ def start_of(pose: Floats) -> Floats:
 def foresee(
     point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Steps, w: Any
 ) -> bool:
-    """Write where a trajectory will end into `point`: x, y, cosine and sine. False if that may be in another
-    cell.
+    """Write where a trajectory will end into `point`: x, y, cosine and sine; True if that can be relied on.
 
-    Or if it or the nose is off the window.
+    Not so near to a border of its cell, and not where centre or nose are off the window.
     """
     count = count_of(speed, turn, w)
     step = w.horizon / count
@@ -78,7 +76,8 @@ def _is_inside(point: Floats, path: Steps, nose: float) -> bool:
     x, y = point[0], point[1]
     nose_x, nose_y = x + nose * point[2], y + nose * point[3]
     rows, columns = path.shape
-    return bool(min(x, y, nose_x, nose_y) >= 0.0 and max(x, nose_x) < columns and max(y, nose_y) < rows)
+    beside = 0.0 <= x < columns and 0.0 <= nose_x < columns
+    return bool(beside and 0.0 <= y < rows and 0.0 <= nose_y < rows)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -87,7 +86,7 @@ def drive(
 ) -> int:
     """Write a trajectory's points, each x, y, cosine and sine; how many they are.
 
-    0 if one, or its nose, is off the window, or cannot reach path or goal
+    0 if one or its nose is off the window, or if one cannot reach path or goal; then the points mean nothing
     (MapGridCostFunction::scoreTrajectory).
     """
     count = count_of(speed, turn, w)

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.bounds import ParameterError, check
+from actors.bounds import check, check_unused
 from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.sharing import Shared
@@ -70,11 +70,7 @@ class PlanningParameters:
             most={"neutral": HIGHEST} if self.method == "navfn" else None,
             known={"method": tuple(_IDLE)},
         )
-        for name in _IDLE[self.method]:
-            value, default = getattr(self, name), getattr(PlanningParameters, name)
-            if value != default:
-                right = f'left at {default:g} where planner.method is "{self.method}", which does not use it'
-                raise ParameterError(f"planner.{name}", value, right)
+        check_unused("planner", self, _IDLE[self.method], f'planner.method is "{self.method}"')
 
 
 HIGHEST: Final = 253
