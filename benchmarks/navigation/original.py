@@ -7,15 +7,18 @@ plans of navfn; of marks the costs of costmap_2d.
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -40,6 +43,12 @@ _SAME: Final = 1e-4
 """Velocities that differ by less are the same, m/s and rad/s."""
 _NOW: Final = Instant(1)
 Rows = Mapping[str, NDArray[Any]]
+_T = TypeVar("_T")
+_DAMAGE: Final = (
+    *(OSError, EOFError, zipfile.BadZipFile, zlib.error),
+    *(ValueError, TypeError, IndexError, AttributeError, ParameterError),
+)
+"""What comes of files that are none of these, or whose arrays do not fit together."""
 
 
 class RowsError(AcrcError):
@@ -93,43 +102,46 @@ class PlanFigures:
 
 def check(folder: Path) -> Measured:
     """Compare with all rows of a folder. Raises RowsError."""
-    judged = [cycle for rows in _files(folder, "local_*.npz") for cycle in _cycles(rows)]
+    judged = [cycle for of_file in _of_files(folder, "local_*.npz", _cycles) for cycle in of_file]
     if not judged:
         raise RowsError(f"{folder}: holds no local_*.npz; must be a folder of rows of the original")
     cycles = {"all": _figures(judged)}
     for number, name in enumerate(CATEGORIES):
         cycles[name] = _figures([one for one in judged if one.category == number])
-    costs = _inflation(folder)
-    plans = dict(_plans(rows) for rows in _files(folder, "global_*.npz"))
+    costs = next(_of_files(folder, "inflation.npz", _inflation), None)
+    plans = dict(_of_files(folder, "global_*.npz", _plans))
     figures: dict[str, Any] = {name: asdict(one) for name, one in cycles.items()}
     figures["plans"] = {name: asdict(one) for name, one in plans.items()}
     figures["inflation"] = costs
     return Measured(figures, _shown(cycles, plans, costs), _holds(cycles, plans, costs))
 
 
-def _files(folder: Path, pattern: str) -> Iterator[Rows]:
+def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[_T]:
+    """What comes of each of these files. Raises RowsError: a file is somebody's, with any arrays in it."""
     for file in sorted(folder.glob(pattern)):
-        yield _read(file)
+        try:
+            with np.load(file, allow_pickle=False) as rows:
+                found = compare({name: rows[name] for name in rows.files})
+        except KeyError as error:
+            raise RowsError(f"{file}: lacks {error}; must hold the rows of the original") from None
+        except _DAMAGE as error:
+            wrong = f"{file}: cannot be compared: {error}; must hold the rows of the original"
+            raise RowsError(wrong) from None
+        yield found
 
 
-def _read(file: Path) -> Rows:
-    try:
-        with np.load(file, allow_pickle=False) as rows:
-            return {name: rows[name] for name in rows.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise RowsError(f"{file}: is no file of arrays: {error}") from None
-
-
-def _cycles(rows: Rows) -> Iterator[JudgedCycle]:
+def _cycles(rows: Rows) -> list[JudgedCycle]:
     """Every cycle of a log, chosen anew from what the original got."""
-    try:
-        model = body()
-        local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
-        planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
-        for index in range(len(rows["time"])):
-            yield _judged(rows, index, local, planner)
-    except KeyError as error:
-        raise RowsError(f"a file of control cycles lacks the array {error}") from None
+    model = body()
+    local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
+    planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
+    for name in ("plan_points", "pose_odometry", "pose_map", "velocity"):
+        if not np.isfinite(rows[name]).all():  # kernels take numbers for places in their arrays
+            raise ValueError(f"{name} must hold finite numbers")
+    side = len(local.squared)
+    if rows["costs"].shape[1:] != (side, side):
+        raise ValueError(f"the windows of costs must have {side} by {side} cells")
+    return [_judged(rows, index, local, planner) for index in range(len(rows["time"]))]
 
 
 def _judged(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> JudgedCycle:
@@ -186,47 +198,31 @@ def _figures(judged: Sequence[JudgedCycle]) -> CycleFigures:
 
 def _plans(rows: Rows) -> tuple[str, PlanFigures]:
     """The map's name, and the plans between its pairs of points beside navfn's."""
-    try:
-        about = json.loads(str(rows["about"]))
-        cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
-        grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
-        parameters = PLANNER_PRESETS[PRESET]
-        planner = NavfnPlanner(global_costs(grid, body().footprint.circumradius, parameters), parameters)
-        ratios, apart = [], []
-        begins, points = rows["plan_start"], rows["plan_points"]
-        for index, (start, goal) in enumerate(zip(rows["starts"], rows["goals"], strict=True)):
-            ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
-            theirs = points[begins[index] : begins[index + 1]]
-            if ours is not None and len(theirs) > 1:
-                ratios.append(along(ours) / along(theirs))
-                apart.append(max(map(min, np.hypot(*(ours[:, None] - theirs[None]).T))))
-        return about["map"], PlanFigures(
-            len(begins) - 1,
-            len(begins) - 1 - len(ratios),
-            float(np.median(ratios)),
-            max(ratios),
-            float(max(apart)),
-        )
-    except KeyError as error:
-        raise RowsError(f"a file of plans lacks {error}") from None
+    about = json.loads(str(rows["about"]))
+    cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
+    grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
+    parameters = PLANNER_PRESETS[PRESET]
+    planner = NavfnPlanner(global_costs(grid, body().footprint.circumradius, parameters), parameters)
+    ratios, apart = [], []
+    theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
+    for start, goal, way in zip(rows["starts"], rows["goals"], theirs, strict=True):
+        ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
+        if ours is not None:
+            ratios.append(along(ours) / along(way))
+            apart.append(max(map(min, np.hypot(*(ours[:, None] - way[None]).T))))
+    if not ratios:
+        raise ValueError("there is no plan between any of the pairs")
+    middle, most = float(np.median(ratios)), max(ratios)
+    return about["map"], PlanFigures(len(theirs), len(theirs) - len(ratios), middle, most, float(max(apart)))
 
 
-def _inflation(folder: Path) -> dict[str, float] | None:
-    """Cells, and the share of them with the original's cost; None without rows of that."""
-    file = folder / "inflation.npz"
-    if not file.exists():
-        return None
-    rows = _read(file)
-    try:
-        about = json.loads(str(rows["about"]))
-        marks = np.unpackbits(rows["marks"], axis=-1)
-        equal = [
-            _equal(marks, rows[f"costs_{part}"], about[key])
-            for part, key in (("local", "local"), ("global", "glob"))
-        ]
-    except KeyError as error:
-        raise RowsError(f"{file}: lacks {error}") from None
-    return {"cells": 2 * marks.size, "equal": sum(equal) / (2 * marks.size)}
+def _inflation(rows: Rows) -> dict[str, float]:
+    """Cells, and the share of them with the original's cost."""
+    about = json.loads(str(rows["about"]))
+    marks = np.unpackbits(rows["marks"], axis=-1)
+    parts = {"costs_local": "local", "costs_global": "glob"}
+    equal = sum(_equal(marks, rows[name], about[numbers]) for name, numbers in parts.items())
+    return {"cells": 2 * marks.size, "equal": equal / (2 * marks.size)}
 
 
 def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:

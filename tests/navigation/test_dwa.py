@@ -143,17 +143,48 @@ def test_it_chooses_as_the_original_chose() -> None:
     assert found["all"]["regret_90"] <= 0.001 and found["all"]["refused"] == 0.0
     assert (found["all"]["only_ours"], found["all"]["only_theirs"]) == (0, 0)
     assert found["inflation"]["equal"] >= 0.999
+    assert {name: one["pairs"] for name, one in found["plans"].items()} == dict.fromkeys(found["plans"], 6)
+    assert sorted(found["plans"]) == ["apartment", "corridor", "maze"]
 
 
-def test_a_folder_without_rows_or_with_other_files_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(original.RowsError, match=r"holds no local_\*\.npz; must be a folder of rows"):
-        original.check(tmp_path)
-    (tmp_path / "local_a.npz").write_bytes(b"no rows")
-    with pytest.raises(original.RowsError, match=r"local_a\.npz: is no file of arrays"):
-        original.check(tmp_path)
-    np.savez(tmp_path / "local_a.npz", time=np.zeros(1))
-    with pytest.raises(original.RowsError, match="lacks the array 'corner'"):
-        original.check(tmp_path)
+def refused(folder: Path) -> str:
+    with pytest.raises(original.RowsError) as caught:
+        original.check(folder)
+    return str(caught.value)
+
+
+def test_a_folder_without_rows_is_refused(tmp_path: Path) -> None:
+    assert refused(tmp_path) == f"{tmp_path}: holds no local_*.npz; must be a folder of rows of the original"
+
+
+def test_files_that_hold_something_else_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    """Whoever sends rows may send anything: no zip, half of one, arrays that are missing or do not fit."""
+    name, whole = tmp_path / "local_a.npz", (ROWS / "local_maze_1_s3.npz").read_bytes()
+    flipped = bytes(255 - byte if k == 20_000 else byte for k, byte in enumerate(whole))
+    for damaged in (b"no rows", b"", whole[:-900], whole[:30_000], flipped):
+        name.write_bytes(damaged)
+        assert refused(tmp_path).startswith(f"{name}: cannot be compared: ")
+    with np.load(ROWS / "local_maze_1_s3.npz") as found:
+        rows = dict(found)
+    np.savez(name, time=np.zeros(1))
+    assert refused(tmp_path) == f"{name}: lacks 'plan_points'; must hold the rows of the original"
+    changes: list[tuple[str, object]] = [
+        ("costs", rows["costs"][:, :20]), ("plan", rows["plan"] + 99), ("pose_map", rows["pose_map"][:, :2]),
+        ("pose_odometry", rows["pose_odometry"] * math.nan), ("plan_points", rows["plan_points"] * math.inf),
+        ("category", rows["category"][:3]), ("vx", rows["vx"][0]), ("corner", rows["corner"][:, :1]),
+    ]  # fmt: skip
+    for array, changed in changes:
+        np.savez(name, **{**rows, array: changed})
+        assert refused(tmp_path).startswith(f"{name}: cannot be compared: "), array
+
+
+def test_plans_and_costs_of_something_else_are_refused_too(tmp_path: Path) -> None:
+    (tmp_path / "local_a.npz").write_bytes((ROWS / "local_maze_1_s3.npz").read_bytes())
+    for name, array in (("global_maze.npz", "goals"), ("inflation.npz", "costs_local")):
+        with np.load(ROWS / name) as found:
+            np.savez(tmp_path / name, **{**found, array: found[array][:2]})
+        assert refused(tmp_path).startswith(f"{tmp_path / name}: cannot be compared: ")
+        (tmp_path / name).unlink()
 
 
 def test_the_fingerprint_is_the_same_twice() -> None:

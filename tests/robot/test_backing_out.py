@@ -13,7 +13,7 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.navigation.trail import Trail, backward
 from tests.robot.base import TWO_ROOMS
-from tests.robot.test_navigation import Memory, Obedient
+from tests.robot.trip import Memory, Obedient
 
 FLOOR = ground(TWO_ROOMS, 0.177)
 STEP_S = 0.1

@@ -1,4 +1,4 @@
-"""Stories of goals: reached, given up for each reason, replaced, paused; the planners obey a test."""
+"""Stories of goals: reached, replaced, cancelled, paused, retreated from."""
 
 from dataclasses import replace
 from typing import cast
@@ -7,133 +7,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
-from actors.instant import Instant, seconds
-from actors.messages import NO_ECHO_MM
-from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
-from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.steering import Steering
-from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
-from actors.robot.navigation.planning import Planner, ground
-from actors.robot.sweep import Sweep
-from tests.robot.base import TWO_ROOMS, at_step, model
-
-FLOOR = ground(TWO_ROOMS, 0.177)
-WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
-NOWHERE = Point(30.0, 1.0)
-AHEAD = Twist(0.5, 0.0, 0.0)
-CHAPTER, IMPROVED = NAVIGATION_PRESETS["chapter"], NAVIGATION_PRESETS["improved"]
-ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
-HERE = Pose(0.0, 0.0, 0.0)
-SHIFT = Pose(-3.0, 2.0, 1.0)
-"""The map's origin in the odometry frame."""
-
-
-class Told(Planner):
-    """A planner that finds no way if told so."""
-
-    def __init__(self) -> None:
-        super().__init__(FLOOR)
-        self.finds = True
-        self.asked = 0
-
-    def path(
-        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64] | None:
-        self.asked += 1
-        return super().path(start, goal, marks) if self.finds else None
-
-
-class Obedient:
-    """A local planner that finds what it is told to find, and arrives when it is told to."""
-
-    period = seconds(0.2)
-
-    def __init__(self) -> None:
-        self.valid = True
-        self.ways: list[NDArray[np.float64]] = []
-        self.begun = 0
-        self.asked: list[Instant] = []
-        self.found = self.arrives = True
-
-    def begin(self) -> None:
-        self.begun += 1
-
-    def follow(self, way: NDArray[np.float64]) -> None:
-        self.ways.append(way)
-
-    def reached(self, estimate: Pose, velocity: Twist) -> bool:
-        return self.arrives and estimate.point.distance_to(Point(*self.ways[-1][-1])) <= 0.15
-
-    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        self.asked.append(instant)
-        self.found = self.valid
-        return Steering(AHEAD if self.valid else STILL, self.valid)
-
-
-class Memory:
-    """A local map that is told what it holds."""
-
-    def __init__(self) -> None:
-        self.cleared: list[float] = []
-        self.marked = np.empty((0, 2))
-        self.behind = True
-
-    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Needs no scan."""
-
-    def clear(self, beyond: float) -> None:
-        self.cleared.append(beyond)
-
-    def marks(self) -> NDArray[np.float64]:
-        return self.marked
-
-    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
-        return self.behind
-
-
-class Trip:
-    """A robot that is carried about; `drift` says whether it gets about by itself."""
-
-    def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
-        self.local_planner, self.map = Obedient(), Memory()
-        self.planner = Told()
-        self.navigation = Navigator(self.planner, self.map, self.local_planner, parameters)
-        self.place = WEST
-        self.step = 0
-        self.drifts = True
-
-    def take_step(self, bumped: bool = False) -> Twist:
-        estimate = Pose(self.place.x, self.place.y, 0.5)
-        here = SHIFT.compose(estimate)
-        twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
-        if self.drifts and twist == AHEAD:
-            way = self.local_planner.ways[-1]
-            nearest = int(np.hypot(*(way - np.array(self.place)).T).argmin())
-            self.place = Point(*way[min(nearest + 1, len(way) - 1)].tolist())
-        self.step += 1
-        return twist
-
-    def steps(self, number: int) -> list[Twist]:
-        return [self.take_step() for _ in range(number)]
-
-    def goes_to(self, goal: Point) -> "Trip":
-        self.navigation.take(goal)
-        return self
-
-    @property
-    def status(self) -> GoalStatus | None:
-        return None if self.navigation.goal is None else self.navigation.goal.status
-
-    @property
-    def phase(self) -> GoalPhase | None:
-        assert self.navigation.goal is not None
-        return self.navigation.goal.phase
-
-    def count(self, name: str) -> object:
-        return self.navigation.outcome()[name]
+from actors.instant import seconds
+from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
+from tests.robot.base import at_step
+from tests.robot.trip import (
+    ABORTED,
+    ACTIVE,
+    AHEAD,
+    CHAPTER,
+    FAR,
+    IMPROVED,
+    NOWHERE,
+    SHIFT,
+    SUCCEEDED,
+    WEST,
+    Trip,
+)
 
 
 def test_without_a_goal_it_stands() -> None:
@@ -170,189 +62,6 @@ def test_who_drives_goes_on_along_the_old_way_while_there_is_no_new_one(preset: 
     assert trip.navigation.plan is plan and trip.count("without_plan") == []
     trip.steps(150)
     assert trip.navigation.goal == Goal(FAR, SUCCEEDED) and trip.count("recoveries") == 0
-
-
-def test_without_a_way_it_looks_for_one_in_every_cycle_recovers_once_and_then_gives_up() -> None:
-    trip = Trip().goes_to(NOWHERE)
-    assert trip.steps(8) == [STILL] * 8
-    assert (trip.planner.asked, trip.count("recoveries")) == (4, 0), "0, 0.2, 0.4 and 0.6 s"
-    trip.take_step()
-    assert (trip.phase, trip.count("recoveries")) == (GoalPhase.PLANNING, 1)
-    assert trip.steps(7) == [STILL] * 7 and trip.status is ACTIVE
-    trip.take_step()
-    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
-    assert trip.planner.asked == 7 and not trip.local_planner.asked
-
-
-def test_a_way_found_gives_the_recovery_back_that_was_made_to_find_one() -> None:
-    trip = Trip().goes_to(FAR)
-    for spell in range(1, 4):
-        trip.planner.finds = trip.local_planner.valid = False
-        trip.steps(10)
-        assert (trip.count("recoveries"), trip.phase) == (spell, GoalPhase.PLANNING)
-        trip.planner.finds = trip.local_planner.valid = True
-        trip.steps(4)
-    assert trip.phase is GoalPhase.CONTROLLING
-
-
-def test_without_a_trajectory_it_plans_at_once_and_once_per_cycle() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.steps(2)
-    trip.local_planner.valid = False
-    asked = []
-    for _ in range(8):
-        assert trip.take_step() == STILL and trip.phase is GoalPhase.OBSTRUCTED
-        asked.append(trip.planner.asked)
-    assert asked == [2, 2, 3, 3, 4, 4, 5, 5] and len(trip.local_planner.ways) == 5
-    assert trip.local_planner.asked == [at_step(n) for n in (0, 2, 4, 6, 8)]
-
-
-def test_who_plans_round_others_waits_for_the_next_plan_while_there_is_no_trajectory() -> None:
-    trip = Trip(replace(CHAPTER, mark_robots=True)).goes_to(FAR)
-    trip.steps(2)
-    trip.local_planner.valid = False
-    assert trip.steps(12) == [STILL] * 12 and trip.phase is GoalPhase.OBSTRUCTED
-    assert trip.planner.asked == 2 and trip.navigation.plan is not None
-    assert len(trip.local_planner.asked) == 7
-    trip.take_step()
-    assert trip.count("recoveries") == 1
-
-
-def test_patience_for_a_way_counts_from_the_last_cycle_without_a_trajectory() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.steps(30)
-    trip.planner.finds = trip.local_planner.valid = False
-    trip.steps(2)
-    assert trip.phase is GoalPhase.OBSTRUCTED and trip.navigation.plan is None
-    trip.steps(6)
-    assert (trip.phase, trip.count("recoveries")) == (GoalPhase.PLANNING, 0)
-    trip.take_step()
-    assert trip.count("recoveries") == 1
-    trip.planner.finds = True
-    trip.steps(20)
-    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED), "the way was there, no trajectory"
-    assert trip.count("without_plan") == [(at_step(30), at_step(40))]
-
-
-def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_once_more() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.steps(2)
-    trip.local_planner.valid = False
-    assert trip.steps(12) == [STILL] * 12
-    assert (trip.phase, trip.map.cleared) == (GoalPhase.OBSTRUCTED, [])
-    assert trip.navigation.goal is not None and trip.navigation.goal.since == at_step(2)
-    trip.take_step()
-    assert (trip.phase, trip.count("recoveries")) == (GoalPhase.PLANNING, 1)
-    assert trip.map.cleared == [CHAPTER.reset_distance]
-    trip.steps(5)
-    assert trip.local_planner.asked[-2:] == [at_step(12), at_step(18)]
-    assert trip.status is ACTIVE
-    trip.take_step()
-    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED) and trip.step == 21
-    assert trip.count("no_valid_trajectory") == [(at_step(2), at_step(20), "abort")]
-    assert trip.count("aborted") == {"no plan": 0, "blocked": 1, "no progress": 0}
-
-
-def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None:
-    trip = Trip().goes_to(FAR)
-    for _ in range(3):
-        trip.local_planner.valid = True
-        trip.steps(2)
-        trip.local_planner.valid = False
-        trip.steps(16)  # long enough for a recovery
-    trip.local_planner.valid = True
-    trip.steps(3)
-    assert (trip.phase, trip.count("recoveries")) == (GoalPhase.CONTROLLING, 3)
-    spells = [(2, 18, "itself"), (20, 36, "itself"), (38, 54, "itself")]
-    assert trip.count("no_valid_trajectory") == [(at_step(a), at_step(b), how) for a, b, how in spells]
-
-
-@pytest.mark.parametrize(("preset", "left"), [("chapter", 3), ("improved", 2), ("robust", 2)])
-def test_to_recover_the_chapters_robot_forgets_nothing(preset: str, left: int) -> None:
-    local = CostMap(model().sensor, 0.177)
-    ranges = np.full(model().sensor.rays, NO_ECHO_MM, np.uint16)
-    ranges[[0, 45, 90]] = 1000, 1400, 1900
-    local.take(Instant(0), HERE, Sweep(ranges, HERE))
-    assert len(local.marks()) == 3
-    local.clear(NAVIGATION_PRESETS[preset].reset_distance)
-    assert len(local.marks()) == left
-
-
-def test_who_does_not_get_away_recovers_and_then_gives_up() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.drifts = False
-    assert trip.steps(104) == [AHEAD] * 104, "the cycle after 10 s still has a command"
-    assert (trip.count("recoveries"), trip.phase) == (0, GoalPhase.CONTROLLING)
-    assert trip.steps(4) == [STILL] * 4
-    assert (trip.count("recoveries"), trip.phase) == (1, GoalPhase.PLANNING)
-    assert trip.steps(100) == [AHEAD] * 100
-    trip.take_step()
-    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.NO_PROGRESS) and trip.step == 209
-
-
-def test_who_does_not_get_away_for_want_of_a_trajectory_does_not_recover_for_it() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.drifts = False
-    trip.steps(102)
-    trip.local_planner.valid = False
-    trip.steps(10)
-    trip.local_planner.valid = True
-    trip.take_step()
-    assert (trip.count("recoveries"), trip.phase) == (0, GoalPhase.CONTROLLING)
-    trip.steps(2)
-    assert trip.count("recoveries") == 1
-
-
-@pytest.mark.parametrize(("moved", "recoveries"), [(0.25, 0), (0.2499, 1)])
-def test_it_has_got_away_once_it_is_at_the_distance(moved: float, recoveries: int) -> None:
-    trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
-    trip.drifts = False
-    trip.steps(80)
-    trip.place = Point(WEST.x + moved, WEST.y)
-    trip.steps(40)
-    assert trip.count("recoveries") == recoveries
-
-
-def test_a_new_goal_starts_the_clock_but_keeps_the_place_from_which_it_must_get_away() -> None:
-    trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
-    trip.drifts = False
-    trip.steps(80)
-    trip.place = Point(WEST.x + 0.125, WEST.y)
-    trip.goes_to(FAR).steps(90)
-    assert trip.count("recoveries") == 0
-    trip.place = Point(WEST.x + 0.25, WEST.y)
-    trip.steps(90)
-    assert trip.count("recoveries") == 0
-
-
-def test_getting_away_gives_the_recovery_back() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.drifts = False
-    trip.steps(102)
-    trip.drifts = True
-    trip.steps(10)
-    trip.drifts = False
-    trip.steps(110)
-    assert (trip.status, trip.count("recoveries")) == (ACTIVE, 2)
-
-
-@pytest.mark.parametrize("recoveries", [0, 2])
-def test_recoveries_are_as_many_as_the_parameters_say(recoveries: int) -> None:
-    trip = Trip(NavigationParameters(recoveries=recoveries)).goes_to(NOWHERE)
-    trip.steps(40)
-    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
-    assert len(trip.map.cleared) == recoveries
-
-
-def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
-    trip = Trip().goes_to(FAR)
-    trip.local_planner.valid = False
-    trip.steps(20)
-    trip.local_planner.valid = True
-    trip.goes_to(FAR)
-    assert trip.take_step() == AHEAD
-    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(20))
-    assert trip.local_planner.begun == 2
 
 
 def test_a_cancelled_goal_is_gone_and_its_spell_ends_with_the_order() -> None:
