@@ -64,5 +64,5 @@ def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
         if isinstance(table, dict) and name not in ("strategy", *TABLES):
             assert set(table) - absent == set(content[name]), name
     assert content["localisation"] == {"preset": "chapter"}
-    assert content["navigation"] == {"preset": "improved"}
+    assert content["navigation"] == {"preset": "chapter"}
     assert set(content["strategy"]) == {field.name for field in fields(AdaptationParameters)}
