@@ -48,7 +48,8 @@ class NavigationFigures:
     no_trajectory: float | None
     """Share, 0 to 1, of the robots' time, from the begin of each run to its end, in spells without a valid
     trajectory: from the first control cycle that had none to the next that had one, or to the goal's end.
-    None if a robot had more such spells than it lists."""
+    None if a robot had more such spells than it lists. For the compiled original the control cycles without
+    one were counted, of all; a spell holds those in which it recovers and plans anew, too."""
     no_trajectory_95: tuple[float, float] | None
     """Its 95 % interval, over the runs."""
     wall_contacts: int
