@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 from typing import Any, Final
 
 from rich.console import Console
@@ -16,7 +16,7 @@ from benchmarks.navigation import goal_log, original
 from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
-from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.statistics.measured import ConfidenceInterval, Measured, average, proportion
 from benchmarks.statistics.runs import in_order
 from deploy.scenario.scenario_file import settings
 
@@ -45,6 +45,13 @@ class NavigationFigures:
     total_slowness: float | None
     """The same of the sums."""
     robot_hours: float
+    no_trajectory: float | None
+    """Share, 0 to 1, of the robots' time, from the begin of each run to its end, in spells without a valid
+    trajectory: from the first control cycle that had none to the next that had one, or to the goal's end.
+    None if a robot had more such spells than it lists. For the compiled original the control cycles without
+    one were counted, of all; a spell holds those in which it recovers and plans anew, too."""
+    no_trajectory_95: tuple[float, float] | None
+    """Its 95 % interval, over the runs."""
     wall_contacts: int
     robot_contacts: int
     contacts: int
@@ -143,6 +150,7 @@ def _summed(course: NavigationCourse, runs: Sequence[RunFigures]) -> NavigationF
     median_slowness, total_slowness = _slowness(reached)
     gap = min(one.robot_gap for one in runs)
     reasons = Counter(leg.how for leg in legs if leg.how not in {"", goal_log.SUCCEEDED})
+    without = _no_trajectory(runs)
     return NavigationFigures(
         map=course.map.stem,
         robots=course.robots,
@@ -153,6 +161,8 @@ def _summed(course: NavigationCourse, runs: Sequence[RunFigures]) -> NavigationF
         slowness=median_slowness,
         total_slowness=total_slowness,
         robot_hours=sum(one.robot_hours for one in runs),
+        no_trajectory=None if without is None else without.value,
+        no_trajectory_95=None if without is None else (without.low, without.high),
         wall_contacts=sum(one.wall_contacts for one in runs),
         robot_contacts=sum(one.robot_contacts for one in runs),
         contacts=sum(one.contacts for one in runs),
@@ -160,6 +170,21 @@ def _summed(course: NavigationCourse, runs: Sequence[RunFigures]) -> NavigationF
         robot_gap=gap if math.isfinite(gap) else None,
         digests=tuple(one.digest for one in runs),
     )
+
+
+def _no_trajectory(runs: Sequence[RunFigures]) -> ConfidenceInterval | None:
+    """Share of the robots' time without a valid trajectory; None if that time is not known of every run.
+
+    The estimator of a ratio of sums, with its linearised variance (Cochran, Sampling Techniques, 1977,
+    chapter 6): runs differ in how long they last.
+    """
+    lost = [one.no_trajectory_s / 3600 for one in runs if one.no_trajectory_s is not None]
+    if len(lost) < len(runs):
+        return None
+    hours = [one.robot_hours for one in runs]
+    share = sum(lost) / sum(hours)
+    rest = average([(part - share * all_of) / mean(hours) for part, all_of in zip(lost, hours, strict=True)])
+    return ConfidenceInterval(share, max(share + rest.low, 0.0), min(share + rest.high, 1.0))
 
 
 def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]:
@@ -173,12 +198,14 @@ def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]
 
 def _shown(figures: Sequence[NavigationFigures], untouched: bool) -> tuple[Table, str]:
     table = Table(
-        *("map", "robots", "goals", "succeeded", "95 %", "aborted", "x shortest", "sums"),
+        *("map", "robots", "goals", "succeeded", "95 %", "aborted"),
+        *("no trajectory", "95 %", "x shortest", "sums"),
         *("to walls", "to robots", "contacts/h: walls", "robots"),
     )
     for one in figures:
         table.add_row(*_row(one))
     return table, (
+        "no trajectory: share of the robots' time without a valid one, - if not all of it was listed; "
         f"x shortest: time by that of the shortest way at {SPEED:g} m/s, over the ways of {LONG:g} m and more"
         f" that succeeded, median and of the sums; goal, no contact with a wall: "
         f"{'met' if untouched else 'MISSED'}"
@@ -196,6 +223,8 @@ def _row(one: NavigationFigures) -> list[str]:
         f"{share.value:.1%}",
         f"{share.low:.1%} to {share.high:.1%}",
         ", ".join(f"{count} {reason}" for reason, count in gone.items()) or "none",
+        "-" if one.no_trajectory is None else f"{one.no_trajectory:.1%}",
+        "-" if one.no_trajectory_95 is None else "{:.1%} to {:.1%}".format(*one.no_trajectory_95),
         "-" if one.slowness is None else f"{one.slowness:.2f}",
         "-" if one.total_slowness is None else f"{one.total_slowness:.2f}",
         f"{one.wall_gap:.3f} m",

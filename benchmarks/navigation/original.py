@@ -102,22 +102,39 @@ class PlanFigures:
 
 def check(folder: Path) -> Measured:
     """Compare with all rows of a folder. Raises RowsError."""
-    judged = [cycle for of_file in _of_files(folder, "local_*.npz", _cycles) for cycle in of_file]
+    logs = dict(_of_files(folder, "local_*.npz", _cycles))
+    judged = [cycle for of_file in logs.values() for cycle in of_file]
     if not judged:
         raise RowsError(f"{folder}: holds no local_*.npz; must be a folder of rows of the original")
-    cycles = {"all": _figures(judged)}
-    for number, name in enumerate(CATEGORIES):
-        cycles[name] = _figures([one for one in judged if one.category == number])
-    costs = next(_of_files(folder, "inflation.npz", _inflation), None)
-    plans = dict(_of_files(folder, "global_*.npz", _plans))
-    figures: dict[str, Any] = {name: asdict(one) for name, one in cycles.items()}
+    cycles = _by_category(judged)
+    files = {name: _by_category(of_file) for name, of_file in logs.items()}
+    costs = next((found for _, found in _of_files(folder, "inflation.npz", _inflation)), None)
+    plans = dict(found for _, found in _of_files(folder, "global_*.npz", _plans))
+    figures: dict[str, Any] = _as_dicts(cycles)
+    figures["files"] = {name: _as_dicts(of_file) for name, of_file in files.items()}
     figures["plans"] = {name: asdict(one) for name, one in plans.items()}
     figures["inflation"] = costs
-    return Measured(figures, _shown(cycles, plans, costs), _holds(cycles, plans, costs))
+    shown: list[Table | str] = [_cycles_shown(cycles), _files_shown(files), *_maps_told(plans, costs)]
+    return Measured(figures, shown, _holds(cycles, plans, costs))
 
 
-def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[_T]:
-    """What comes of each of these files. Raises RowsError: a file is somebody's, with any arrays in it."""
+def _by_category(judged: Sequence[JudgedCycle]) -> dict[str, CycleFigures]:
+    """All of these cycles, and those of each category."""
+    named = {
+        name: [one for one in judged if one.category == number] for number, name in enumerate(CATEGORIES)
+    }
+    return {"all": _figures(judged), **{name: _figures(of_it) for name, of_it in named.items()}}
+
+
+def _as_dicts(cycles: Mapping[str, CycleFigures]) -> dict[str, Any]:
+    return {name: asdict(one) for name, one in cycles.items()}
+
+
+def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
+    """The name of each of these files, and what comes of it.
+
+    Raises RowsError: a file is somebody's, with any arrays in it.
+    """
     for file in sorted(folder.glob(pattern)):
         try:
             with np.load(file, allow_pickle=False) as rows:
@@ -127,7 +144,7 @@ def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iter
         except _DAMAGE as error:
             wrong = f"{file}: cannot be compared: {error}; must hold the rows of the original"
             raise RowsError(wrong) from None
-        yield found
+        yield file.stem, found
 
 
 def _cycles(rows: Rows) -> list[JudgedCycle]:
@@ -256,27 +273,29 @@ def _holds(
     return agree and lengths and (costs is None or costs["equal"] >= LEAST_EQUAL)
 
 
-def _shown(
-    cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
-) -> list[Table | str]:
-    columns = (
-        "cycles",
-        "n",
-        "same",
-        "within one sample",
-        "regret: median",
-        "90 %",
-        "refused",
-        "only ours",
-        "only theirs",
-    )
-    table = Table(*columns, title=f"preset {PRESET} beside dwa_local_planner of ROS Indigo")
+def _cycles_shown(cycles: Mapping[str, CycleFigures]) -> Table:
+    columns = ("cycles", "n", "same", "within one sample", "regret: median", "90 %", "refused")
+    title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
+    table = Table(*columns, "only ours", "only theirs", title=title)
     for name, one in cycles.items():
         shares = (f"{one.same:.1%}", f"{one.within_one:.1%}")
         regrets = (f"{one.regret_median:.3f}", f"{one.regret_90:.3f}")
         counts = (f"{one.refused:.1%}", str(one.only_ours), str(one.only_theirs))
         table.add_row(name.replace("_", " "), str(one.cycles), *shares, *regrets, *counts)
-    told: list[Table | str] = [table]
+    return table
+
+
+def _files_shown(files: Mapping[str, Mapping[str, CycleFigures]]) -> Table:
+    names = [name.replace("_", " ") for name in ("all", *CATEGORIES)]
+    table = Table("file", *names, title="same, within one sample, of n cycles")
+    for file, cycles in files.items():
+        cells = [f"{one.same:.1%}, {one.within_one:.1%}, {one.cycles}" for one in cycles.values()]
+        table.add_row(file, *cells)
+    return table
+
+
+def _maps_told(plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None) -> list[str]:
+    told = []
     for name, plan in plans.items():
         lengths = f"{plan.length_ratio_median:.4f} in the median, at most {plan.length_ratio_max:.4f}"
         told.append(

@@ -3,6 +3,7 @@
 A goal is reached if navigation says so and the robot truly is within REACH of it.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +22,7 @@ from benchmarks.navigation.yardsticks import (
     touches,
     wall_gaps,
 )
+from observation.results.navigation_result import NavigationOutcome
 
 REACH: Final = 0.5
 """d3scomp/deeco-adaptation-testbed, REACHED_POS_THRESH_M, m."""
@@ -45,6 +47,8 @@ class RunFigures:
 
     legs: tuple[Leg, ...]
     robot_hours: float
+    no_trajectory_s: float | None
+    """Of all robots up to the end of the run, as the function says."""
     wall_contacts: int
     """Contacts that began, as seen from one sub-step of the physics to the next."""
     robot_contacts: int
@@ -74,6 +78,7 @@ def measure(course: NavigationCourse) -> RunFigures:
     return RunFigures(
         legs=tuple(legs),
         robot_hours=done.result.simulated_s * len(tracks.robots) / 3600,
+        no_trajectory_s=no_trajectory_s(done.navigation.values()),
         wall_contacts=touches(walls),
         robot_contacts=touches(others),
         contacts=done.result.contacts,
@@ -81,6 +86,13 @@ def measure(course: NavigationCourse) -> RunFigures:
         robot_gap=closest(others),
         digest=done.result.digest,
     )
+
+
+def no_trajectory_s(said: Collection[NavigationOutcome]) -> float | None:
+    """How long these robots together had no valid trajectory, s; None if not every such spell is listed."""
+    if any(one.no_valid_trajectory_unlisted for one in said):
+        return None
+    return sum(in_seconds(end - begin) for one in said for begin, end, _ in one.no_valid_trajectory)
 
 
 def _leg(done: WatchedRun, ways: ShortestWays, robot: int, goal: LoggedGoal) -> Leg:

@@ -135,9 +135,11 @@ def test_nothing_is_valid_where_the_outline_meets_a_mark() -> None:
     assert scene.choose(samples(0.0, 0.5, 5), samples(-1.0, 1.0, 5)) == (0.0, 0.0, INVALID)
 
 
-def test_it_chooses_as_the_original_chose() -> None:
+def test_it_chooses_as_the_original_chose(capsys: pytest.CaptureFixture[str]) -> None:
     """Ninety cycles of three of its logs; what differs is a point or two on the border between two cells."""
-    found = original.check(ROWS).figures
+    measured = original.check(ROWS)
+    measured.show()
+    found = measured.figures
     assert found["all"]["cycles"] == 90 and found["inflation"]["cells"] == 89_600
     assert found["all"]["same"] >= 0.97 and found["all"]["within_one"] >= 0.98
     assert found["all"]["regret_90"] <= 0.001 and found["all"]["refused"] == 0.0
@@ -145,6 +147,15 @@ def test_it_chooses_as_the_original_chose() -> None:
     assert found["inflation"]["equal"] >= 0.999
     assert {name: one["pairs"] for name, one in found["plans"].items()} == dict.fromkeys(found["plans"], 6)
     assert sorted(found["plans"]) == ["apartment", "corridor", "maze"]
+    files = found["files"]
+    assert sorted(files) == ["local_apartment_4_s4", "local_corridor_4_s7", "local_maze_1_s3"]
+    categories = ("free", "near_goal", "turning")
+    for name in ("all", *categories):
+        assert sum(one[name]["cycles"] for one in files.values()) == found[name]["cycles"], name
+    of_one = files["local_maze_1_s3"]
+    assert sum(of_one[name]["cycles"] for name in categories) == of_one["all"]["cycles"] == 30
+    row = next(line for line in capsys.readouterr().out.splitlines() if "local_maze_1_s3" in line)
+    assert all(f"{of_one[name]['same']:.1%}, " in row for name in categories)
 
 
 def refused(folder: Path) -> str:
