@@ -33,6 +33,8 @@ HEAD: Final = struct.Struct("<BQ")
 """Of every record: opcode, and the length of what follows."""
 FIELDS: Final = struct.Struct("<HIQQ")
 """Of a message before its data: channel, sequence, log time, publish time."""
+MESSAGE_HEAD: Final = struct.Struct(f"<{HEAD.format[1:]}{FIELDS.format[1:]}")
+"""Both together: all of a message record before its data."""
 SEAL: Final = struct.Struct("<Iq")
 """CRC-32 of the file up to it, with the seal's own head, fields and step (see `vouched`); and that step."""
 MESSAGES: Final = "acrc-msgpack"

@@ -1,12 +1,11 @@
 """Writes a recording."""
 
-import io
 import os
 import zlib
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Final, Protocol, Self
 
 import msgspec
 from mcap.opcode import Opcode
@@ -19,6 +18,7 @@ from actors.runtime.recording.form import (
     HEAD,
     LARGE,
     LARGEST_RECORD,
+    MESSAGE_HEAD,
     MESSAGES,
     SEAL,
     SEALS,
@@ -29,6 +29,9 @@ from actors.runtime.recording.form import (
     vouched,
 )
 from actors.runtime.recording.packing import Packer
+
+
+_MESSAGE: Final = Opcode.MESSAGE.value
 
 
 class Journal(Protocol):
@@ -97,16 +100,16 @@ class Recorder:
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
-        encoding, data = self._packer.packed(payload)
-        self._stream.unsealed += len(payload) - len(data)  # who reads it has to hold it in full
-        self._add("in", key, encoding, step, sequence, data)
+        self._add("in", key, *self._packer.packed(payload), step, sequence, len(payload))
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
         """A message went out."""
-        if len(payload) <= LARGE:
-            self._add("out", key, MESSAGES, step, sequence, payload)
+        size = len(payload)
+        if size <= LARGE:
+            self._add("out", key, MESSAGES, payload, step, sequence, size)
         else:
-            self._add("out", key, HASHED, step, sequence, step.to_bytes(8, "little") + sha256)
+            hashed = step.to_bytes(8, "little") + sha256
+            self._add("out", key, HASHED, hashed, step, sequence, len(hashed))
 
     def flush(self) -> None:
         """Seal everything, and hand it to the operating system."""
@@ -114,16 +117,21 @@ class Recorder:
         self._stream.flush()
 
     def _add(
-        self, direction: Direction, key: str, encoding: str, step: int, sequence: int, data: bytes
+        self, direction: Direction, key: str, encoding: str, data: bytes, step: int, sequence: int, size: int
     ) -> None:
+        """`size`: of `data` as it comes back, for who reads it has to hold that."""
+        instant = step * self._step_ns
         channel = self._channels.get((direction, key, encoding))
         if channel is None:
             schema = self._schema(key, encoding) if encoding != HASHED else 0
             channel = self._writer.register_channel(key, encoding, schema, {"direction": direction})
             self._channels[direction, key, encoding] = channel
-            self._writer.add_message(channel, step * self._step_ns, data, step * self._step_ns, sequence)
-        else:
-            self._write(channel, step, sequence, data)
+            self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its message
+        # A message record as the library writes it, without its five calls per field: this is the place where
+        # a step costs most. (MCAP specification, "Message (op=0x05)")
+        length = FIELDS.size + len(data)
+        head = MESSAGE_HEAD.pack(_MESSAGE, length, channel, sequence, instant, instant)
+        self._stream.take(head, data, HEAD.size + length, MESSAGE_HEAD.size + size)
         self._last = step
         if self._stream.unsealed > UNSEALED:
             self._seal()
@@ -139,19 +147,12 @@ class Recorder:
             self._schemas[name, encoding] = number
         return self._schemas[name, encoding]
 
-    def _write(self, channel: int, step: int, sequence: int, data: bytes) -> None:
-        # A message record as the library writes it, without its five calls per field: this is the place where
-        # a step costs most. (MCAP specification, "Message (op=0x05)")
-        instant = step * self._step_ns
-        head = HEAD.pack(Opcode.MESSAGE, FIELDS.size + len(data))
-        self._stream.write(head + FIELDS.pack(channel, sequence, instant, instant) + data)
-
     def _seal(self) -> None:
         """Vouch for everything up to here."""
         instant = max(self._last, 0) * self._step_ns
-        head = HEAD.pack(Opcode.MESSAGE, FIELDS.size + SEAL.size)
+        head = HEAD.pack(_MESSAGE, FIELDS.size + SEAL.size)
         fields = FIELDS.pack(self._seals, self._sealed, instant, instant)
-        checksum = vouched(self._stream.crc32, head, fields, self._last)
+        checksum = vouched(self._stream.crc32(), head, fields, self._last)
         self._stream.write(head + fields + SEAL.pack(checksum, self._last))
         self._sealed += 1
         self._stream.unsealed = 0
@@ -166,9 +167,11 @@ class _Checked:
     def __init__(self, file: FileIO, path: Path) -> None:
         self._file = file
         self._path = path
+        self._parts: list[bytes] = []
+        """Of what was written and is not in the CRC yet."""
         self._waiting = bytearray()
         self._size = 0
-        self.crc32 = 0
+        self._crc32 = 0
         self.unsealed = 0
         """Bytes since the last seal, those of packed messages as they come back."""
         self.fileno = file.fileno
@@ -179,16 +182,27 @@ class _Checked:
 
     def write(self, data: bytes) -> int:
         """Append."""
+        size = len(data)
+        self.take(data, b"", size, size)
+        return size
+
+    def take(self, head: bytes, data: bytes, written: int, counted: int) -> None:
+        """Append both, `written` bytes together; `counted` as unsealed."""
+        self._parts += (head, data)
+        self._size += written
+        self.unsealed += counted
+
+    def crc32(self) -> int:
+        """Of all that was written so far."""
+        data = b"".join(self._parts)
+        self._parts.clear()
         self._waiting += data
-        self._size += len(data)
-        self.crc32 = zlib.crc32(data, self.crc32)
-        self.unsealed += len(data)
-        if len(self._waiting) > io.DEFAULT_BUFFER_SIZE:
-            self.flush()
-        return len(data)
+        self._crc32 = zlib.crc32(data, self._crc32)
+        return self._crc32
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
+        self.crc32()
         while self._waiting:
             try:
                 del self._waiting[: self._file.write(self._waiting)]
