@@ -30,7 +30,6 @@ from actors.runtime.recording.form import (
 )
 from actors.runtime.recording.packing import Packer
 
-
 _MESSAGE: Final = Opcode.MESSAGE.value
 
 
