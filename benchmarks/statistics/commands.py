@@ -1,6 +1,8 @@
 """Commands of this project, called as a user does."""
 
+import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -45,17 +47,32 @@ class Spent:
 def spent(words: Sequence[str], cwd: Path | None = None, env: Mapping[str, str] | None = None) -> Spent:
     """Run a command while this process has no other one; AcrcError with its last words where it fails."""
     before, began = getrusage(RUSAGE_CHILDREN), time.monotonic()
-    try:
-        done = subprocess.run(words, cwd=cwd, env=env, capture_output=True, text=True, check=False)
-    except OSError as error:
-        raise AcrcError(f"{words[0]} cannot be started: {error.strerror}") from None
+    code, out, err = _run(words, cwd, env)
     wall_s, after = time.monotonic() - began, getrusage(RUSAGE_CHILDREN)
-    if done.returncode != 0:
-        raise AcrcError(f"{shlex.join(words)} fails: {done.stderr.strip()[-_LAST_WORDS:]}")
+    if code != 0:
+        raise AcrcError(f"{shlex.join(words)} fails: {err.strip()[-_LAST_WORDS:]}")
     return Spent(
-        done.stdout,
+        out,
         wall_s,
         after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime,
         after.ru_nvcsw - before.ru_nvcsw,
         after.ru_nivcsw - before.ru_nivcsw,
     )
+
+
+def _run(words: Sequence[str], cwd: Path | None, env: Mapping[str, str] | None) -> tuple[int, str, str]:
+    """Exit code and streams; if this process is ended meanwhile, so are all that the command has started."""
+    try:
+        process = subprocess.Popen(
+            words, cwd=cwd, env=env, start_new_session=True, text=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    except OSError as error:
+        raise AcrcError(f"{words[0]} cannot be started: {error.strerror}") from None
+    with process:
+        try:
+            out, err = process.communicate()
+        except BaseException:
+            os.killpg(process.pid, signal.SIGTERM)
+            raise
+    return process.returncode, out, err

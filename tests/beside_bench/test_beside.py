@@ -2,7 +2,9 @@
 
 import json
 import os
+import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from benchmarks.beside import command, state
 from benchmarks.beside.state import PairedCase, ProjectState, other
+from benchmarks.statistics.commands import spent
 
 ACRC = """#!/bin/sh
 echo "@NAME@ $3 $4 $5 $6 PYTHONPATH=$PYTHONPATH NUMBA_CACHE_DIR=$NUMBA_CACHE_DIR" >>@LOG@
@@ -155,6 +158,25 @@ def test_without_git_a_folder_does(mine: Path, tmp_path: Path, monkeypatch: pyte
     assert str(caught.value) == (
         "git cannot be started: No such file or directory; a folder of a clone would do"
     )
+
+
+def test_whoever_ends_the_command_ends_what_it_runs(tmp_path: Path) -> None:
+    def end(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            spent(["sh", "-c", f"sleep 60 & echo $! >{tmp_path}/pid; wait"])
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    words = Path("/proc") / (tmp_path / "pid").read_text().strip() / "cmdline"
+    until = time.monotonic() + 20.0
+    while words.exists() and words.read_bytes() and time.monotonic() < until:  # a zombie has no words
+        time.sleep(0.05)
+    assert not words.exists() or not words.read_bytes()
 
 
 def test_what_is_no_result_is_told(mine: Path) -> None:
