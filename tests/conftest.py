@@ -39,6 +39,7 @@ LONGEST: Final = (
     "swarm/test_out_of_reach.py",
     "strategies/test_own_strategy.py",
     "swarm/test_orders.py",
+    "swarm_bench/test_counted.py",
     "swarm/test_head_on.py",
     "swarm/test_limits.py",
     "cli/test_bare.py",

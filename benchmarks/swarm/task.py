@@ -40,6 +40,8 @@ class SwarmTask:
     repeat: int = 3
     """Runs over Zenoh whose median counts, after one that weighs the processes and warms up the machine."""
     scenario: Path = SHIPPED / "scenarios" / "chapter.toml"
+    seed: int | None = None
+    """None: the scenario's."""
 
     def simulated_s(self, robots: int) -> float:
         """Simulated time of a run of so many robots; at least two seconds, whatever the budget."""
@@ -65,7 +67,7 @@ class Range:
 @contextmanager
 def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """The run, in a folder that is gone afterwards."""
-    overrides = Overrides(robots=count, duration=task.simulated_s(count))
+    overrides = Overrides(robots=count, duration=task.simulated_s(count), seed=task.seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True)
         scenario = load_scenario(task.scenario, overrides)

@@ -34,6 +34,14 @@ BENCHMARKS: Final = {
         "benchmarks.swarm.relays", "rules of relaying: what robots hear, how old what they know is",
         ("robots", "duration", "below", "seeds", "seed", "scenario"),
     ),
+    "budget": Benchmark(
+        "benchmarks.swarm.counted.command", "what one robot's step costs, counted: calls, messages, bytes",
+        ("duration", "bus", "write"),
+    ),
+    "beside": Benchmark(
+        "benchmarks.beside.command", "this state and another COMMIT in turn: wall and CPU time, digests",
+        ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs"),
+    ),
     "radio": Benchmark(
         "benchmarks.radio.benchmark", "the medium; with --out the figures of docs/radio.md",
         ("out", "data", "map_file"),
@@ -54,15 +62,24 @@ def bench(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help=f"{', '.join(BENCHMARKS)}.", autocompletion=names)
     ] = None,
+    commit: Annotated[
+        str | None,
+        typer.Argument(metavar="COMMIT", help="beside: a commit, or the folder of a clone."),
+    ] = None,
     robots: Annotated[
         list[int] | None,
         typer.Option(
-            metavar="N", min=1, max=1000, help="swarm, recordings, relays: number of robots. Repeatable."
+            metavar="N",
+            min=1,
+            max=1000,
+            help="swarm, recordings, relays, beside: number of robots. Repeatable.",
         ),
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", min=1, max=3600, help="swarm, recordings, relays: simulated seconds."),
+        typer.Option(
+            metavar="S", min=1, max=3600, help="swarm, recordings, relays, budget, beside: simulated seconds."
+        ),
     ] = None,
     repeat: Annotated[
         int | None,
@@ -79,12 +96,30 @@ def bench(
     seeds: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=10_000, help="relays: number of seeds.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="relays: first seed.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="relays: first seed; beside: random seed.")
+    ] = None,
     scenario: Annotated[
         Path | None,
         typer.Option(
-            metavar="SCENARIO.toml", help="relays: run this scenario.", autocompletion=completion.scenarios
+            metavar="SCENARIO.toml",
+            help="relays, beside: run this scenario.",
+            autocompletion=completion.scenarios,
         ),
+    ] = None,
+    bus: Annotated[
+        str | None,
+        typer.Option(
+            metavar="zenoh|memory",
+            help="budget, beside: run on this bus.  [default: budget: both; beside: zenoh]",
+        ),
+    ] = None,
+    pairs: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=2, max=1000, help="beside: number of pairs of runs.  [default: 5]"),
+    ] = None,
+    write: Annotated[
+        bool | None, typer.Option("--write", help="budget: keep the counts as what a change is held to.")
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="radio: only draw the figures, into this folder.")
@@ -109,8 +144,9 @@ def bench(
     if name not in BENCHMARKS:
         raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
     options = {
-        "robots": robots, "duration": duration, "repeat": repeat, "timeline": timeline, "below": below,
-        "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data, "map_file": map_file,
+        "commit": commit, "robots": robots, "duration": duration, "repeat": repeat, "timeline": timeline,
+        "below": below, "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data,
+        "map_file": map_file, "bus": bus, "pairs": pairs, "write": write,
     }  # fmt: skip
     settings = given(options, {known: one.takes for known, one in BENCHMARKS.items()}, (name,))
     found = import_module(BENCHMARKS[name].module).measure(**settings)

@@ -10,6 +10,7 @@ _WORDS: Final = {
     "source": "--from",
     "maps": "--map",
     "map_file": "--map",
+    "commit": "COMMIT",
     "setting": "--set",
 }
 

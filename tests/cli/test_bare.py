@@ -52,6 +52,8 @@ STARTS = {
         "experiments.campaign.trial_program",
         *ACTORS,
     ),
+    "bench budget": ("deploy.run.swarm", *ACTORS),
+    "bench beside": ("deploy.run.swarm", *ACTORS),
     "bench recordings": ("deploy.run.swarm", *ACTORS),
     "verify attacks": ("deploy.run.swarm", *ACTORS),
     "verify processors": ("deploy.run.swarm", *ACTORS),

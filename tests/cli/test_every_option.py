@@ -278,6 +278,13 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "--duration 15 --json",
             r"-80",
         ),
+        Line("bench budget --duration 3 --json", r'"voluntary"'),
+        Line("bench budget --bus zenoh --write", r"--write: keeps counts in memory", codes=(2,)),
+        Line(
+            "bench beside {root} --scenario scenarios/head_on.toml --robots 2 --seed 3 --duration 1 "
+            "--pairs 2 --bus memory --json",
+            r'"digests_equal": true',
+        ),
     ),
 }
 MINE = """
