@@ -112,12 +112,13 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
 
 def is_place(x: float, y: float) -> bool:
     """True for a point that may lie on a floor."""
-    return abs(x) <= GREATEST_COORDINATE and abs(y) <= GREATEST_COORDINATE
+    most = GREATEST_COORDINATE
+    return -most <= x <= most and -most <= y <= most
 
 
 def is_heading(heading: float) -> bool:
     """True for an angle, rad, that can be taken for one."""
-    return abs(heading) <= GREATEST_COORDINATE
+    return -GREATEST_COORDINATE <= heading <= GREATEST_COORDINATE
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:

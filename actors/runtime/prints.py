@@ -18,6 +18,10 @@ LONGEST: Final = 4096
 """Characters of a line; a longer one goes on in the next."""
 
 
+_Standing = tuple[TextIO, TextIO, "Prints | None"]
+"""Standard output, standard error, and whose turn it is."""
+
+
 class Prints:
     """Of one process of a robot. Nothing is written before something is printed."""
 
@@ -32,24 +36,28 @@ class Prints:
         `shut` the last one."""
         self._step_us = step_us
         self._write, self._flush, self._shut = write, flush, shut
-        self._stamp = ""
+        self._step = 0
+        self._before: list[_Standing] = []
+        """Whose turn it was before, and what stood there: one for each context that has not ended."""
         self._column = 0
         """Characters of the line so far; 0: the next one begins a line."""
         self._kept = 0
         self._lost = self._lost_lines = 0
         self._dirty = False
 
-    @contextmanager
-    def during(self, step: int) -> Iterator[None]:
-        """What this process prints meanwhile belongs to this step of this actor."""
-        self._stamp = f"{step * self._step_us / 1e6:10.3f} s  step {step}  "
-        with taken_by(self):
-            try:
-                yield
-            finally:
-                if self._dirty:
-                    self._dirty = False
-                    self._flush()
+    def during(self, step: int) -> "Prints":
+        """What this process prints within it, as a context, belongs to this step of this actor."""
+        self._step = step
+        return self
+
+    def __enter__(self) -> None:
+        self._before.append(_taken(self))
+
+    def __exit__(self, *raised: object) -> None:
+        sys.stdout, sys.stderr, _turn.prints = self._before.pop()
+        if self._dirty:
+            self._dirty = False
+            self._flush()
 
     def take(self, text: str) -> None:
         """Something that was printed: any part of a line, or several."""
@@ -66,6 +74,9 @@ class Prints:
             )
             self._flush()
 
+    def _stamp(self) -> str:
+        return f"{self._step * self._step_us / 1e6:10.3f} s  step {self._step}  "
+
     def _take(self, piece: str) -> None:
         if self._kept >= MOST:
             self._lost += len(piece)
@@ -75,11 +86,12 @@ class Prints:
         if self._column + len(piece) > LONGEST:
             self._write("\n")
             self._column = 0
-        self._write(piece if self._column else self._stamp + piece)
+        self._write(piece if self._column else self._stamp() + piece)
         self._column = 0 if piece.endswith("\n") else self._column + len(piece)
         self._kept += len(piece)
         if self._kept >= MOST:
-            self._write(f"{'' if not self._column else chr(10)}{self._stamp}too much: nothing more is kept\n")
+            end = "\n" if self._column else ""
+            self._write(f"{end}{self._stamp()}too much: nothing more is kept\n")
             self._column = 0
 
 
@@ -166,17 +178,24 @@ _turn: Final = _Turn()
 _OUT, _ERR = _Desk(), _Desk()
 
 
+def _taken(prints: Prints | None) -> _Standing:
+    """From now on what is printed goes to `prints`; what was there before."""
+    before = sys.stdout, sys.stderr, _turn.prints
+    if sys.stdout is not _OUT:
+        _OUT.behind = sys.stdout
+    if sys.stderr is not _ERR:
+        _ERR.behind = sys.stderr
+    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
+    return before
+
+
 @contextmanager
 def taken_by(prints: Prints | None) -> Iterator[None]:
     """What is printed meanwhile goes to `prints`; None: its way.
 
     Who keeps hold of standard error meanwhile, as logging does, keeps hold of whoever's turn it is then.
     """
-    before = sys.stdout, sys.stderr, _turn.prints
-    for desk, stream in ((_OUT, sys.stdout), (_ERR, sys.stderr)):
-        if stream is not desk:
-            desk.behind = stream
-    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
+    before = _taken(prints)
     try:
         yield
     finally:

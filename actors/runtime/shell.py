@@ -156,7 +156,7 @@ class Shell:
     def _outputs(self) -> Sequence[Output]:
         if self.prints is None:
             return self.core.advance(self._inputs)
-        step = max([self.core.step, *(one.step for one in self._inputs.values())])  # after a gap it is behind
+        step = max([self.core.step, *[one.step for one in self._inputs.values()]])  # after a gap it is behind
         with self.prints.during(step):
             return self.core.advance(self._inputs)
 
