@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import mean, median
 from typing import Any, Final
@@ -69,6 +69,8 @@ class NavigationTask:
     goals: int = 200
     """Of all robots together, on each map with each number of robots."""
     runs: int = 8
+    seed: int = 1
+    """Of the first run; each further one has the next."""
     localisation: str | None = None
     navigation: str | None = None
     settings: tuple[tuple[str, Any], ...] = ()
@@ -89,7 +91,7 @@ def check(
     source: Path | None = None,
     setting: Sequence[str] = (),
 ) -> Measured:
-    """Measure a task as `NavigationTask` has it, or only write what r1 decides in one run from that seed.
+    """Measure a task as `NavigationTask` has it, or only write what r1 decides in its first run.
 
     Or, with `source`, compare preset `chapter` with a folder of what the original decided. It holds where no
     wall is touched, or the original is met. Raises LogError, RowsError.
@@ -97,9 +99,9 @@ def check(
     if source is not None:
         return original.check(source)
     presets = localisation, navigation, settings(setting)
-    task = NavigationTask(tuple(maps), tuple(robots), goals, runs, *presets)
+    task = NavigationTask(tuple(maps), tuple(robots), goals, runs, seed, *presets)
     if log is not None:
-        return write_log(task, log, seed)
+        return write_log(task, log)
     figures = measured(task)
     holds = not any(one.wall_contacts for one in figures)
     return Measured([asdict(one) for one in figures], _shown(figures, holds), holds)
@@ -117,31 +119,27 @@ def measured(task: NavigationTask) -> list[NavigationFigures]:
     return figures
 
 
-def write_log(task: NavigationTask, file: Path, seed: int) -> Measured:
-    """Write what r1 decides in one run on the first map, with the largest number of robots asked for.
+def write_log(task: NavigationTask, file: Path) -> Measured:
+    """Write what r1 decides in the first run on the first map, with the largest number of robots asked for.
 
     Raises LogError.
     """
     robots = max(task.robots)
-    each = math.ceil(task.goals / (task.runs * robots))
-    course = NavigationCourse(task.maps[0], robots, each, seed, *_told(task))
+    course = _courses(task, task.maps[0], robots)[0]
     written = cycle_log.write(file, course)
     says = (
-        f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
+        f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {course.seed}, "
         f"{written.plans} plans, {written.invalid} cycles without a valid trajectory"
     )
     return Measured({"file": str(file), **asdict(written)}, (says,))
 
 
-def _told(task: NavigationTask) -> tuple[str | None, str | None, tuple[tuple[str, Any], ...]]:
-    return task.localisation, task.navigation, task.settings
-
-
 def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[NavigationCourse]:
     """One per run, with goals enough."""
     each = math.ceil(task.goals / (task.runs * robots))
-    first = NavigationCourse(map_file, robots, each, 1, *_told(task))
-    return [replace(first, seed=seed) for seed in range(1, task.runs + 1)]
+    told = task.localisation, task.navigation, task.settings
+    seeds = range(task.seed, task.seed + task.runs)
+    return [NavigationCourse(map_file, robots, each, seed, *told) for seed in seeds]
 
 
 def _summed(course: NavigationCourse, runs: Sequence[RunFigures]) -> NavigationFigures:

@@ -30,7 +30,9 @@ def verify(
     runs: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=10_000, help="Number of runs of each case.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Random seed.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Random seed; navigation: of the first run.")
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of each run.")
     ] = None,

@@ -6,8 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose
-from tests.navigation.course import DOOR, HALL, RADIUS, Pilot, drive
+from actors.installation.repository import SHIPPED
+from tests.navigation.course import DOOR, HALL, RADIUS, ROBUST, Pilot, drive
 from tests.robot.base import plan
 
 CORNERS = plan(
@@ -110,6 +112,24 @@ def test_with_the_plan_behind_it_turns_on_the_spot(heading: float) -> None:
     assert all(pose.point.distance_to(poses[0].point) < 0.15 for pose in poses[:turned])
     turns = [steering.twist.omega for steering in pilot.record.steerings[:turned]]
     assert len({math.copysign(1.0, turn) for turn in turns}) == 1
+
+
+@pytest.mark.parametrize("heading", [-2.62, -1.57, 0.0, 3.1])
+def test_robust_gets_round_the_end_of_a_wall_that_the_goal_is_behind(heading: float) -> None:
+    """The goal's pull on the nose would hold it there, turning to and fro."""
+    maze, goal = load_map(SHIPPED / "maps" / "maze.yaml"), Point(2.1257, 7.1375)
+    pilot = Pilot(maze, Pose(2.63, 7.67, heading), goal, preset="robust")
+    drive(pilot, steps=100)
+    assert pilot.record.arrived and pilot.record.gap > 0.01
+
+
+def test_robust_turns_straight_to_a_plan_behind_it() -> None:
+    for heading, side in ((3.0, -1.0), (-2.6, 1.0)):
+        pilot = Pilot(HALL, Pose(3.0, 1.76, heading), Point(6.0, 1.76), preset="robust")
+        drive(pilot, steps=20)
+        turns = [steering.twist.omega for steering in pilot.record.steerings[:10]]
+        assert all(side * turn > 0 for turn in turns)
+        assert max(map(abs, turns)) == pytest.approx(ROBUST.spot_rate)
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -50,6 +50,8 @@ def test_navigation_is_the_same_in_one_process_and_in_two() -> None:
     assert alone.goals == 4 and len(set(alone.digests)) == 2
     assert alone.succeeded + sum(alone.aborted.values()) + alone.unfinished == 4
     assert navigation.measured(replace(task, workers=2)) == [alone]
+    (second,) = navigation.measured(replace(task, seed=2, runs=1, goals=2))
+    assert second.digests == alone.digests[1:], "runs have the seeds from the task's on"
 
 
 def test_the_claim_on_navigation_is_about_walls() -> None:

@@ -102,6 +102,6 @@ def test_equal_courses_give_equal_files(log: Path, tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     task = NavigationTask((CORRIDOR,), (1,), goals=8)
     with pytest.raises(CourseLogError, match="the log cannot be written: No such file or directory"):
-        write_log(task, tmp_path / "nowhere" / "log.zip", 1)
-    (said,) = write_log(task, tmp_path / "log.zip", 1).shown
+        write_log(task, tmp_path / "nowhere" / "log.zip")
+    (said,) = write_log(task, tmp_path / "log.zip").shown
     assert "cycles of r1 among 1 on corridor, seed 1" in str(said)

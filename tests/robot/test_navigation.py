@@ -248,4 +248,8 @@ def test_a_robot_without_a_plan_or_a_trajectory_stands(
             twist, goal = trip.take_step(), trip.navigation.goal
             assert goal is not None
             assert (twist == AHEAD) is (goal.phase is GoalPhase.CONTROLLING)
-            assert twist == STILL or (trip.navigation.plan is not None and trip.local_planner.found)
+            backs_off = goal.phase is GoalPhase.RETREATING
+            assert (twist.vx < 0) is backs_off and (not backs_off or NAVIGATION_PRESETS[preset].back_off)
+            assert (
+                twist == STILL or backs_off or (trip.navigation.plan is not None and trip.local_planner.found)
+            )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
-from actors.portable import cos_sin, hypot
+from actors.portable import atan2, cos_sin, hypot
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.disc_dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.local_planning.dwa_parameters import DwaParameters
@@ -19,6 +19,10 @@ from actors.robot_model import DriveParameters
 
 _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance: dwa_planner.cpp of ROS Indigo."""
+_BEHIND: Final = 0.75 * math.pi
+"""From this angle on either side will do to turn to what lies behind, rad."""
+_NOTHING: Final = np.zeros(4, np.bool_)
+"""Barred."""
 
 
 class _Outlook(NamedTuple):
@@ -29,6 +33,8 @@ class _Outlook(NamedTuple):
     """How far the local goal is, cells."""
     bearing: float
     """Where the plan leads, rad, from the robot's heading."""
+    aside: float
+    """By how much it leads aside of the local goal, rad; 0 if something stands on it."""
 
 
 class DiscLocalPlanner(BaseLocalPlanner):
@@ -44,9 +50,10 @@ class DiscLocalPlanner(BaseLocalPlanner):
         self._min_speed = max(p.min_speed, -limits.speed)
         self._max_turn = min(p.max_turn, limits.turn_rate)
         self._gain = min(p.acceleration, limits.acceleration) * in_seconds(p.period)
-        self._turn_gain = min(p.turn_acceleration, limits.turn_acceleration) * in_seconds(p.period)
+        self._turn_deceleration = min(p.turn_acceleration, limits.turn_acceleration)
+        self._turn_gain = self._turn_deceleration * in_seconds(p.period)
         self._weights = _weights(p, self._cell, radius, local.parameters.padding, limits)
-        self._alignment = float(self._weights["alignment"][0])
+        self._alignment, self._front = (float(self._weights[name][0]) for name in ("alignment", "front"))
         self._table: NDArray[np.float64] = np.multiply(
             local.table, p.occdist_scale * self._cell, dtype=np.float64
         )
@@ -76,13 +83,17 @@ class DiscLocalPlanner(BaseLocalPlanner):
         if outlook is None:
             return NOWHERE
         self._turning, fields = self._turns(outlook.bearing), outlook.fields
-        self._weigh(outlook.goal, ended)
+        self._weigh(outlook, ended)
         too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
+        window, barred = self._window(velocity, too_near), self._oscillation.barred
+        if self._turning and self._p.spot_rate:
+            window[2:] = self._spot_turn(outlook.bearing, velocity.omega)
+            barred = _NOTHING
         choice = best(
             body,
-            self._window(velocity, too_near),
+            window,
             (self._p.speed_samples, self._p.turn_samples),
-            self._oscillation.barred,
+            barred,
             fields,
             self._table,
             self._weights,
@@ -115,7 +126,9 @@ class DiscLocalPlanner(BaseLocalPlanner):
             wavefront(squared, self._limit, np.array([front], np.int32)),
             self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted,
         )
-        return _Outlook(fields, hypot(dx, dy), bearing(squared, self._limit, cells, body, nose))
+        leads = bearing(squared, self._limit, cells, body, nose)
+        aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
+        return _Outlook(fields, hypot(dx, dy), leads, aside)
 
     def _window(self, velocity: Twist, too_near: bool) -> NDArray[np.float64]:
         """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""
@@ -125,11 +138,24 @@ class DiscLocalPlanner(BaseLocalPlanner):
         turns = reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
         return np.array([speeds[0] / self._cell, speeds[1] / self._cell, *turns])
 
-    def _weigh(self, apart: float, ended: bool) -> None:
-        """Set the weights that change with how far the local goal is, cells."""
+    def _spot_turn(self, angle: float, turn: float) -> float:
+        """The rate at which it turns on the spot by `angle`, rad, while it turns at `turn`, rad/s.
+
+        What lies behind it is reached on the side that it turns to already.
+        """
+        side = turn if abs(angle) > _BEHIND and abs(turn) > self._p.least_turn / 2 else angle
+        most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_deceleration * abs(angle)))
+        wanted = math.copysign(max(most, self._p.least_turn), side)
+        return min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
+
+    def _weigh(self, outlook: _Outlook, ended: bool) -> None:
+        """Set the weights that change with where the local goal is."""
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
-        self._weights["alignment"] = self._alignment if apart > self._p.forward_point / self._cell else 0.0
-        self._weights["goal_distance"] = apart if ended else math.inf
+        near = outlook.goal <= self._p.forward_point / self._cell
+        self._weights["alignment"] = 0.0 if near else self._alignment
+        # behind a wall's end it would be drawn into the wall
+        self._weights["front"] = 0.0 if outlook.aside > self._p.front_angle else self._front
+        self._weights["goal_distance"] = outlook.goal if ended else math.inf
 
     def _turns(self, angle: float) -> bool:
         """True if it turns on the spot now: from too large an angle on until it is half of that."""

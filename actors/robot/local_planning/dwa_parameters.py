@@ -11,7 +11,7 @@ from actors.instant import Duration, seconds
 _IDLE: Final = {
     "indigo": (
         *("min_speed", "stop_buffer", "scaling_speed", "max_scaling_factor"),
-        *("goal_slack", "detour", "spot_angle", "escape"),
+        *("goal_slack", "detour", "spot_angle", "spot_rate", "front_angle", "escape"),
     ),
     "disc": ("heading_tolerance", "stopped_speed", "stopped_turn"),
 }
@@ -22,7 +22,7 @@ _LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", 
 _NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")
 _LEAST: Final = {
     **dict.fromkeys((*_NOT_NEGATIVE, "forward_point", "max_scaling_factor", "goal_slack"), 0.0),
-    **dict.fromkeys(("detour", "spot_angle", *_IDLE["disc"]), 0.0),
+    **dict.fromkeys(("detour", "spot_angle", "spot_rate", "front_angle", *_IDLE["disc"]), 0.0),
     **dict.fromkeys(("oscillation_distance", "oscillation_angle"), 0.0),
     **dict.fromkeys(("speed_samples", "turn_samples"), 2.0),
     "min_speed": -10.0,
@@ -108,6 +108,14 @@ class DwaParameters:
     spot_angle: float = 1.6
     """Rules "disc": if the plan leads away at more than this angle and nothing stands there, the robot turns
     on the spot until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
+    spot_rate: float = 0.0
+    """Rules "disc": on the spot it turns straight to where the plan leads, at this rate at most, rad/s; 0: as
+    the critics choose, who may turn it to and fro beside a wall's end. As Nav2's rotation shim
+    (rotate_to_heading_angular_vel 1.8)."""
+    front_angle: float = 3.2
+    """Rules "disc": if the plan leads aside of the local goal by more than this angle, as round a wall's end,
+    the nose is not drawn to the goal, rad; more than π: it always is, as in dwa_local_planner, where a robot
+    may turn to and fro for ever before such a wall. Own choice."""
     escape: float = 0.035
     """Rules "disc": a robot that is nearer to something than it may be, by so many metres at most, may still
     drive such that the distance does not fall. Own choice: what the local map's padding adds to
@@ -144,6 +152,8 @@ DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
             turn_acceleration=3.5,
             sim_time=1.7,
             path_bias=16.0,
+            spot_rate=1.8,
+            front_angle=0.8,
             escape=1.0,
         ),
     }
@@ -152,5 +162,5 @@ DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
 every 0.05 m, as distances within cells are exact. `robust`: own choices, tried on the corridor map. The plan
 pulls less than the goal, so that the robot leaves it to pass what stands on it; it looks less far ahead (the
 default of sim_time in dwa_local_planner); it turns slower and changes that faster, for what turns at
-min_rot_vel cannot turn back within a period at the chapter's acceleration; it gets away from what is too
-near, even backward."""
+min_rot_vel cannot turn back within a period at the chapter's acceleration; it turns straight to plans behind
+it, and is not drawn through a wall's end; it gets away from what is too near, even backward."""

@@ -70,16 +70,15 @@ class NavigationParameters:
 
 
 _IMPROVED: Final = NavigationParameters(reset_distance=3.0)
+_PATIENT: Final = replace(_IMPROVED, planner_patience=seconds(15), controller_patience=seconds(3))
 NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
     "improved": _IMPROVED,
-    "robust": replace(
-        _IMPROVED, planner_patience=seconds(5), controller_patience=seconds(3), recoveries=2, mark_robots=True
-    ),
+    "robust": replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
 }
 """`chapter`: the original's. `improved`: the original's numbers, driven by our own local planner; a recovery
-forgets what is marked farther away. `robust`: other robots are planned around, and patience is as the
-original's files say at first."""
+forgets what is marked farther away. `robust`: other robots are planned around, waited for and backed off
+from."""
 
 
 class LocalObstacles(Protocol):
