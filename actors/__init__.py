@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Final
 
 _HERE: Final = Path(__file__).parent
-_COMPILED: Final = "\nfrom numba"
-_IMPORTED: Final = re.compile(r"from (actors[\w.]*) import (\([^)]*\)|.*)")
+_COMPILED: Final = re.compile(r"(?:from|import) numba\b")
+_IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
 
 
 def kernel_sources() -> list[Path]:
     """Every file with kernels, and whatever those import of this package, from one to the next."""
     texts = {source: source.read_text(encoding="utf-8") for source in sorted(_HERE.rglob("*.py"))}
     named = {_module(source): source for source in texts}
-    found = dict.fromkeys(source for source, text in texts.items() if _COMPILED in text)
+    found = dict.fromkeys(source for source, text in texts.items() if _COMPILED.search(text))
     todo = list(found)
     while todo:
         for package, names in _IMPORTED.findall(texts[todo.pop()]):

@@ -1,5 +1,6 @@
 """A disk that is slow, full or dead holds up nobody, and what it has not taken is said."""
 
+import io
 import threading
 import time
 from pathlib import Path
@@ -84,3 +85,12 @@ def test_lines_are_written_in_their_order() -> None:
         log.say(f"line {number}")
     log.close()
     assert lines == ["line 0\n", "line 1\n", "line 2\n"]
+
+
+def test_what_is_recorded_goes_to_the_disk_also_within_a_step(tmp_path: Path) -> None:
+    """A step may bring any number of messages, and only its end is flushed: a few KiB wait in memory."""
+    path = tmp_path / "r1.mcap"
+    with Recorder(path, 100_000) as recorder:
+        for sequence in range(500):
+            recorder.received("swarm/down/r1/received", 0, sequence, bytes(100))
+            assert sequence * 100 < path.stat().st_size + 2 * io.DEFAULT_BUFFER_SIZE

@@ -22,7 +22,7 @@ _PER_STEP: Final = 0.5
 _BEHIND: Final = 0.75 * math.pi
 """From this angle on either side will do to turn to what lies behind, rad."""
 _NOTHING: Final = np.zeros(4, np.bool_)
-"""Barred."""
+"""Barred: none of the four directions."""
 
 
 class _Outlook(NamedTuple):

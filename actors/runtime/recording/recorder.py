@@ -1,5 +1,6 @@
 """Writes a recording."""
 
+import io
 import os
 import zlib
 from io import FileIO
@@ -167,7 +168,9 @@ class _Checked:
         self._file = file
         self._path = path
         self._parts: list[bytes] = []
-        """Of what was written and is not in the CRC yet."""
+        """What was written and is not in the CRC yet: io.DEFAULT_BUFFER_SIZE bytes at most, and a record."""
+        self._unsummed = 0
+        """Bytes of them."""
         self._waiting = bytearray()
         self._size = 0
         self._crc32 = 0
@@ -189,12 +192,16 @@ class _Checked:
         """Append both, `written` bytes together; `counted` as unsealed."""
         self._parts += (head, data)
         self._size += written
+        self._unsummed += written
         self.unsealed += counted
+        if self._unsummed > io.DEFAULT_BUFFER_SIZE:
+            self.flush()
 
     def crc32(self) -> int:
         """Of all that was written so far."""
         data = b"".join(self._parts)
         self._parts.clear()
+        self._unsummed = 0
         self._waiting += data
         self._crc32 = zlib.crc32(data, self._crc32)
         return self._crc32
