@@ -297,17 +297,17 @@ class Board(Message, frozen=True):
 
 
 READY: Final = Topic("swarm/up/{id}/ready", Ready)
-SENSES: Final = Topic("swarm/down/{id}/senses", Senses)
-DRIVE: Final = Topic("swarm/up/{id}/drive", Drive)
-TRANSMIT: Final = Topic("swarm/up/{id}/transmit", Transmit)
-RECEIVED: Final = Topic("swarm/down/{id}/received", Received)
+SENSES: Final = Topic("swarm/down/{id}/senses", Senses, is_digested=True)
+DRIVE: Final = Topic("swarm/up/{id}/drive", Drive, is_digested=True)
+TRANSMIT: Final = Topic("swarm/up/{id}/transmit", Transmit, is_digested=True)
+RECEIVED: Final = Topic("swarm/down/{id}/received", Received, is_digested=True)
 RADIO_READY: Final = Topic("swarm/infra/ready", Ready)
-TRUTH: Final = Topic("swarm/infra/truth", Truth)
-AIRED: Final = Topic("swarm/infra/aired", Aired)
-CONTROL: Final = Topic("swarm/infra/control", Control)
-ROSTER: Final = Topic("swarm/infra/roster", Roster)
-PROGRESS: Final = Topic("swarm/infra/progress", Progress)
-ANSWERED: Final = Topic("swarm/infra/answered", Answered)
+TRUTH: Final = Topic("swarm/infra/truth", Truth, is_digested=True)
+AIRED: Final = Topic("swarm/infra/aired", Aired, is_digested=True)
+CONTROL: Final = Topic("swarm/infra/control", Control, is_from_outside=True)
+ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
+PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
+ANSWERED: Final = Topic("swarm/infra/answered", Answered, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
 
 TOPICS: Final[tuple[Topic[Message], ...]] = (

@@ -23,9 +23,23 @@ M = TypeVar("M", bound=Message)
 class Topic(Generic[M]):
     """A key, or a family of keys with one robot id in it, and the type of what travels there."""
 
-    def __init__(self, pattern: str, kind: type[M]) -> None:
+    def __init__(
+        self,
+        pattern: str,
+        kind: type[M],
+        *,
+        is_digested: bool = False,
+        is_telemetry: bool = False,
+        is_from_outside: bool = False,
+    ) -> None:
         self.pattern = pattern
         self.kind = kind
+        self.is_digested = is_digested
+        """Its messages make up the run's digest."""
+        self.is_telemetry = is_telemetry
+        """They are only shown to people: neither counted, nor recorded, nor in the digest."""
+        self.is_from_outside = is_from_outside
+        """No actor publishes them, so they cannot be balanced against what was received."""
         self._keys: dict[str, str] = {}
 
     def key(self, robot: str = "") -> str:

@@ -102,7 +102,7 @@ class SparingRecorder(Recorder):
         """As in Recorder."""
         self._attempt(lambda: super(SparingRecorder, self).received(key, step, sequence, payload), 1)
 
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """As in Recorder."""
         self._attempt(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
 
@@ -154,7 +154,7 @@ class BackgroundRecorder(SparingRecorder):
         """As in Recorder, later."""
         self._background.do(lambda: super(BackgroundRecorder, self).received(key, step, sequence, payload))
 
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """As in Recorder, later."""
         self._background.do(
             lambda: super(BackgroundRecorder, self).sent(key, step, sequence, payload, sha256)

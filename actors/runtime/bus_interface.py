@@ -1,11 +1,13 @@
 """The small interface behind which Zenoh, memory and replay look alike to an actor."""
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
+
+import msgspec
 
 from actors.topic import Message, Topic
 
 
-class Delivery(NamedTuple):
+class Delivery(msgspec.Struct, frozen=True, gc=False):
     """Encoded bytes that arrived on a key."""
 
     topic: Topic[Message]

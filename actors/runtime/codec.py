@@ -14,6 +14,7 @@ from actors.topic import Message, Topic
 
 _PREFIX: Final = bytes([MESSAGE_VERSION])
 _ENCODER: Final = msgspec.msgpack.Encoder()
+_encoded: Final = _ENCODER.encode
 _DECODERS: Final[dict[type[Message], msgspec.msgpack.Decoder[Any]]] = {
     topic.kind: msgspec.msgpack.Decoder(topic.kind) for topic in TOPICS
 }
@@ -41,7 +42,7 @@ def encode(message: Message, key: str = "") -> bytes:
     the message's fields; it says on which `key`.
     """
     try:
-        payload = _PREFIX + _ENCODER.encode(_travelling(message))
+        payload = _PREFIX + _encoded(_travelling(message) if message.omissible else message)
     except (TypeError, ValueError, OverflowError) as error:
         raise UnfitMessageError(f"{_title(message, key)} {_unfit(message) or error}") from None
     if len(payload) > MESSAGE_LIMIT:
@@ -53,8 +54,6 @@ def encode(message: Message, key: str = "") -> bytes:
 
 def _travelling(message: Message) -> object:
     """The message, or its fields without the last ones that are empty and need not travel."""
-    if not message.omissible:
-        return message
     fields = msgspec.structs.astuple(message)
     return message if any(fields[-message.omissible :]) else fields[: -message.omissible]
 

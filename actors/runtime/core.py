@@ -8,6 +8,8 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
+import msgspec
+
 from actors.topic import Message, Topic
 
 M = TypeVar("M", bound=Message)
@@ -23,7 +25,7 @@ class Address(NamedTuple):
     """The key as text."""
 
 
-class Output(NamedTuple):
+class Output(msgspec.Struct, frozen=True, gc=False):
     """A message and where it goes."""
 
     address: Address
@@ -68,6 +70,4 @@ def at(topic: Topic[M], robot: str = "") -> Address:
 
 def read(inputs: Inputs, topic: Topic[M], robot: str = "") -> M:
     """The message of `topic` among the inputs; it must be there."""
-    message = inputs[topic.key(robot)]
-    assert isinstance(message, topic.kind)
-    return message
+    return inputs[at(topic, robot).key]  # type: ignore[return-value]  # `decode` has made it of the topic's type

@@ -11,47 +11,12 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import (
-    AIRED,
-    ANSWERED,
-    CONTROL,
-    DRIVE,
-    PROGRESS,
-    RECEIVED,
-    ROSTER,
-    SENSES,
-    TRANSMIT,
-    TRUTH,
-)
-from actors.topic import Message, Topic
-
-_DIGESTED: Final = frozenset(
-    topic.pattern for topic in (SENSES, RECEIVED, DRIVE, TRANSMIT, TRUTH, AIRED, ROSTER)
-)
 _WITNESSES: Final = frozenset({"world", "radio"})
-
-
-_TELEMETRY: Final = frozenset({PROGRESS.pattern, ANSWERED.pattern})
-
-
-def is_telemetry(topic: Topic[Message]) -> bool:
-    """True for what is only shown to people: neither counted, nor recorded, nor in the digest."""
-    return topic.pattern in _TELEMETRY
-
-
-def is_from_outside(topic: Topic[Message]) -> bool:
-    """True for what no actor publishes, and so cannot be balanced against what was received."""
-    return topic.pattern == CONTROL.pattern
 
 
 def carries_digest(actor: str) -> bool:
     """True for the actors whose digests make up the run's."""
     return actor in _WITNESSES
-
-
-def is_digested(pattern: str) -> bool:
-    """True for the topics whose messages make up the run's digest."""
-    return pattern in _DIGESTED
 
 
 class ActorDigest(msgspec.Struct, frozen=True):
@@ -65,18 +30,32 @@ class ActorDigest(msgspec.Struct, frozen=True):
 class MessageHash:
     """A running hash over (key, step, sequence, encoded bytes)."""
 
+    TOGETHER: Final = 64
+    """Messages that wait to be hashed in one go."""
+
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
+        self._waiting: list[bytes] = []
+        self._keys: dict[str, bytes] = {}
         self.count = 0
 
     def add(self, key: str, step: int, sequence: int, payload_sha256: bytes) -> None:
         """Take in one message; its bytes come as their own hash, so that a recording may hold just that."""
-        self._hash.update(b"%b\0%d\0%d\0%b" % (key.encode(), step, sequence, payload_sha256))
+        if key not in self._keys:
+            self._keys[key] = key.encode()
+        self._waiting += (b"%b\0%d\0%d\0%b" % (self._keys[key], step, sequence, payload_sha256),)
         self.count += 1
+        if not self.count % self.TOGETHER:
+            self._settle()
 
     def digest(self, actor: str) -> ActorDigest:
         """The state of the hash now, under the actor's name."""
+        self._settle()
         return ActorDigest(actor, self.count, self._hash.hexdigest())
+
+    def _settle(self) -> None:
+        self._hash.update(b"".join(self._waiting))
+        self._waiting = []
 
 
 class MessageCounts:
@@ -85,10 +64,11 @@ class MessageCounts:
     def __init__(self) -> None:
         self.hash = MessageHash()
         self.sent: dict[str, int] = defaultdict(int)
-        """Messages published, by key."""
+        """Messages published, by key: the sequence number of the next one."""
         self.arrived: dict[str, int] = defaultdict(int)
         """Messages received from other actors, by key, whether the core took them or not."""
-        self._next_in: dict[str, int] = defaultdict(int)
+        self.taken: dict[str, int] = defaultdict(int)
+        """Messages that the core took, by key."""
 
     @property
     def published(self) -> int:
@@ -99,18 +79,6 @@ class MessageCounts:
     def received(self) -> int:
         """Messages received from other actors, on all keys."""
         return sum(self.arrived.values())
-
-    def sending(self, key: str) -> int:
-        """The sequence number of the next message published on `key`."""
-        sequence = self.sent[key]
-        self.sent[key] = sequence + 1
-        return sequence
-
-    def receiving(self, key: str) -> int:
-        """The sequence number of the next message taken from `key`."""
-        sequence = self._next_in[key]
-        self._next_in[key] = sequence + 1
-        return sequence
 
 
 def run_digest(digests: Iterable[ActorDigest]) -> str:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final, TextIO, TypeVar
 
 MOST: Final = 4 * 1024 * 1024
 """Characters that one process may print; own choice: more than anybody reads, and little on a disk."""
@@ -18,6 +18,8 @@ LONGEST: Final = 4096
 """Characters of a line; a longer one goes on in the next."""
 
 
+T = TypeVar("T")
+R = TypeVar("R")
 _Standing = tuple[TextIO, TextIO, "Prints | None"]
 """Standard output, standard error, and whose turn it is."""
 
@@ -49,6 +51,23 @@ class Prints:
         """What this process prints within it, as a context, belongs to this step of this actor."""
         self._step = step
         return self
+
+    def of(self, step: int, work: Callable[[T], R], given: T) -> R:
+        """What `work(given)` gives; what it prints belongs to this step of this actor.
+
+        The same as within `during`, in fewer calls where the desks stand already, as in `taken_by`.
+        """
+        if sys.stdout is not _OUT or sys.stderr is not _ERR:
+            with self.during(step):
+                return work(given)
+        before, self._step, _turn.prints = _turn.prints, step, self
+        try:
+            return work(given)
+        finally:
+            sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, before
+            if self._dirty:
+                self._dirty = False
+                self._flush()
 
     def __enter__(self) -> None:
         self._before.append(_taken(self))

@@ -23,7 +23,7 @@ from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.parent import Ended
 from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
 from actors.runtime.message_counts import ActorDigest
-from actors.runtime.prints import Prints
+from actors.runtime.prints import Prints, taken_by
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
@@ -153,7 +153,8 @@ def play(
             if part.ready is not None:
                 shell.send(part.ready)
             settle()
-            part.drive(shell, driven)
+            with taken_by(None):  # desks that stand need not be set up each step
+                part.drive(shell, driven)
             reserve.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()

@@ -11,7 +11,7 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.message_counts import MessageCounts, is_digested, is_from_outside, is_telemetry
+from actors.runtime.message_counts import MessageCounts, carries_digest
 from actors.runtime.prints import Prints
 from actors.runtime.recording import Journal
 from actors.topic import Message, sender
@@ -51,6 +51,8 @@ class Shell:
         self.core = core
         self.tally = MessageCounts()
         self.advances = 0
+        self.finished: bool = core.finished
+        """True once the core will take no further step."""
         self.began = clocks()
         """When the first advance was complete: the roll call for a world, the first step for all others."""
         self._outlet = outlet
@@ -62,11 +64,10 @@ class Shell:
         self._waiting = 0
         self._inputs: dict[str, Message] = {}
         self._awaited: list[Address] = []
-
-    @property
-    def finished(self) -> bool:
-        """True once the core will take no further step."""
-        return self.core.finished
+        self._step = core.step
+        self._newest = core.step
+        """The latest step of an input that is at hand: after a gap the core is behind it."""
+        self._hashes = carries_digest(actor)
 
     @property
     def unread(self) -> int:
@@ -82,19 +83,22 @@ class Shell:
         """Keep a message until the core wants it."""
         if self._waiting >= self.INBOX_LIMIT:
             raise AcrcError(
-                f"step {self.core.step}: {self.actor} has {self._waiting} messages waiting, the last one on "
+                f"step {self._step}: {self.actor} has {self._waiting} messages waiting, the last one on "
                 f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
             )
-        waiting = self._inbox.setdefault(delivery.key, deque())
-        if len(waiting) >= self.KEY_LIMIT:
-            who = sender(delivery.key) or "somebody"
+        key = delivery.key
+        if key not in self._inbox:
+            self._inbox[key] = deque()
+        waiting = self._inbox[key]
+        if self._waiting >= self.KEY_LIMIT and len(waiting) >= self.KEY_LIMIT:
+            who = sender(key) or "somebody"
             raise AcrcError(
-                f"step {self.core.step}: {who} floods {delivery.key}: {self.actor} has {len(waiting)} "
+                f"step {self._step}: {who} floods {key}: {self.actor} has {len(waiting)} "
                 f"messages from there and has asked for none of them; at most {self.KEY_LIMIT} may wait"
             )
         self._waiting += 1
-        if not is_from_outside(delivery.topic):
-            self.tally.arrived[delivery.key] += 1
+        if not delivery.topic.is_from_outside:
+            self.tally.arrived[key] += 1
         waiting.append(delivery.payload)
 
     def pump(self) -> Address | None:
@@ -104,7 +108,7 @@ class Shell:
                 if not self._take(self._awaited[-1]):
                     return self._awaited[-1]
                 self._awaited.pop()
-            self._awaited = list(reversed(self.core.missing(self._inputs)))
+            self._awaited = [*self.core.missing(self._inputs)][::-1]
             if not self._awaited:
                 break
         for address in self.open_to():
@@ -114,51 +118,53 @@ class Shell:
 
     def send(self, output: Output) -> None:
         """Publish one message outside of an advance, such as Ready."""
-        address, message = output
-        key = address.key
+        message = output.message
+        key, topic = output.address.key, output.address.topic
         payload = encode(message, key)
-        if not is_telemetry(address.topic):
-            sequence = self.tally.sending(key)
-            sha256 = hashlib.sha256(payload).digest()
-            self._journal.sent(key, message.step, sequence, payload, sha256)
-            if is_digested(address.topic.pattern):
+        if not topic.is_telemetry:
+            sequence = self.tally.sent[key]
+            self.tally.sent[key] = sequence + 1
+            sha256 = None
+            if self._hashes and topic.is_digested:
+                sha256 = hashlib.sha256(payload).digest()
                 self.tally.hash.add(key, message.step, sequence, sha256)
+            self._journal.sent(key, message.step, sequence, payload, sha256)
         self._outlet.publish(key, payload)
 
     def _take(self, address: Address) -> bool:
         """Move the oldest waiting message of `address` to the inputs; False if there is none."""
-        key = address.key
-        waiting = self._inbox.get(key)
-        if not waiting:
+        key, topic = address.key, address.topic
+        if key not in self._inbox or not self._inbox[key]:
             return False
-        payload = waiting.popleft()
+        payload = self._inbox[key].popleft()
         self._waiting -= 1
-        message = decode(address.topic, key, payload)
-        sequence = self.tally.receiving(key)
-        self._journal.received(key, self.core.step, sequence, payload)
-        if is_digested(address.topic.pattern):
+        message = decode(topic, key, payload)
+        sequence = self.tally.taken[key]
+        self.tally.taken[key] = sequence + 1
+        self._journal.received(key, self._step, sequence, payload)
+        if self._hashes and topic.is_digested:
             self.tally.hash.add(key, message.step, sequence, hashlib.sha256(payload).digest())
+        if (step := message.step) > self._newest:
+            self._newest = step
         self._inputs[key] = message
         return True
 
     def _advance(self) -> None:
-        step = self.core.step
-        outputs = self._outputs()
+        core, step = self.core, self._step
+        if self.prints is None:
+            outputs = core.advance(self._inputs)
+        else:
+            outputs = self.prints.of(self._newest, core.advance, self._inputs)
+        self._newest = self._step = core.step
+        self.finished = core.finished
         self._inputs = {}
         self.advances += 1
         if self.advances == 1:
             self.began = clocks()
         for output in outputs:
             self.send(output)
-        if self.core.step != step or self.core.finished:
+        if self._step != step or self.finished:
             self._journal.flush()
-
-    def _outputs(self) -> Sequence[Output]:
-        if self.prints is None:
-            return self.core.advance(self._inputs)
-        step = max([self.core.step, *[one.step for one in self._inputs.values()]])  # after a gap it is behind
-        with self.prints.during(step):
-            return self.core.advance(self._inputs)
 
 
 def clocks() -> Clocks:

@@ -12,7 +12,6 @@ from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
-from actors.runtime.message_counts import is_from_outside
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry
@@ -90,7 +89,7 @@ def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until
     for actor in ("world", "radio"):
         one, other = read_pass(actor, recorded[actor]), read_pass(actor, again[actor])
         for (way, key), trail in one.trails.items():
-            if is_from_outside(topic_of(key)):
+            if topic_of(key).is_from_outside:
                 continue
             place = _first_difference(trail, other.trails.get((way, key), bytearray()), good_until)
             if place is not None:

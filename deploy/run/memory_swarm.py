@@ -98,6 +98,7 @@ class MemorySwarm:
             self._breakpoints(),
             exits_caught(),
             watched(self._shells, self._silence, self._whose_turn, self._give_up),
+            prints.taken_by(None),
         ):
             self._build()
             with _settled():

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Self
 
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, topic_of
-from actors.runtime.message_counts import is_telemetry
 from actors.runtime.recording import Entry, Reading
 from actors.runtime.recording.reading import opened
 from observation.replay.record_replay import Again, explained, shell_of
@@ -51,7 +50,7 @@ class GrowingBus(ReplayBus):
 
     def publish(self, key: str, payload: bytes) -> None:
         """Compare with what was recorded, as soon as that is there."""
-        if self._outputs or is_telemetry(topic_of(key)):
+        if self._outputs or topic_of(key).is_telemetry:
             super().publish(key, payload)
         else:
             self._early.append((key, payload))

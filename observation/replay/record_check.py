@@ -11,7 +11,7 @@ import msgspec
 from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json
 from actors.runtime.bus.replay_bus import topic_of
-from actors.runtime.message_counts import carries_digest, is_from_outside, run_digest
+from actors.runtime.message_counts import carries_digest, run_digest
 from actors.runtime.recording import Direction, RecordingError
 from observation.replay.record_pass import STAMP, CheckError, Pass, read_pass
 from observation.replay.run_recordings import recordings
@@ -79,7 +79,7 @@ def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
 def _keys(passes: Sequence[Pass]) -> list[str]:
     """Every key that an actor with a recording sends and another one receives."""
     keys = {key for told in passes for _, key in told.trails}
-    return sorted(k for k in keys if k != ROSTER.pattern and not is_from_outside(topic_of(k)))
+    return sorted(k for k in keys if k != ROSTER.pattern and not topic_of(k).is_from_outside)
 
 
 def _compare(key: str, passes: Sequence[Pass]) -> int:

@@ -181,7 +181,10 @@ def test_a_replay_with_other_code_names_the_first_difference(recorded: tuple[Pat
             outputs = super().advance(inputs)
             if self.step < 3:
                 return outputs
-            return [o._replace(message=msgspec.structs.replace(o.message, vx=0.0)) for o in outputs]
+            return [
+                msgspec.structs.replace(o, message=msgspec.structs.replace(o.message, vx=0.0))
+                for o in outputs
+            ]
 
     bus = ReplayBus(folder / "r22.mcap")
     with pytest.raises(ReplayError) as caught:

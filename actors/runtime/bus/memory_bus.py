@@ -29,11 +29,9 @@ class MemoryBus:
 
     def publish(self, key: str, payload: bytes) -> None:
         """Hand `payload` to everyone who listens to `key`."""
-        route = self._routes.get(key)
-        if route is None:
-            route = [(a.topic, deliver) for a, deliver in self._listeners if _matches(a, key)]
-            self._routes[key] = route
-        for topic, deliver in route:
+        if key not in self._routes:
+            self._routes[key] = [(a.topic, deliver) for a, deliver in self._listeners if _matches(a, key)]
+        for topic, deliver in self._routes[key]:
             deliver(Delivery(topic, key, payload))
 
 
@@ -58,8 +56,10 @@ def run_shells(shells: Sequence[Shell], before_pump: Callable[[Shell], None] = l
                 continue
             open_shells += 1
             before_pump(shell)
-            while not shell.finished and shell.pump() is None:
+            while shell.pump() is None:
                 advanced = True
+                if shell.finished:
+                    break
         if not open_shells:
             return
         if not advanced:

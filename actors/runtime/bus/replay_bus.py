@@ -13,7 +13,6 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError
-from actors.runtime.message_counts import is_telemetry
 from actors.runtime.recording import Entry, Note, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.topic import Message, Topic
@@ -73,7 +72,7 @@ class ReplayBus:
 
     def publish(self, key: str, payload: bytes) -> None:
         """Compare with what was recorded; the first difference ends the replay with a sentence."""
-        if is_telemetry(topic_of(key)):
+        if topic_of(key).is_telemetry:
             return
         if not self._outputs:
             if self._inputs:

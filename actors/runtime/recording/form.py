@@ -37,6 +37,8 @@ MESSAGE_HEAD: Final = struct.Struct(f"<{HEAD.format[1:]}{FIELDS.format[1:]}")
 """Both together: all of a message record before its data."""
 SEAL: Final = struct.Struct("<Iq")
 """CRC-32 of the file up to it, with the seal's own head, fields and step (see `vouched`); and that step."""
+SEALED: Final = struct.Struct(f"{MESSAGE_HEAD.format}q")
+"""Of a seal, what its checksum covers: head and fields of its record, and the step."""
 MESSAGES: Final = "acrc-msgpack"
 SCANNED: Final = "acrc-msgpack-scan"
 """The same with its longest run of bytes, a scan, packed."""
@@ -74,9 +76,9 @@ class Note(NamedTuple):
     json: str
 
 
-def vouched(crc: int, head: bytes, fields: bytes, step: int) -> int:
+def vouched(crc: int, seal: bytes) -> int:
     """The CRC-32 that a seal gives, where that of the file before it is `crc`.
 
-    It covers the seal itself, too, for nothing vouches for the last one of a file.
+    `seal`: its own head, fields and step (`SEALED`), for nothing vouches for the last one of a file.
     """
-    return zlib.crc32(step.to_bytes(8, "little", signed=True), zlib.crc32(fields, zlib.crc32(head, crc)))
+    return zlib.crc32(seal, crc)

@@ -51,6 +51,8 @@ class _Step(msgspec.Struct, array_like=True):
 
 
 _DIRECTIONS: Final[dict[str, Direction]] = {"in": "in", "out": "out"}
+_STEP: Final = 8
+"""Bytes of the step that a seal ends with."""
 _STEPS: Final = msgspec.msgpack.Decoder(_Step)
 
 
@@ -162,7 +164,7 @@ class Reading:
 
     def _check(self, head: bytes, body: bytes, crc: int) -> None:
         checksum, step = SEAL.unpack(body[FIELDS.size :])
-        due = vouched(crc, head, body[: FIELDS.size], step)
+        due = vouched(crc, head + body[: FIELDS.size] + body[-_STEP:])
         if checksum != due:
             raise ValueError(f"its checksum is {due:08x}, where {checksum:08x} was written")
         self.step = None if step < 0 else step

@@ -1,5 +1,6 @@
 """Writes a recording."""
 
+import hashlib
 import io
 import os
 import zlib
@@ -22,6 +23,7 @@ from actors.runtime.recording.form import (
     MESSAGE_HEAD,
     MESSAGES,
     SEAL,
+    SEALED,
     SEALS,
     UNSEALED,
     Direction,
@@ -29,9 +31,13 @@ from actors.runtime.recording.form import (
     UnwritableError,
     vouched,
 )
-from actors.runtime.recording.packing import Packer
+from actors.runtime.recording.packing import WORTH, Packer
 
 _MESSAGE: Final = Opcode.MESSAGE.value
+_HASHED_SIZE: Final = 40
+"""Of a step and a sha256."""
+_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None]
+"""Direction, key, step, sequence, payload, its size, its sha256 if that is known."""
 
 
 class Journal(Protocol):
@@ -40,8 +46,8 @@ class Journal(Protocol):
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
 
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
-        """A message went out."""
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
+        """A message went out; `sha256`: of the payload, if it is known already."""
 
     def flush(self) -> None:
         """Everything up to here must survive the death of this process."""
@@ -70,6 +76,10 @@ class Recorder:
         self._channels: dict[tuple[str, str, str], int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._packer = Packer()
+        self._noted: list[_Noted] = []
+        """What passed, and is still to be written: io.DEFAULT_BUFFER_SIZE bytes at most, and a message."""
+        self._noted_size = 0
+        """Bytes of them."""
         self._step_ns = step_us * 1000
 
     def __enter__(self) -> Self:
@@ -88,6 +98,7 @@ class Recorder:
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """A metadata record with `content` as JSON; RecordingError if that is larger than one may be."""
+        self._write_noted()
         text = msgspec.json.encode(content)
         if len(text) > LARGEST_RECORD // 2:
             raise RecordingError(
@@ -100,41 +111,64 @@ class Recorder:
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
-        self._add("in", key, *self._packer.packed(payload), step, sequence, len(payload))
-
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
-        """A message went out."""
         size = len(payload)
-        if size <= LARGE:
-            self._add("out", key, MESSAGES, payload, step, sequence, size)
-        else:
-            hashed = step.to_bytes(8, "little") + sha256
-            self._add("out", key, HASHED, hashed, step, sequence, len(hashed))
+        self._noted += (("in", key, step, sequence, payload, size, None),)
+        self._noted_size += size
+        if self._noted_size > io.DEFAULT_BUFFER_SIZE:
+            self._write_noted()
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
+        """A message went out; `sha256`: of the payload, if it is known already."""
+        size = len(payload)
+        self._noted += (("out", key, step, sequence, payload, size, sha256),)
+        self._noted_size += size
+        if self._noted_size > io.DEFAULT_BUFFER_SIZE:
+            self._write_noted()
 
     def flush(self) -> None:
         """Seal everything, and hand it to the operating system."""
         self._seal()
         self._stream.flush()
 
-    def _add(
-        self, direction: Direction, key: str, encoding: str, data: bytes, step: int, sequence: int, size: int
-    ) -> None:
-        """`size`: of `data` as it comes back, for who reads it has to hold that."""
-        instant = step * self._step_ns
-        channel = self._channels.get((direction, key, encoding))
-        if channel is None:
-            schema = self._schema(key, encoding) if encoding != HASHED else 0
-            channel = self._writer.register_channel(key, encoding, schema, {"direction": direction})
-            self._channels[direction, key, encoding] = channel
-            self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its message
-        # A message record as the library writes it, without its five calls per field: this is the place where
-        # a step costs most. (MCAP specification, "Message (op=0x05)")
-        length = FIELDS.size + len(data)
-        head = MESSAGE_HEAD.pack(_MESSAGE, length, channel, sequence, instant, instant)
-        self._stream.take(head, data, HEAD.size + length, MESSAGE_HEAD.size + size)
-        self._last = step
+    def _write_noted(self) -> None:
+        """All of it at once: message records as the library writes them, without its five calls per field.
+
+        This is where a step costs most. (MCAP specification, "Message (op=0x05)")
+        """
+        noted, self._noted, self._noted_size = self._noted, [], 0
+        parts: list[bytes] = []
+        written = counted = 0
+        for direction, key, step, sequence, payload, size, sha256 in noted:
+            encoding, data, length, whole = MESSAGES, payload, size, size
+            if direction == "out":
+                if size > LARGE:
+                    data = step.to_bytes(8, "little") + (sha256 or hashlib.sha256(payload).digest())
+                    encoding, length, whole = HASHED, _HASHED_SIZE, _HASHED_SIZE
+            elif size >= WORTH:
+                encoding, data = self._packer.packed(payload)
+                length = len(data)
+            place = direction, key, encoding
+            if place not in self._channels:
+                self._stream.take(parts, written, counted)  # or the channel would precede what came before it
+                parts, written, counted = [], 0, 0
+                self._channels[place] = self._channel(direction, key, encoding)
+            instant = step * self._step_ns
+            length += FIELDS.size
+            head = MESSAGE_HEAD.pack(_MESSAGE, length, self._channels[place], sequence, instant, instant)
+            parts += (head, data)
+            written += HEAD.size + length
+            counted += MESSAGE_HEAD.size + whole
+            self._last = step
+        self._stream.take(parts, written, counted)
         if self._stream.unsealed > UNSEALED:
             self._seal()
+
+    def _channel(self, direction: Direction, key: str, encoding: str) -> int:
+        """The number of a new channel."""
+        schema = self._schema(key, encoding) if encoding != HASHED else 0
+        number = self._writer.register_channel(key, encoding, schema, {"direction": direction})
+        self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its first message
+        return number
 
     def _schema(self, key: str, encoding: str) -> int:
         """The number of the description of what travels on the key, so encoded; 0 if there is none."""
@@ -149,11 +183,13 @@ class Recorder:
 
     def _seal(self) -> None:
         """Vouch for everything up to here."""
-        instant = max(self._last, 0) * self._step_ns
-        head = HEAD.pack(_MESSAGE, FIELDS.size + SEAL.size)
-        fields = FIELDS.pack(self._seals, self._sealed, instant, instant)
-        checksum = vouched(self._stream.crc32(), head, fields, self._last)
-        self._stream.write(head + fields + SEAL.pack(checksum, self._last))
+        if self._noted:
+            self._write_noted()
+        instant, length = max(self._last, 0) * self._step_ns, FIELDS.size + SEAL.size
+        seal = SEALED.pack(_MESSAGE, length, self._seals, self._sealed, instant, instant, self._last)
+        checksum = vouched(self._stream.crc32(), seal)
+        head = seal[: MESSAGE_HEAD.size]
+        self._stream.take([head, SEAL.pack(checksum, self._last)], HEAD.size + length, 0)
         self._sealed += 1
         self._stream.unsealed = 0
 
@@ -185,12 +221,12 @@ class _Checked:
     def write(self, data: bytes) -> int:
         """Append."""
         size = len(data)
-        self.take(data, b"", size, size)
+        self.take([data], size, size)
         return size
 
-    def take(self, head: bytes, data: bytes, written: int, counted: int) -> None:
-        """Append both, `written` bytes together; `counted` as unsealed."""
-        self._parts += (head, data)
+    def take(self, parts: list[bytes], written: int, counted: int) -> None:
+        """Append them, `written` bytes together; `counted` as unsealed."""
+        self._parts += parts
         self._size += written
         self._unsummed += written
         self.unsealed += counted
@@ -200,7 +236,7 @@ class _Checked:
     def crc32(self) -> int:
         """Of all that was written so far."""
         data = b"".join(self._parts)
-        self._parts.clear()
+        self._parts = []
         self._unsummed = 0
         self._waiting += data
         self._crc32 = zlib.crc32(data, self._crc32)
@@ -233,7 +269,7 @@ class Unrecorded:
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """Nothing is kept."""
 
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """Nothing is kept."""
 
     def flush(self) -> None:
