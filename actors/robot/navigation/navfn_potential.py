@@ -19,6 +19,8 @@ IMPASSABLE: Final = 254
 """Cost of a cell that no wave enters (COST_OBS)."""
 _ASIDE: Final = 0.707106781
 """A cell is looked at again if its potential is higher than a neighbour's by so much of its cost."""
+_WAITING: Final = np.uint8(255)
+"""Instead of its cost: the cell is in a block, and is not to get into another one."""
 _STEP: Final = 0.5
 """Length of a step down, cells (pathStep)."""
 
@@ -68,67 +70,87 @@ def fingerprint() -> bytes:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _front(field: NDArray[np.float32], columns: int, cell: int, cost: np.float32) -> np.float32:
+def _front(
+    left: np.float32, right: np.float32, down: np.float32, up: np.float32, cost: np.float32
+) -> np.float32:
     """A cell's potential from those of its four neighbours."""
-    lower = min(field[cell - 1], field[cell + 1])
-    other = min(field[cell - columns], field[cell + columns])
+    lower, other = min(left, right), min(down, up)
     if other < lower:
         lower, other = other, lower
     apart = np.float32(other - lower)
-    if apart >= cost:
-        return np.float32(lower + cost)
     slant = np.float64(np.float32(apart / cost))
     share = np.float32(-0.2301 * slant * slant + 0.5307 * slant + 0.7040)
-    return np.float32(lower + np.float32(cost * share))
+    return np.float32(lower + (cost if apart >= cost else np.float32(cost * share)))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _wake(
-    field: NDArray[np.float32],
-    costs: NDArray[np.uint8],
-    columns: int,
-    cell: int,
-    waiting: NDArray[np.bool_],
-    block: NDArray[np.int32],
-    count: int,
-) -> int:
-    """Put the neighbours whose potential a cell may lower into a block of `count` cells; its new count."""
-    for near in (cell - 1, cell + 1, cell - columns, cell + columns):
-        if costs[near] < IMPASSABLE and not waiting[near]:
-            aside = np.float32(_ASIDE * np.float64(costs[near]))
-            if field[near] > np.float32(field[cell] + aside):
-                waiting[near] = True
-                block[count] = near
-                count += 1
-    return count
+    near: np.uint64,
+    potential: np.float32,
+    here: np.float32,
+    aside: NDArray[np.float32],
+    entrance: NDArray[np.uint8],
+    block: NDArray[np.uint32],
+    count: np.uint64,
+) -> np.uint64:
+    """Put a neighbour whose potential one of `here` may lower into a block of `count` cells; its new count.
+
+    Without a branch, for no processor guesses which one it is: written it is in any case, behind the last.
+    """
+    cost = entrance[near]
+    wakes = potential > np.float32(here + aside[cost])
+    entrance[near] = _WAITING if wakes else cost
+    block[count] = near
+    return count + np.uint64(wakes)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _asides() -> NDArray[np.float32]:
+    """By how much a potential must be higher than a neighbour's to be looked at again, by the cell's cost."""
+    aside = np.full(256, np.inf, np.float32)
+    for cost in range(IMPASSABLE):
+        aside[cost] = np.float32(_ASIDE * np.float64(cost))
+    return aside
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _wave(costs: NDArray[np.uint8], columns: int, root: int, last: int, rise: float) -> NDArray[np.float32]:
+    # cells are counted without a sign: with one, each access asks whether it counts from the end
     field = np.full(costs.size, UNREACHED, np.float32)
-    waiting = np.zeros(costs.size, np.bool_)
-    # a cell waits in one block at most, so each may hold all of them
-    blocks = np.empty((3, costs.size), np.int32)
+    entrance, aside = costs.copy(), _asides()
+    # a cell waits in one block at most, so each may hold all of them, and one that does not wait
+    blocks = np.empty((3, costs.size + 1), np.uint32)
     now, soon, later = blocks[0], blocks[1], blocks[2]
     threshold = np.float32(IMPASSABLE)
-    field[root] = 0.0
-    count, count_soon, count_later = _wake(field, costs, columns, root, waiting, now, 0), 0, 0
-    while count > 0:
+    none, one, across, cell = np.uint64(0), np.uint64(1), np.uint64(columns), np.uint64(root)
+    here = field[cell] = np.float32(0.0)
+    count, count_soon, count_later = none, none, none
+    for near in (cell - one, cell + one, cell - across, cell + across):
+        count = _wake(near, field[near], here, aside, entrance, now, count)
+    while count > none:
         for i in range(count):
-            waiting[now[i]] = False
+            entrance[now[i]] = costs[now[i]]
         for i in range(count):
-            cell = now[i]
-            value = _front(field, columns, cell, np.float32(costs[cell]))
-            if value < field[cell]:
-                field[cell] = value
-                if value < threshold:
-                    count_soon = _wake(field, costs, columns, cell, waiting, soon, count_soon)
+            cell = np.uint64(now[i])
+            left, right, down, up = cell - one, cell + one, cell - across, cell + across
+            at_left, at_right, at_down, at_up = field[left], field[right], field[down], field[up]
+            here = _front(at_left, at_right, at_down, at_up, np.float32(costs[cell]))
+            if here < field[cell]:
+                field[cell] = here
+                sooner = here < threshold
+                block, n = (soon, count_soon) if sooner else (later, count_later)
+                n = _wake(left, at_left, here, aside, entrance, block, n)
+                n = _wake(right, at_right, here, aside, entrance, block, n)
+                n = _wake(down, at_down, here, aside, entrance, block, n)
+                n = _wake(up, at_up, here, aside, entrance, block, n)
+                if sooner:
+                    count_soon = n
                 else:
-                    count_later = _wake(field, costs, columns, cell, waiting, later, count_later)
-        now, soon, count, count_soon = soon, now, count_soon, 0
-        if count == 0:
+                    count_later = n
+        now, soon, count, count_soon = soon, now, count_soon, none
+        if count == none:
             threshold = np.float32(threshold + rise)
-            now, later, count, count_later = later, now, count_later, 0
+            now, later, count, count_later = later, now, count_later, none
         if last >= 0 and field[last] < UNREACHED:
             break
     return field
