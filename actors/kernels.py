@@ -11,7 +11,7 @@ import pickle
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache as remembered
 from pathlib import Path
@@ -50,10 +50,11 @@ def cache_folder() -> Path:
     return Path(named) if named else _HERE / "__pycache__" / "kernels"
 
 
-def kernel_sources() -> list[Path]:
+def kernel_sources() -> tuple[Path, ...]:
     """Every file with kernels, and whatever those import of this package, from one to the next."""
     named = _named()
-    return sorted({one for source in named.values() if _has_kernels(source) for one in reachable(source)})
+    found = {one for source in named.values() if _has_kernels(source) for one in reachable(source)}
+    return tuple(sorted(found))
 
 
 @remembered
@@ -71,7 +72,8 @@ def reachable(source: Path) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
-def state(sources: Sequence[Path]) -> str:
+@remembered
+def state(sources: tuple[Path, ...]) -> str:
     """A name for what these files hold, and for numba's release."""
     told = hashlib.sha256(numba.__version__.encode())
     for source in sources:
