@@ -24,7 +24,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-import actors  # noqa: F401  # which names the folder of the kernels
 from tests.warm_server import serve_warm
 
 ROOT: Final = Path(__file__).resolve().parents[1]

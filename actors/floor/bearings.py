@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from actors.kernels import njit
 from actors.portable.compiled import asin, atan2
 
 

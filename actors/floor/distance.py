@@ -5,8 +5,9 @@ Theory of Computing 8 (2012), algorithm 1. All squared distances are whole numbe
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 
 def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor import flood
+from actors.floor.door import Door
 from actors.floor.grid import OccupancyGrid, nearest_cell, passable
-from actors.floor.regions import ROOM, Door, Regions, regions, touching
+from actors.floor.regions import ROOM, Regions, regions, touching
 from actors.geometry import Point
 from actors.portable import arrays
 from actors.runtime.errors import AcrcError

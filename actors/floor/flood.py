@@ -1,8 +1,9 @@
 """Connected regions of a grid: which cells can be reached from which, going east, north, west and south."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 
 def flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:

@@ -13,24 +13,12 @@ from numpy.typing import NDArray
 
 from actors.floor import flood
 from actors.floor.distance import squared_distance
+from actors.floor.door import Door
 from actors.floor.grid import Cell, OccupancyGrid
-from actors.geometry import Point
 
 ROOM: Final = 0.8
 """Wide is where the walls are so far from the middle, m. Own choice: in the corridor map's necks, 1.5 m wide,
 robots of 0.35 m that meet head-on stop for good, for the chapter's local planner keeps to the middle."""
-
-
-@dataclass(frozen=True)
-class Door:
-    """A narrow place between regions."""
-
-    index: int
-    """Its place in the map's list of doors."""
-    middle: Point
-    """A point of it with the most room, m."""
-    regions: tuple[int, ...]
-    """The regions that it joins, two or more, ascending."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ but in leaps over squares, not cells: it meets the same cell at the same point. 
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 MOST_SIDE: Final = 255
 """No square is larger, cells: its side has one byte."""

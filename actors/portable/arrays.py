@@ -4,9 +4,9 @@ from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from actors.kernels import njit
 from actors.portable import compiled
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -6,10 +6,10 @@ numpy's own take the tails of their distributions from the C library's logarithm
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable import quantiles
 from actors.portable.compiled import log
 

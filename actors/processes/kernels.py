@@ -2,8 +2,12 @@
 
 import os
 import platform
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from actors.kernels import cache_folder, kernel_sources, prune, reachable, state
 from actors.runtime.fingerprint import KernelModule, fingerprints
 from actors.runtime.processor import processor
 
@@ -20,24 +25,94 @@ _WORDS: Final = "compiling the numeric kernels, once after an installation or a 
 _DONE: Final = "complete"
 """File in the cache of one state of the sources: on which machine all of them have been compiled."""
 
+_LANES: Final = 4
+"""Processes at most: one module alone takes a quarter of the whole."""
+_HELPER: Final = """
+import importlib, sys
+from actors.runtime.fingerprint import fingerprints
+for line in sys.stdin:
+    fingerprints([importlib.import_module(line.strip())])
+    print(line.strip(), flush=True)
+"""
+
 
 def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     """Compile whatever a run computes with, unless that was done; tells a person how far it is.
 
     `onboard`: only what a robot computes with, whose computer has no world and need not have pymunk.
     """
-    stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / _DONE  # actors has set it
-    here, whole = (f"{_machine()}, {part}" for part in ("robot" if onboard else "all", "all"))
+    stamp, sources = cache_folder() / _DONE, state(kernel_sources())
+    here, whole = (f"{sources} {_machine()}, {part}" for part in ("robot" if onboard else "all", "all"))
     with suppress(OSError):
         if {here, whole} & set(stamp.read_text().splitlines()):
             return
     modules = kernel_modules(onboard=onboard)
     with _told(len(modules), quiet=quiet) as tell:
-        for module in modules:
+        _Compilation(modules, tell).run()
+    prune()
+    with suppress(OSError):  # without a cache there is one more bar the next time
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        with stamp.open("a") as file:
+            file.write(f"{here}\n")
+
+
+class _Compilation:
+    """Modules compiled by as many processes as there are cores, each after those whose kernels it calls.
+
+    So no kernel is compiled twice. What a process could not do, this one does.
+    """
+
+    def __init__(self, modules: Sequence[KernelModule], tell: Callable[[], None]) -> None:
+        self._tell = tell
+        self._change = threading.Condition()
+        self._todo = {Path(str(sys.modules[module.__name__].__file__)): module for module in modules}
+        self._undone = set(self._todo)
+
+    def run(self) -> None:
+        """Compile them all. Raises what a kernel raises here."""
+        lanes = min(len(os.sched_getaffinity(0)), _LANES, len(self._todo))
+        with ThreadPoolExecutor(lanes) as pool:
+            failed = [module for lane in pool.map(self._lane, range(lanes)) for module in lane]
+        for module in failed:
             fingerprints([module])
-            tell()
-    with suppress(OSError), stamp.open("a") as file:  # without a cache there is one more bar the next time
-        file.write(f"{here}\n")
+            self._tell()
+
+    def _lane(self, _: int) -> list[KernelModule]:
+        """What one process could not compile."""
+        failed = []
+        with subprocess.Popen(
+            [sys.executable, "-P", "-c", _HELPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, text=True, bufsize=1,
+        ) as helper:  # fmt: skip
+            assert helper.stdin is not None and helper.stdout is not None
+            while (found := self._next()) is not None:
+                source, module = found
+                done = ""
+                with suppress(OSError):
+                    helper.stdin.write(f"{module.__name__}\n")
+                    done = helper.stdout.readline()
+                with self._change:
+                    self._undone.discard(source)
+                    if done.strip() == module.__name__:
+                        self._tell()
+                    else:
+                        failed.append(module)
+                    self._change.notify_all()
+            with suppress(OSError):
+                helper.stdin.close()
+        return failed
+
+    def _next(self) -> tuple[Path, KernelModule] | None:
+        """The first module all of whose callees are compiled; waits for one. None: all are taken."""
+        with self._change:
+            while self._todo:
+                for source in self._todo:
+                    if not (self._undone & set(reachable(source))) - {source}:
+                        return source, self._todo.pop(source)
+                if len(self._undone) == len(self._todo):  # none is being compiled: they import one another
+                    return self._todo.popitem()
+                self._change.wait()
+        return None
 
 
 def _machine() -> str:
@@ -55,7 +130,7 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
     from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
     from actors.world.program import KERNELS as WORLD  # noqa: PLC0415
 
-    return tuple({module.__name__: module for module in (*WORLD, *RADIO, *ROBOT, scans)}.values())
+    return tuple({module.__name__: module for module in (*RADIO, *WORLD, *ROBOT, scans)}.values())
 
 
 @contextmanager

@@ -1,8 +1,9 @@
 """Kernel: which places are within reach of which robot."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 
 def fingerprint() -> bytes:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor import convex
 from actors.instant import seconds
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import atan2, cos_sin, hypot
 from actors.robot_model import RobotModel

@@ -4,11 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor.bearings import bearing_to, half_width, window
 from actors.floor.traversal import cell_after, free_squares, ray, square_at
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot
 

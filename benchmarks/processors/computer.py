@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-import actors
 from actors.installation.repository import REPOSITORY
 from actors.runtime.processor import processor
 
@@ -69,8 +68,8 @@ def make(task: RunTask, computer: Computer, folder: Path, patience_s: float) -> 
     """Make the run; its files and the compiled kernels go to `folder`."""
     if not computer.command:
         return RunOutcome("", computer.missing, ran=False)
-    # compiled once for all rows of one Python: numba itself tells processors apart, but not its own releases
-    kernels = folder / actors.kernel_cache().name / _file_name(computer.command[-1])
+    # compiled once for all rows of one Python: a key tells processors, sources and releases of numba apart
+    kernels = folder / "kernels" / _file_name(computer.command[-1])
     out = folder / f"{_file_name(computer.name)}-{task.title}-{time.time_ns()}"
     folder.mkdir(parents=True, exist_ok=True)
     environment = {

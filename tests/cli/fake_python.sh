@@ -15,7 +15,10 @@ case "$1 $2" in
         [ ! -f .venv/hashed.txt ] || cp .venv/hashed.txt "$NOTES.hashed"
         [ ! -f .venv/build.txt ] || cp .venv/build.txt "$NOTES.build"
         ;;
-    '-P -m') echo "in $PWD: $*" ;;
+    '-P -m')
+        echo "in $PWD: $*"
+        [ -z "${SHOW_BYTECODE:-}" ] || echo "byte code: ${PYTHONPYCACHEPREFIX:-none}, ${PYTHONDONTWRITEBYTECODE:-written}"
+        ;;
     '-V '*) echo "Python ${VERSION:-3.11.7}" ;;
     '-c import ensurepip, venv') [ -z "${NO_VENV:-}" ] || exit 1 ;;
     "-c import sys; print"*) echo "${VERSION:-3.11.7}" | cut -d. -f1,2 ;;

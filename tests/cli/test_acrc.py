@@ -119,6 +119,14 @@ def test_the_first_run_installs_base_and_simulation_and_the_second_nothing(clone
     assert not (clone.folder / ".venv/build").exists()
 
 
+def test_byte_code_is_kept_in_the_environment_also_where_containers_forbid_it(clone: Clone) -> None:
+    clone.settings |= {"SHOW_BYTECODE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    clone.call("--help")
+    assert clone.call("--help")[1].splitlines()[1] == f"byte code: {clone.folder}/.venv/bytecode, written"
+    clone.settings["PYTHONPYCACHEPREFIX"] = "/elsewhere"
+    assert clone.call("--help")[1].splitlines()[1] == "byte code: /elsewhere, written"
+
+
 def test_nothing_is_installed_but_by_its_hash_and_the_build_has_what_is_pinned_too(clone: Clone) -> None:
     clone.call("run")
     packages, build, project = clone.notes.read_text().splitlines()

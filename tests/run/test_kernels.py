@@ -1,6 +1,5 @@
 """What is compiled before the first run is said, and how far it is; afterwards nothing is said."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,7 @@ from actors.task import visits
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache with nothing in it, as far as can be told, and one module to compile."""
-    monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits,))
     return tmp_path
 

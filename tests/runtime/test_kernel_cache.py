@@ -1,57 +1,140 @@
-"""Compiled kernels belong to one state of what they are made of: a change there leads to another cache."""
+"""A compiled kernel belongs to the state of the sources that it can reach, and to no other."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import actors
+import pytest
+
+from actors import kernels
+
+STATES = """
+import json
+from actors import kernels
+named = kernels._named().items()
+print(json.dumps({name: kernels.state(kernels.reachable(source)) for name, source in named}))
+"""
+CALL = """
+from actors.deep import kernel
+print(kernel.twice(4), sum(kernel.twice.stats.cache_misses.values()))
+"""
+KERNEL = "from actors.kernels import njit\nfrom actors.deep import (\n    constants,\n)\n\n\n"
+TWICE = "@njit(cache=True)\ndef twice(x):\n    return constants.TWO * x\n"
 
 
-def cache_of(folder: Path) -> str:
-    """The cache that a process uses whose `actors` lies in `folder`."""
-    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package `actors` of its own with one kernel, one module that it imports, and others."""
+    folder = tmp_path / "actors"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "__init__.py").touch()
+    shutil.copy(str(kernels.__file__), folder)
+    (folder / "deep" / "kernel.py").write_text(KERNEL + TWICE)
+    (folder / "deep" / "constants.py").write_text("from actors.deep.numbers import TWO\n")
+    (folder / "deep" / "numbers.py").write_text("TWO = 2\n")
+    (folder / "deep" / "apart.py").write_text("from actors.deep.kernel import twice\n")
+    return folder
+
+
+def python(package: Path, program: str) -> str:
+    """What a program says that imports this `actors`, and no installed one."""
+    path = os.pathsep.join([str(package.parent), *(one for one in sys.path if "site-packages" in one)])
+    kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    home = {"HOME": str(package.parent), "XDG_CACHE_HOME": str(package.parent / "home")}
     done = subprocess.run(
-        [sys.executable, "-P", "-S", "-c", "import actors, os; print(os.environ['NUMBA_CACHE_DIR'])"],
-        env=environment | {"PYTHONPATH": str(folder)},  # and no installed `actors`, which would come first
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+        [sys.executable, "-P", "-S", "-c", program], text=True, capture_output=True, check=True,
+        env=kept | home | {"PYTHONPATH": path},
+    )  # fmt: skip
     return done.stdout.strip()
 
 
-def test_a_change_of_what_a_kernel_is_made_of_leads_to_another_cache_and_no_other_change(
-    tmp_path: Path,
+def test_a_change_counts_for_the_kernels_that_reach_it_and_for_no_others(package: Path) -> None:
+    before = json.loads(python(package, STATES))
+    (package / "deep" / "numbers.py").write_text("TWO = 3\n")
+    after = json.loads(python(package, STATES))
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed == {f"actors.deep.{name}" for name in ("kernel", "constants", "numbers", "apart")}
+    (package / "deep" / "apart.py").write_text("from actors.deep.kernel import twice as double\n")
+    last = json.loads(python(package, STATES))
+    assert {name for name in after if after[name] != last[name]} == {"actors.deep.apart"}
+
+
+def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(package: Path) -> None:
+    assert python(package, CALL) == "8 1"
+    assert python(package, CALL) == "8 0"
+    (package / "deep" / "apart.py").write_text("")
+    assert python(package, CALL) == "8 0"
+    (package / "deep" / "numbers.py").write_text("TWO = 3\n")
+    assert python(package, CALL) == "12 1"
+    (package / "deep" / "numbers.py").write_text("TWO = 2\n")
+    assert python(package, CALL) == "8 0", "the state before is kept"
+
+
+def test_a_file_that_is_no_kernel_is_compiled_anew(package: Path) -> None:
+    python(package, CALL)
+    (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")
+    one.write_bytes(one.read_bytes()[:100])
+    assert python(package, CALL) == "8 1"
+    assert python(package, CALL) == "8 0"
+
+
+def test_where_nothing_can_be_written_beside_the_sources_kernels_are_kept_in_the_user_s_cache(
+    package: Path,
 ) -> None:
-    package = tmp_path / "actors"
-    (package / "deep").mkdir(parents=True)
-    shutil.copy(str(actors.__file__), package)
-    files = {
-        "kernel.py": "import math\nfrom numba import njit\nfrom actors.deep import (\n    constants,\n)\n",
-        "constants.py": "def late() -> None:\n    from actors.deep.numbers import ONE\n",
-        "numbers.py": "ONE = 1\n",
-        "apart.py": "from actors.deep.kernel import njit\n",
-    }
-    for name, text in files.items():
-        (package / "deep" / name).write_text(text)
-    first = cache_of(tmp_path)
-    assert first.startswith(str(package / "__pycache__" / "kernels-"))
-    for name, text in files.items():
-        changed = package / "deep" / name
-        changed.write_text(f"{text}TWO = 2\n")
-        assert (cache_of(tmp_path) == first) is (name == "apart.py"), name
-        changed.write_text(text)
-        assert cache_of(tmp_path) == first
+    (package / "__pycache__").mkdir(exist_ok=True)
+    (package / "__pycache__" / "kernels").touch()  # no folder: also the superuser can write nothing into it
+    assert python(package, CALL) == "8 1"
+    assert python(package, CALL) == "8 0"
+    assert len(list((package.parent / "home").rglob("*.nbc"))) == 1
+
+
+def test_old_states_are_removed_but_for_the_one_before(package: Path) -> None:
+    folder = package / "__pycache__" / "kernels"
+    old = package / "__pycache__" / "kernels-0123456789abcdef"
+    for number in (2, 3, 4):
+        (package / "deep" / "numbers.py").write_text(f"TWO = {number}\n")
+        python(package, CALL)
+    (folder / "actors.gone-0123456789abcdef").mkdir()
+    old.mkdir()
+    assert len(list(folder.glob("actors.deep.kernel-*"))) == 3
+    python(package, "from actors import kernels; kernels.prune()")
+    assert len(list(folder.glob("actors.deep.kernel-*"))) == 2 and not old.exists()
+    assert python(package, CALL) == "16 0"
 
 
 def test_every_module_with_kernels_and_what_it_calls_is_among_their_sources() -> None:
-    folder = Path(str(actors.__file__)).parent
-    found = {str(source.relative_to(folder)) for source in actors.kernel_sources()}
+    folder = Path(str(kernels.__file__)).parent
+    found = {str(source.relative_to(folder)) for source in kernels.kernel_sources()}
     assert {"robot/local_planning/disc_dwa.py", "portable/compiled.py", "floor/traversal.py"} <= found
     assert {"portable/trigonometry.py", "geometry.py"} <= found, "what kernels import"
     assert not {"runtime/shell.py", "robot/navigation/navigator.py"} & found, "nothing that calls kernels"
     for source in folder.rglob("*.py"):
-        if "njit(" in source.read_text():
+        text = source.read_text()
+        assert source == Path(str(kernels.__file__)) or "from numba import njit" not in text, source
+        if "njit(" in text:
             assert str(source.relative_to(folder)) in found
+
+
+def test_importing_the_actors_changes_nothing_of_the_process() -> None:
+    """Beside what numba and numpy themselves do when they are imported."""
+    program = """
+import gc, locale, os, signal, sys, warnings
+import numba, numpy
+def state():
+    return (
+        dict(os.environ), {k: v for k, v in vars(numba.config).items() if k.isupper()},
+        gc.get_threshold(), gc.isenabled(), sys.flags, list(warnings.filters),
+        [signal.getsignal(n) for n in signal.valid_signals()], locale.setlocale(locale.LC_ALL),
+        sys.getrecursionlimit(), sys.getswitchinterval(), os.umask(0o22), os.getcwd(), list(sys.path),
+        list(sys.meta_path), sys.excepthook, numpy.geterr(), numpy.get_printoptions(),
+    )
+os.umask(0o22)
+before = state()
+import actors, actors.kernels, actors.robot.program, actors.world.program, actors.radio.program, acrc_testbed
+print([(a, b) for a, b in zip(before, state()) if a != b])
+"""
+    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,8 +1,9 @@
 """What is due next: a binary heap over records (Knuth, "The Art of Computer Programming" 3, 5.2.3)."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

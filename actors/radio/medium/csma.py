@@ -6,10 +6,9 @@ Sections are those of IEEE 802.15.4-2006; the algorithm is that of 7.5.1.4, Figu
 import math
 from typing import Final
 
-from numba import njit
-
 from actors import ieee802154
 from actors.ieee802154 import CCA_NS, SYMBOL_NS, TURNAROUND_NS, UNIT_BACKOFF_NS
+from actors.kernels import njit
 from actors.portable.compiled import log
 from actors.radio.medium.agenda import push
 from actors.radio.medium.draws import ARRIVAL, BACKOFF, drawn

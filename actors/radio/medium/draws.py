@@ -8,7 +8,8 @@ another step, changes no draw of anybody else.
 from typing import Final
 
 import numpy as np
-from numba import njit
+
+from actors.kernels import njit
 
 BACKOFF: Final = 1
 """Key: transceiver, frame, try."""

@@ -3,9 +3,9 @@
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop

@@ -8,10 +8,10 @@ from math import comb
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.ieee802154 import PHY_HEADER_OCTETS
+from actors.kernels import njit
 from actors.portable import arrays
 
 CLEAN: Final = 4.5

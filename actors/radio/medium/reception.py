@@ -7,10 +7,10 @@ onto a frame closes a segment of constant SINR; what ends before the frame does 
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.ieee802154 import PHY_HEADER_OCTETS
+from actors.kernels import njit
 from actors.portable.compiled import exp
 from actors.radio.medium.draws import ACK_RECEPTION, RECEPTION, drawn
 from actors.radio.medium.error_rate import CLEAN, log_right

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor.traversal import equal_squares
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.radio.propagation import path_loss, shadowing, walls
 from actors.radio.propagation.path_loss import PathLossParameters

@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import exp10, log10
 
 Floats = NDArray[np.float64]

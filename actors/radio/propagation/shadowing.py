@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import cos, exp, sin
 from actors.portable.draws import normals, uniforms
 

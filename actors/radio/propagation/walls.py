@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.traversal import cell_after, equal_squares, ray, square_at
+from actors.kernels import njit
 from actors.radio.propagation.materials import Material, material
 
 Floats = NDArray[np.float64]

@@ -3,7 +3,7 @@
 Strategies need these names of a robot, and no others; docs/tutorial.md and docs/deeco.md show them at work.
 """
 
-from actors.floor.regions import Door
+from actors.floor.door import Door
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import host

@@ -6,7 +6,7 @@ Beside these, a node on a robot provides `Instant` (now) and the behaviour's own
 from collections.abc import Sequence
 from typing import Protocol
 
-from actors.floor.regions import Door
+from actors.floor.door import Door
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
-from actors.floor.regions import Door
+from actors.floor.door import Door
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, RadioEvent

@@ -8,10 +8,10 @@ time, is quicker than the lower envelope of parabolas: with 80 × 80 cells and a
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.bounds import ParameterError
+from actors.kernels import njit
 
 MOST_REACH: Final = 126
 """Cells; 2 (reach + 1)² must fit into int16."""

@@ -8,10 +8,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor.convex import distance_to_border
+from actors.kernels import njit
 from actors.portable import cos_sin
 
 Costs = NDArray[np.uint8]

@@ -9,10 +9,10 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor.bearings import bearing_to, half_width, window
+from actors.kernels import njit
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot

@@ -10,9 +10,9 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import cos, cos_sin, sin
 from actors.robot.local_planning.map_grid import steps_at
 

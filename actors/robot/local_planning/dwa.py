@@ -12,9 +12,9 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.robot.cost_maps.footprint import cost_below
 from actors.robot.local_planning.trajectories import count_of, drive, foresee, start_of
 

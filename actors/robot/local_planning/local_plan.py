@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import cos_sin, hypot
 
 Floats = NDArray[np.float64]

@@ -7,9 +7,9 @@ starts in to their four neighbours, and on through cells that the robot's centre
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import atan2, cos, hypot, sin
 
 Floats = NDArray[np.float64]

@@ -10,9 +10,9 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import cos_sin
 
 Floats = NDArray[np.float64]

@@ -4,10 +4,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
+from actors.kernels import njit
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot

@@ -9,10 +9,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Covariance, Pose
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.evidence import AGREES

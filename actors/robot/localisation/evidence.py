@@ -7,10 +7,10 @@ the right pose next to no beam passes a wall; from a wrong one many do.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen

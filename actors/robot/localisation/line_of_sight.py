@@ -7,9 +7,9 @@ in the innermost loop costs 6 % of a search.
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable.compiled import hypot
 from actors.robot.localisation.likelihood_field import specimen
 

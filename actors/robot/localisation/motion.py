@@ -9,10 +9,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import atan2, cos, hypot, sin
 from actors.robot.localisation.parameters import AmclParameters

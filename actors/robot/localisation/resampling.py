@@ -10,9 +10,9 @@ there, a single bin asks for the least number of particles and not for the highe
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from actors.kernels import njit
 from actors.portable import arrays
 from actors.robot.localisation.histogram import Histogram, histogram
 

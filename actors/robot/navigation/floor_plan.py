@@ -10,9 +10,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor import flood
+from actors.floor.door import Door
 from actors.floor.grid import Cell, nearest_cell
 from actors.floor.placement import Area, PlacementError
-from actors.floor.regions import Door
 from actors.geometry import Point
 from actors.robot.navigation.planning import Ground
 from actors.robot.navigation.routes import Routes, routes

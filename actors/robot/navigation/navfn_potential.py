@@ -10,8 +10,9 @@ room for, beyond 10 000 cells; and it gives up a way of more than 4 · columns s
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 UNREACHED: Final = np.float32(1e10)
 """The potential of a cell to which no wave came (POT_HIGH)."""

@@ -9,8 +9,9 @@ only where both cells beside the step are passable.
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 UNREACHABLE: Final = np.iinfo(np.int32).max
 """The potential of a cell from which no way leads to the goal."""

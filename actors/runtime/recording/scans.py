@@ -9,8 +9,9 @@ mean of what was off before, so that nothing but the bits has to be kept.
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from actors.kernels import njit
 
 Octets = NDArray[np.uint8]
 LARGEST: Final = 0xFFFF

@@ -19,6 +19,7 @@ from pathlib import Path
 import msgspec
 from numba.core.dispatcher import Dispatcher
 
+from actors.kernels import cache_folder
 from actors.robot import assembly as robot_setup
 from actors.runtime.isolation import sandbox
 from deploy.fleet import usb_ports
@@ -208,7 +209,7 @@ class Machine:
         began = time.monotonic()
         robot_setup.kernels()
         seconds = time.monotonic() - began
-        cache = Path(os.environ["NUMBA_CACHE_DIR"])  # actors has set it
+        cache = cache_folder()
         return Kernels(cache, _can_write(cache), seconds, _compiled())
 
     def isolation_fault(self) -> str | None:
