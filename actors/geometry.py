@@ -5,6 +5,9 @@ from typing import Final, NamedTuple, TypeAlias
 
 from actors.portable import cos_sin, hypot
 
+_made: Final = tuple.__new__
+"""A named tuple of its values, without the call of a function in Python: this is done often."""
+
 
 class Point(NamedTuple):
     """A point of the map frame, m."""
@@ -27,22 +30,20 @@ class Pose(NamedTuple):
     @property
     def point(self) -> Point:
         """Where the pose is."""
-        return Point(self.x, self.y)
+        return _made(Point, self[:2])
 
     def compose(self, local: "Pose") -> "Pose":
         """The pose, in this pose's parent frame, of something at `local` in this pose's own frame."""
         c, s = cos_sin(self.heading)
-        return Pose(
-            self.x + c * local.x - s * local.y,
-            self.y + s * local.x + c * local.y,
-            wrap(self.heading + local.heading),
-        )
+        x, y, heading = local
+        turned = wrap(self.heading + heading)
+        return _made(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
 
     def relative(self, other: "Pose") -> "Pose":
         """`other`, given in this pose's parent frame, as seen from this pose: the inverse of `compose`."""
         c, s = cos_sin(self.heading)
         dx, dy = other.x - self.x, other.y - self.y
-        return Pose(c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading))
+        return _made(Pose, (c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading)))
 
     def frame(self, local: "Pose") -> "Pose":
         """The frame in which this pose is `local`, as a pose in this one's parent frame."""

@@ -37,14 +37,14 @@ def drive_fault(drive: Drive, step: int, begin: int, end: int, limits: MessageLi
     """What is wrong with a Drive that answers the Senses of the step from `begin` to `end`, µs."""
     if drive.step != step:
         return f"answers with a Drive of step {drive.step}; it should be of step {step}"
-    if not (is_place(drive.vx, drive.vy) and is_heading(drive.omega)):
+    if not are_plausible(drive.vx, drive.vy, drive.omega):
         return (
             f"wants to drive at {drive.vx:g}, {drive.vy:g} m/s and {drive.omega:g} rad/s; a velocity should "
             f"be at most {GREATEST_COORDINATE:g}"
         )
     if not 0 <= drive.transmits <= limits.frames:
         return f"announces {drive.transmits} frames; it should be 0 to {limits.frames}"
-    if drive.pose is not None and not (is_place(*drive.pose[:2]) and is_heading(drive.pose[2])):
+    if drive.pose is not None and not are_plausible(*drive.pose):
         x, y, heading = drive.pose
         return (
             f"holds itself to be at ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
@@ -67,7 +67,7 @@ def truth_fault(truth: Truth, step: int) -> str | None:
     if truth.step != step:
         return f"gives Truth of step {truth.step}; it should be of step {step}"
     for robot in truth.robots:
-        if not (is_place(robot.x, robot.y) and is_place(robot.vx, robot.vy) and is_heading(robot.omega)):
+        if not (are_plausible(robot.x, robot.y) and are_plausible(robot.vx, robot.vy, robot.omega)):
             return f"says that {robot.id} is at ({robot.x:g}, {robot.y:g}), or moves, as no robot can"
     for jam in truth.jams:
         if wrong := order_limits.fault(_order(jam, truth.instant), order_limits.OrderLimits()):
@@ -82,13 +82,13 @@ def _order(jam: Jam, now: int) -> StartJam:
 def senses_fault(senses: Senses) -> str | None:
     """What is wrong with the odometry that a base gives its robot, or with places."""
     odometry = senses.odometry
-    moves = is_place(odometry.vx, odometry.vy) and is_heading(odometry.omega)
     for place in senses.places:
-        if not is_place(*place):
+        if not are_plausible(*place):
             return (
                 f"a place at ({place[0]:g}, {place[1]:g}); each should be at most {GREATEST_COORDINATE:g} m"
             )
-    if is_place(odometry.x, odometry.y) and is_heading(odometry.heading) and moves:
+    at = are_plausible(odometry.x, odometry.y, odometry.heading)
+    if at and are_plausible(odometry.vx, odometry.vy, odometry.omega):
         return None
     return (
         f"the odometry ({odometry.x:g}, {odometry.y:g}), {odometry.heading:g} rad, at {odometry.vx:g}, "
@@ -110,15 +110,10 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
     return None
 
 
-def is_place(x: float, y: float) -> bool:
-    """True for a point that may lie on a floor."""
+def are_plausible(x: float, y: float, angle: float = 0.0) -> bool:
+    """True for coordinates that may lie on a floor, or for a velocity, and for what can be an angle, rad."""
     most = GREATEST_COORDINATE
-    return -most <= x <= most and -most <= y <= most
-
-
-def is_heading(heading: float) -> bool:
-    """True for an angle, rad, that can be taken for one."""
-    return -GREATEST_COORDINATE <= heading <= GREATEST_COORDINATE
+    return -most <= x <= most and -most <= y <= most and -most <= angle <= most
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:

@@ -47,8 +47,9 @@ class MotionThresholds:
 
     def exceeded_by(self, velocity: Twist) -> bool:
         """True if the base moves."""
-        speed = max(abs(velocity.vx), abs(velocity.vy))
-        return speed > self.speed or abs(velocity.omega) > self.turn_rate
+        vx, vy, omega = velocity
+        most, turn = self.speed, self.turn_rate
+        return not (-most <= vx <= most and -most <= vy <= most and -turn <= omega <= turn)
 
 
 @dataclass(frozen=True)

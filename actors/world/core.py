@@ -289,12 +289,12 @@ class WorldCore:
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = dict.fromkeys((member.id for member in self._participants.members), 0)
         held: dict[int, tuple[float, float, float] | None] = {}
+        begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.of(BarrierStanding.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
-            end = self.instant + self._setup.step_us
-            if wrong := drive_fault(drive, self._step, self.instant, end):
+            if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
-            self._bodies.command(member.index, drive, self.instant)
+            self._bodies.command(member.index, drive, begin)
             if wrong := self._task.take(member.id, drive):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             held[member.index] = drive.pose

@@ -133,16 +133,16 @@ class Odometers:
     def read(self, index: int) -> Odometry:
         """What the robot's base says."""
         kind = self._kinds[index]
-        here = Pose(*self._last[index].tolist())
+        here = self._last[index].tolist()
         if kind == "exact":
-            x, y, heading = self._origin[index].relative(here)
+            x, y, heading = self._origin[index].relative(Pose(*here))
         else:
             x, y, heading = self._estimates[index].tolist()
         if kind == "kobuki":
             vx, vy, omega = self._velocities[index].tolist()
         else:
             east, north, omega = self._true_velocities[index].tolist()
-            c, s = cos_sin(here.heading)
+            c, s = cos_sin(here[2])
             vx, vy = c * east + s * north, c * north - s * east
         return Odometry(x, y, wrap(heading), vx, vy, omega)
 

@@ -229,10 +229,10 @@ class CostMap:
     def _roll(self, here: Pose) -> None:
         """Move the window so that the robot is in its middle."""
         cell = self.parameters.cell
-        corner = Cell(math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half)
-        up, right = corner.row - self.corner.row, corner.column - self.corner.column
+        row, column = math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half
+        up, right = row - self.corner.row, column - self.corner.column
         if up or right:
-            self.corner = corner
+            self.corner = Cell(row, column)
             self._marks = _rolled(self._marks, up, right, 0)
             if self._stamps.size:
                 self._stamps = _rolled(self._stamps, up, right, _NEVER)

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.geometry import ORIGIN, Point, Pose, between
-from actors.portable import arrays
+from actors.portable import arrays, hypot
 from actors.portable.draws import normals
 from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.confidence import Confidence
@@ -144,7 +144,7 @@ class Amcl:
         if not self._begun or self._locating is not None:
             return True
         moved = self._odometry.relative(pose)
-        far = moved.point.distance_to(ORIGIN.point) >= self._parameters.update_distance
+        far = hypot(moved.x, moved.y) >= self._parameters.update_distance
         return far or abs(moved.heading) >= self._parameters.update_angle
 
     def _take(self, sweep: Sweep) -> None:

@@ -213,7 +213,7 @@ class Navigator:
         self._local.take(instant, here, sweep)
         self._here, self._now = here.point, instant
         if self._withdrawal is None:
-            self._trail.take(here.point)
+            self._trail.take(self._here)
 
     def advance(
         self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist, bumped: bool = False
