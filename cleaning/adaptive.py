@@ -1,6 +1,5 @@
 """The cleaning robot with the chapter's adaptation layer: it notices that it is stuck, and does something."""
 
-from dataclasses import replace
 from typing import Final, NamedTuple, Self
 
 from numpy.random import Generator
@@ -12,7 +11,7 @@ from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
 from cleaning.place import LAST_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
-from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, seconds
+from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, replace, seconds
 
 _PEER_AGE: Final[Duration] = seconds(3)
 """Peers that were not heard of for longer are forgotten: three publications."""

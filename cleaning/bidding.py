@@ -12,7 +12,7 @@ of `cleaning.adoption` as good as a `Takeover` in `adopted`. A place leaves a ro
 taking, or once it is visited or given up.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Self
 
 from actors.robot.behaviour import FloorPlan, PlaceMonitor
@@ -21,7 +21,7 @@ from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
 from cleaning.tours import Ways
 from cleaning.yielding import YieldingParameters, YieldingRobot
-from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, role, seconds
+from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, replace, role, seconds
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,25 @@ grants anything: whoever comes first by what all say of themselves goes, and of 
 other both do. They meet inside, where they hear each other; then whoever comes second backs out.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 from actors.robot.behaviour import FloorPlan, Navigation
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
 from cleaning.yielding import YieldingParameters, YieldingRobot
-from deeco import Duration, Instant, adaptation, component, ensemble, milliseconds, periodic, role, seconds
+from deeco import (
+    Duration,
+    Instant,
+    adaptation,
+    component,
+    ensemble,
+    milliseconds,
+    periodic,
+    replace,
+    role,
+    seconds,
+)
 
 
 @dataclass(frozen=True)

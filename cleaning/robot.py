@@ -5,7 +5,6 @@ d3scomp/deeco-adaptation-testbed. At one instant they run in the order in which 
 """
 
 from collections.abc import Container
-from dataclasses import replace
 from typing import NamedTuple, Self
 
 from actors.geometry import Point
@@ -21,7 +20,7 @@ from actors.task.words import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
 from cleaning.place import Assignment, Takeover, since
-from deeco import Instant, Knowledge, component, milliseconds, periodic, seconds
+from deeco import Instant, Knowledge, component, milliseconds, periodic, replace, seconds
 
 
 class OrderedGoal(NamedTuple):

@@ -5,7 +5,7 @@ has somewhere to go comes before one that has not, else the greater id. Robots l
 no valid trajectory, and without backing out stand to the end of the run.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final, Self
 
 from actors.bounds import check_range
@@ -14,7 +14,7 @@ from actors.robot.behaviour import FARTHEST_BACK, FloorPlan, Navigation
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
-from deeco import Duration, Instant, adaptation, component, ensemble, periodic, seconds
+from deeco import Duration, Instant, adaptation, component, ensemble, periodic, replace, seconds
 
 _DRAWS: Final = 8
 """Of so many random places the nearest is where a robot goes that only has to go away."""

@@ -6,6 +6,7 @@ from deeco.errors import DeecoError, DefinitionError, DeploymentError, Execution
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge
 from deeco.process import adaptation, on_change, periodic
+from deeco.replacing import replace
 from deeco.replication.scalars import Resolution
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "milliseconds",
     "on_change",
     "periodic",
+    "replace",
     "role",
     "seconds",
 ]

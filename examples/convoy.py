@@ -5,12 +5,12 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from random import Random
 from typing import NamedTuple, Self
 
-from deeco import Contact, Instant, Knowledge, component, ensemble, periodic, role, seconds
+from deeco import Contact, Instant, Knowledge, component, ensemble, periodic, replace, role, seconds
 from deeco.link import Reception, Transmission
 from deeco.node import Node
 

@@ -6,7 +6,7 @@ place of somebody else (hand over). What is not done by closing time never will 
 over it: see `cleaning.adoption`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self
 
 from numpy.random import Generator
@@ -18,7 +18,7 @@ from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings
-from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, role, seconds
+from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, replace, role, seconds
 
 
 @dataclass(frozen=True)

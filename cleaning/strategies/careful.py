@@ -7,7 +7,7 @@ odometry alone nobody knows. A robot that stands sees nothing new, so after a wh
 `CarefulParameters`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self
 
 from actors.bounds import check_range
@@ -18,7 +18,7 @@ from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import assignments
 from cleaning.settings import from_settings
-from deeco import Duration, Instant, adaptation, component, periodic, seconds
+from deeco import Duration, Instant, adaptation, component, periodic, replace, seconds
 
 
 @dataclass(frozen=True)

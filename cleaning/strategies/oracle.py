@@ -7,7 +7,7 @@ Robots in processes of their own share no memory, by design, so it works with `-
 robots or more, and refuses all else with a sentence. Settings: `BiddingParameters`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
@@ -17,7 +17,7 @@ from cleaning.place import assignments
 from cleaning.settings import from_settings
 from cleaning.strategies.chapter import Mute
 from cleaning.yielding import SteppingAside, Yielding
-from deeco import Instant, adaptation, component, periodic, seconds
+from deeco import Instant, adaptation, component, periodic, replace, seconds
 
 
 @dataclass(frozen=True)

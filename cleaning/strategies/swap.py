@@ -8,7 +8,7 @@ doubled but for the second in which an answer travels; if that is lost, who has 
 Settings: `SwapParameters`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
@@ -19,7 +19,7 @@ from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings
 from cleaning.tours import Ways
-from deeco import Duration, Instant, component, ensemble, role, seconds
+from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ by the length of ways on the robot's map; everything else as `chapter`. Limits: 
 places, so two that have places in each other's office still meet at the doors. Settings: `TourParameters`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
@@ -15,7 +15,7 @@ from cleaning.parameters import AdaptationParameters
 from cleaning.place import assignments
 from cleaning.settings import from_settings
 from cleaning.tours import Ways
-from deeco import adaptation, component, periodic, seconds
+from deeco import adaptation, component, periodic, replace, seconds
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal, NewType, Union, get_args, get
 
 from deeco.immutability import describe, is_frozen_struct, struct_fields
 from deeco.parameters import LinkParameters
+from deeco.replacing import is_plain
 from deeco.replication.scalars import (
     BOOL,
     FLOAT,
@@ -256,7 +257,7 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
         raise Unsound(
             f"{cls.__name__} is made from {wanted}; it should be made from its fields {', '.join(names)}"
         )
-    if _is_plain(cls):
+    if is_plain(cls):
         new = object.__new__
 
         def fill(values: tuple[Any, ...]) -> Any:
@@ -274,17 +275,3 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
             raise Junk from error
 
     return make
-
-
-def _is_plain(cls: type) -> bool:
-    """True for a dataclass whose making does nothing but set its fields: then they can be set at once."""
-    return (
-        is_dataclass(cls)
-        and cls.__dataclass_params__.init  # type: ignore[attr-defined]
-        and getattr(vars(cls).get("__init__"), "__code__", None) is not None
-        and vars(cls)["__init__"].__code__.co_filename == "<string>"  # generated, not the user's own
-        and cls.__new__ is object.__new__
-        and not hasattr(cls, "__post_init__")
-        and not any("__slots__" in vars(base) for base in cls.__mro__[:-1])
-        and all(field.init for field in fields(cls))
-    )

@@ -1,0 +1,85 @@
+"""`replace` gives what that of dataclasses gives, also of classes that it cannot copy field by field."""
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import pytest
+
+from deeco import Knowledge, component, replace, role
+from deeco.replacing import is_plain
+
+
+@role
+class Body(Knowledge):
+    x: float = 0.0
+
+
+@component
+class Robot(Body):
+    held: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Checked:
+    low: int
+    high: int
+
+    def __post_init__(self) -> None:
+        if self.low > self.high:
+            raise ValueError("low lies above high")
+
+    @cached_property
+    def width(self) -> int:
+        return self.high - self.low
+
+
+@dataclass(frozen=True)
+class Remembering:
+    side: int
+
+    @cached_property
+    def area(self) -> int:
+        return self.side**2
+
+
+@dataclass(frozen=True, slots=True)
+class Slotted:
+    x: int
+    y: int
+
+
+def test_a_changed_field_and_all_others() -> None:
+    robot = Robot(id="r1", x=1.0, held=("a",))
+    moved = replace(robot, x=2.0)
+    assert moved == dataclasses.replace(robot, x=2.0) == Robot(id="r1", x=2.0, held=("a",))
+    assert list(vars(moved)) == list(vars(robot)) and hash(moved) != hash(robot) and robot.x == 1.0
+    assert replace(robot) == robot and replace(robot) is not robot
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        moved.x = 3.0  # type: ignore[misc]
+
+
+def test_a_component_is_copied_at_once() -> None:
+    """Else it would only be slow."""
+    assert is_plain(Robot) and not is_plain(Checked) and not is_plain(Slotted)
+
+
+def test_what_a_class_checks_is_checked() -> None:
+    assert replace(Checked(1, 5), low=3).width == 2
+    with pytest.raises(ValueError, match="low lies above high"):
+        replace(Checked(1, 5), low=7)
+
+
+def test_what_was_worked_out_of_old_fields_does_not_stay() -> None:
+    square = Remembering(2)
+    assert square.area == 4
+    assert replace(square, side=3).area == 9
+
+
+def test_slots() -> None:
+    assert replace(Slotted(1, 2), y=5) == Slotted(1, 5)
+
+
+def test_a_field_that_there_is_not() -> None:
+    with pytest.raises(TypeError, match="speed"):
+        replace(Robot(id="r1"), speed=1.0)  # type: ignore[call-arg]
