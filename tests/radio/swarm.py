@@ -128,7 +128,8 @@ class Swarm:
         aired = outputs[-1].message
         assert outputs[-1].address.key == AIRED.key() and isinstance(aired, Aired) and aired.step == step
         events: dict[str, list[RadioEvent]] = {}
-        for address, message in outputs[:-1]:
+        for output in outputs[:-1]:
+            address, message = output.address, output.message
             assert address.topic is RECEIVED and isinstance(message, Received) and message.step == step + 1
             events[address.robot] = list(message.events)
         assert [(c.id, c.events) for c in aired.counts] == [(i, len(e)) for i, e in events.items()]

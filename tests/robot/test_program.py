@@ -21,7 +21,7 @@ from actors.robot.behaviour.ports import ExchangeSettings
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
 from actors.robot.stack import Stack
-from actors.runtime.core import at
+from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
@@ -81,7 +81,7 @@ def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Pat
 
 def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_with(tmp_path: Path) -> None:
     robot = part(ActorSetup(ROBOT, PLACE), tmp_path)
-    assert robot.ready == (at(READY, "r1"), Ready(40, "r1", 2, combined(kernels())))
+    assert robot.ready == to(READY, Ready(40, "r1", 2, combined(kernels())), "r1")
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
     assert (robot.run.actor, robot.run.seed, robot.run.step_us, robot.run.commit) == (
         "r1.2",
