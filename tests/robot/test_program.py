@@ -21,7 +21,7 @@ from actors.robot.behaviour.ports import ExchangeSettings
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
 from actors.robot.stack import Stack
-from actors.runtime.core import to
+from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
