@@ -99,6 +99,7 @@ def test_modules_are_compiled_once_for_all_that_the_tests_start(
     (tmp_path / "helping.py").write_text("")
     (tmp_path / "test_own.py").write_text("def test_it(): import helping\n")
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)
     assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
     assert list(tmp_path.glob("__pycache__/helping.*.pyc")) != []
 

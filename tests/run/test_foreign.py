@@ -175,9 +175,12 @@ def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
     )
 
 
-def test_bytecode_is_neither_used_nor_written(study: Path, looked: None) -> None:
+def test_bytecode_is_neither_used_nor_written(
+    study: Path, looked: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import py_compile  # noqa: PLC0415
 
+    monkeypatch.setattr("sys.pycache_prefix", None)  # else it would not even be looked for here
     (study / "package" / "__init__.py").write_text("")
     evil = study / "evil.py"
     evil.write_text("WHO = 'bytecode'\n")
