@@ -72,35 +72,31 @@ class _Compilation:
         """Compile them all. Raises what a kernel raises here."""
         lanes = min(len(os.sched_getaffinity(0)), _LANES, len(self._todo))
         with ThreadPoolExecutor(lanes) as pool:
-            failed = [module for lane in pool.map(self._lane, range(lanes)) for module in lane]
-        for module in failed:
+            failed = [module for module in pool.map(self._lane, range(lanes)) if module is not None]
+        for module in (*failed, *self._todo.values()):
             fingerprints([module])
             self._tell()
 
-    def _lane(self, _: int) -> list[KernelModule]:
-        """What one process could not compile."""
-        failed = []
+    def _lane(self, _: int) -> KernelModule | None:
+        """What one process failed at, if it did; it is not asked again."""
         with subprocess.Popen(
             [sys.executable, "-P", "-c", _HELPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
         ) as helper:  # fmt: skip
-            assert helper.stdin is not None and helper.stdout is not None
-            while (found := self._next()) is not None:
-                source, module = found
-                done = ""
-                with suppress(OSError):
-                    helper.stdin.write(f"{module.__name__}\n")
-                    done = helper.stdout.readline()
-                with self._change:
-                    self._undone.discard(source)
-                    if done.strip() == module.__name__:
+            try:
+                while (found := self._next()) is not None:
+                    source, module = found
+                    done = _asked(helper, module.__name__)
+                    with self._change:
+                        self._undone.discard(source)
+                        self._change.notify_all()
+                        if not done:
+                            return module
                         self._tell()
-                    else:
-                        failed.append(module)
-                    self._change.notify_all()
-            with suppress(OSError):
-                helper.stdin.close()
-        return failed
+            finally:
+                with suppress(OSError):  # of what a dead one has not read
+                    helper.stdin.close()  # type: ignore[union-attr]
+        return None
 
     def _next(self) -> tuple[Path, KernelModule] | None:
         """The first module all of whose callees are compiled; waits for one. None: all are taken."""
@@ -113,6 +109,16 @@ class _Compilation:
                     return self._todo.popitem()
                 self._change.wait()
         return None
+
+
+def _asked(helper: "subprocess.Popen[str]", module: str) -> bool:
+    """Have it compile a module; False if it has died, or says anything else than that this is done."""
+    assert helper.stdin is not None and helper.stdout is not None
+    try:
+        helper.stdin.write(f"{module}\n")
+        return helper.stdout.readline() == f"{module}\n"
+    except OSError:
+        return False
 
 
 def _machine() -> str:

@@ -11,7 +11,7 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.message_counts import MessageCounts, carries_digest
+from actors.runtime.message_counts import MessageCounts
 from actors.runtime.prints import Prints
 from actors.runtime.recording import Journal
 from actors.topic import Message, sender
@@ -67,7 +67,6 @@ class Shell:
         self._step = core.step
         self._newest = core.step
         """The latest step of an input that is at hand: after a gap the core is behind it."""
-        self._hashes = carries_digest(actor)
 
     @property
     def unread(self) -> int:
@@ -125,7 +124,7 @@ class Shell:
             sequence = self.tally.sent[key]
             self.tally.sent[key] = sequence + 1
             sha256 = None
-            if self._hashes and topic.is_digested:
+            if topic.is_digested:
                 sha256 = hashlib.sha256(payload).digest()
                 self.tally.hash.add(key, message.step, sequence, sha256)
             self._journal.sent(key, message.step, sequence, payload, sha256)
@@ -142,7 +141,7 @@ class Shell:
         sequence = self.tally.taken[key]
         self.tally.taken[key] = sequence + 1
         self._journal.received(key, self._step, sequence, payload)
-        if self._hashes and topic.is_digested:
+        if topic.is_digested:
             self.tally.hash.add(key, message.step, sequence, hashlib.sha256(payload).digest())
         if (step := message.step) > self._newest:
             self._newest = step

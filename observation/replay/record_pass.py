@@ -9,7 +9,7 @@ from typing import Final
 
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.errors import AcrcError
-from actors.runtime.message_counts import ActorDigest, MessageHash, carries_digest
+from actors.runtime.message_counts import ActorDigest, MessageHash
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Direction, Entry, Note, Reading, decoded
 
@@ -95,8 +95,7 @@ def _check_final(told: Pass) -> None:
     if final is None:
         return
     counted, held = final.digest, told.digest  # on board a process calls itself "base", its file "r1.base"
-    own_word = counted.count or carries_digest(counted.actor)  # a robot counts its messages, and hashes none
-    if own_word and (counted.count, counted.sha256) != (held.count, held.sha256):
+    if (counted.count, counted.sha256) != (held.count, held.sha256):
         raise CheckError(
             f"{told.path}: holds {told.digest.count} messages of {told.actor} with hash "
             f"{told.digest.sha256[:12]}; the process itself counted {final.digest.count} with hash "

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from actors.processes import kernels
+from actors.runtime.recording import scans
 from actors.task import visits
 
 
@@ -47,6 +48,20 @@ def test_a_person_at_a_terminal_sees_how_far_it_is(
 def test_a_program_that_wants_json_is_told_nothing(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kernels.compile_kernels(quiet=True)
     assert capsys.readouterr() == ("", "")
+    assert (cache / "complete").is_file()
+
+
+@pytest.mark.parametrize("helper", ["raise SystemExit", "print('yes', flush=True)", "import os; os.close(0)"])
+def test_what_helpers_cannot_compile_is_compiled_all_the_same(
+    helper: str, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They die at once, say something else, or read nothing."""
+    asked: list[str] = []
+    monkeypatch.setattr(kernels, "_HELPER", helper)
+    monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits, scans))
+    monkeypatch.setattr(kernels, "fingerprints", lambda modules: asked.extend(m.__name__ for m in modules))
+    kernels.compile_kernels(quiet=True)
+    assert sorted(asked) == sorted([visits.__name__, scans.__name__])
     assert (cache / "complete").is_file()
 
 

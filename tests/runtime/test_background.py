@@ -1,5 +1,6 @@
 """A disk that is slow, full or dead holds up nobody, and what it has not taken is said."""
 
+import errno
 import io
 import threading
 import time
@@ -9,7 +10,7 @@ import msgspec
 import pytest
 
 from actors.runtime.background import Background, BackgroundRecorder, Log
-from actors.runtime.recording import Recorder, UnwritableError
+from actors.runtime.recording import Entry, Recorder, UnwritableError, read_recording
 
 
 class Final(msgspec.Struct):
@@ -85,6 +86,30 @@ def test_lines_are_written_in_their_order() -> None:
         log.say(f"line {number}")
     log.close()
     assert lines == ["line 0\n", "line 1\n", "line 2\n"]
+
+
+def test_nothing_that_passed_is_dropped_while_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of it stays, also channels that begin meanwhile, and is there once the disk takes it."""
+    path = tmp_path / "world.mcap"
+    payload = b"v" + msgspec.msgpack.encode([1, bytes(100)])
+    with Recorder(path, 100_000) as recorder:
+        recorder.received("swarm/a", 1, 0, payload)
+        recorder.flush()
+        file = recorder._stream._file
+        monkeypatch.setattr(recorder._stream, "_file", _Full())
+        with pytest.raises(UnwritableError, match="no space left"):
+            for number in range(1000):
+                recorder.sent(f"swarm/{number}", 1, 0, payload)
+        monkeypatch.setattr(recorder._stream, "_file", file)
+    sent = [one for one in read_recording(path) if isinstance(one, Entry) and one.direction == "out"]
+    assert [one.key for one in sent] == [f"swarm/{one}" for one in range(number + 1)]
+
+
+class _Full:
+    def write(self, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_what_is_recorded_goes_to_the_disk_also_within_a_step(tmp_path: Path) -> None:

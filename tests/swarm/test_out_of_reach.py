@@ -70,9 +70,7 @@ def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Pa
         f"acrc: {result['undelivered']} messages were not delivered: {'; '.join(gaps)}"
     )
     checked = acrc("record", "check", out)
-    assert checked.returncode == 1 and checked.stderr.startswith(
-        f"acrc: {out}/r1/r1.mcap: does not hold as many sent messages as its process counted"
-    )
+    assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
 
 
 def test_a_log_is_a_new_file(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ class Recorder:
         file = _created(path) if descriptor is None else FileIO(descriptor, "wb")
         self._stream = _Checked(file, path)
         self._writer = Writer(
-            self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
+            self._stream,  # type: ignore[arg-type]  # it needs `write`, `tell` and `flush`
             compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
             index_types=IndexType.METADATA,
             use_chunking=False,
@@ -107,7 +107,7 @@ class Recorder:
             )
         self._writer.add_metadata(name, {"json": text.decode(), "crc32": f"{zlib.crc32(text):08x}"})
         self._seal()
-        self._stream.flush()
+        self._stream.hand_over()
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
@@ -128,12 +128,13 @@ class Recorder:
     def flush(self) -> None:
         """Seal everything, and hand it to the operating system."""
         self._seal()
-        self._stream.flush()
+        self._stream.hand_over()
 
     def _write_noted(self) -> None:
         """All of it at once: message records as the library writes them, without its five calls per field.
 
-        This is where a step costs most. (MCAP specification, "Message (op=0x05)")
+        This is where a step costs most. (MCAP specification, "Message (op=0x05)") Only at its end may the
+        disk take no more: then everything stays, and is offered again.
         """
         noted, self._noted, self._noted_size = self._noted, [], 0
         parts: list[bytes] = []
@@ -162,6 +163,8 @@ class Recorder:
         self._stream.take(parts, written, counted)
         if self._stream.unsealed > UNSEALED:
             self._seal()
+        if self._stream.unsummed > io.DEFAULT_BUFFER_SIZE:
+            self._stream.hand_over()
 
     def _channel(self, direction: Direction, key: str, encoding: str) -> int:
         """The number of a new channel."""
@@ -204,9 +207,9 @@ class _Checked:
         self._file = file
         self._path = path
         self._parts: list[bytes] = []
-        """What was written and is not in the CRC yet: io.DEFAULT_BUFFER_SIZE bytes at most, and a record."""
-        self._unsummed = 0
-        """Bytes of them."""
+        """What was written and is not in the CRC yet."""
+        self.unsummed = 0
+        """Bytes of them; the recorder hands them over before they are many."""
         self._waiting = bytearray()
         self._size = 0
         self._crc32 = 0
@@ -228,22 +231,23 @@ class _Checked:
         """Append them, `written` bytes together; `counted` as unsealed."""
         self._parts += parts
         self._size += written
-        self._unsummed += written
+        self.unsummed += written
         self.unsealed += counted
-        if self._unsummed > io.DEFAULT_BUFFER_SIZE:
-            self.flush()
 
     def crc32(self) -> int:
         """Of all that was written so far."""
         data = b"".join(self._parts)
         self._parts = []
-        self._unsummed = 0
+        self.unsummed = 0
         self._waiting += data
         self._crc32 = zlib.crc32(data, self._crc32)
         return self._crc32
 
     def flush(self) -> None:
-        """Hand everything to the operating system."""
+        """Nothing: the library calls it between records that belong together; see `hand_over`."""
+
+    def hand_over(self) -> None:
+        """Give everything to the operating system."""
         self.crc32()
         while self._waiting:
             try:
@@ -254,7 +258,7 @@ class _Checked:
     def close(self) -> None:
         """The last call."""
         try:
-            self.flush()
+            self.hand_over()
             self._file.close()
         except OSError as error:
             raise self._full(error) from None
