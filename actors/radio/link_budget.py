@@ -50,7 +50,7 @@ class DirectReach:
     def see(self, instant_us: int, places: NDArray[np.float64]) -> None:
         """Count the pairs of robots at these places, (n, 2) m; only of robots whose transceivers are on."""
         self._next = (instant_us // _EVERY_US + 1) * _EVERY_US
-        loss = self._propagation.loss_db(places, places)
+        loss = self._propagation.loss_db(places, places, self._greatest_loss_db)
         one, other = np.triu_indices(len(places), 1)
         self._pairs += one.size
         self._in_reach += int(np.count_nonzero(loss[one, other] <= self._greatest_loss_db))

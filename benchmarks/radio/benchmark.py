@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
@@ -18,11 +19,15 @@ from actors.radio.medium.transceiver import Transceiver
 from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from benchmarks.radio import plots
+from benchmarks.radio.crowd import PER_FLOOR, frame_cost
 from benchmarks.radio.trials import SECOND, LossTable
 from benchmarks.statistics.measured import Measured, table_of
 
 _CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
 _SENDERS: Final = (1, 10, 50, 200)
+_CROWDS: Final = (20, 50, 100, 200, 500)
+_FRAMES_EACH: Final = 2000
+"""About as many does a crowd send in one measurement."""
 _LOADS: Final = (0.2, 0.8)
 """G, of all senders together; arrivals are Poisson."""
 _OCTETS: Final = 60
@@ -43,7 +48,8 @@ _DRAWS: Final = 10
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:
     """Measure; or, with `out`, only draw the figures of docs/radio.md into that folder.
 
-    `data`: a folder with figures of ns-3, for its dots. `map_file`: whose floor the last figure has.
+    `data`: a folder with figures of ns-3, for its dots. `map_file`: whose floor crowds and the last figure
+    have.
     """
     if out is not None:
         return plots.draw(out, map_file, data)
@@ -54,13 +60,24 @@ def measure(out: Path | None = None, data: Path | None = None, map_file: Path = 
         for senders in _SENDERS
         for load in _LOADS
     ]
+    crowds = [{"robots": robots, "us": _crowd(robots, map_file)} for robots in _CROWDS]
     costs = [_cost(side, load) for side in _SIDES for load in _PAIR_LOADS]
     rows = [{name: f"{value:.3g}" for name, value in one.items()} for one in costs]
     shown = (
         table_of(speeds, "the medium alone: frames on the air per CPU second"),
+        table_of(
+            [{"robots": one["robots"], "µs": f"{one['us']:.0f}"} for one in crowds],
+            f"the medium alone, {PER_FLOOR} driving robots to each copy of the floor: CPU time of a frame",
+        ),
         table_of(rows, "mean pair delivery, robots in a square"),
     )
-    return Measured({"speeds": speeds, "assessment": costs}, shown)
+    return Measured({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
+
+
+def _crowd(robots: int, map_file: Path) -> float:
+    """CPU time of a frame, µs."""
+    plan, seconds = load_map(map_file), -(-_FRAMES_EACH // robots)
+    return median(frame_cost(plan, robots, seconds, seed) for seed in range(1, _REPEATS + 1))
 
 
 def _speed(senders: int, load: float) -> float:

@@ -38,7 +38,9 @@ class LossTable:
     def __init__(self, losses_db: NDArray[np.float64]) -> None:
         self._losses_db = losses_db
 
-    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def loss_db(
+        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
+    ) -> NDArray[np.float64]:
         """As `channel.Propagation` says."""
         rows, columns = senders[:, 0].astype(np.intp), receivers[:, 0].astype(np.intp)
         losses: NDArray[np.float64] = self._losses_db[np.ix_(rows, columns)]

@@ -19,12 +19,14 @@ from actors.runtime.errors import AcrcError
 BRICK = MATERIALS["brick"]
 
 
-def loss(walls: Walls, one: tuple[float, float], other: tuple[float, float]) -> float:
+def loss(
+    walls: Walls, one: tuple[float, float], other: tuple[float, float], most_db: float = math.inf
+) -> float:
     found = np.zeros((1, 1))
     w = walls
     add_walls(
         w.squares, w.kinds, w.resolution, w.west, w.south, w.crossing_db, w.per_metre_db,
-        np.array([one]), np.array([other]), found,
+        np.array([one]), np.array([other]), most_db, found,
     )  # fmt: skip
     return float(found[0, 0])
 
@@ -142,3 +144,14 @@ def test_walls_are_the_same_from_both_sides(
 ) -> None:
     walls = walls_of(kinds)
     assert loss(walls, one, other) == loss(walls, other, one) >= 0.0
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(kinds=kinds, one=spots, other=spots, most_db=st.floats(0.0, 20.0))
+def test_a_loss_is_exact_or_known_to_be_too_much(
+    kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float], most_db: float
+) -> None:
+    walls = walls_of(kinds)
+    whole = loss(walls, one, other)
+    cut = loss(walls, one, other, most_db)
+    assert cut == whole if whole <= most_db else cut > most_db

@@ -5,6 +5,7 @@ Wi-Fi and jammers to an `Interferer`. Positions are (…, 2) arrays, m, map fram
 of its arguments and of a seed given at construction, never of how often or in which order it is asked.
 """
 
+import math
 from collections.abc import Callable
 from typing import Protocol
 
@@ -18,8 +19,12 @@ Trajectory = Callable[[int], NDArray[np.float64]]
 class Propagation(Protocol):
     """How much weaker a signal arrives than it was sent."""
 
-    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def loss_db(
+        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
+    ) -> NDArray[np.float64]:
         """Loss from each sender to each receiver, dB ≥ 0, `inf` = nothing arrives: (senders, receivers).
+
+        Where it is above `most_db` any value above will do, so that far ones need not be computed.
 
         `senders` (s, 2), `receivers` (r, 2). Asked once per frame, with one sender, for the positions at its
         first symbol, or once per sender while all stand still: entry (i, j) must depend on these two points

@@ -9,7 +9,7 @@ from actors.kernels import njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
-from actors.radio.medium.reception import change_outside, leave, let_go
+from actors.radio.medium.reception import change_outside, free_share, leave, let_go
 from actors.radio.medium.state import NEVER, Due, MacState, MediumState, OfferKind, Outcome, Outside
 
 DONE: Final = 0
@@ -49,11 +49,14 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def take_row(st: MediumState, sender: int, tx_dbm: float, loss_db: NDArray[np.float64]) -> None:
-    """How strong the sender's frames arrive everywhere: loss_db, (n,) dB, less than tx_dbm."""
+def take_row(
+    st: MediumState, sender: int, tx_dbm: float, loss_db: NDArray[np.float64], most_db: float
+) -> None:
+    """How strong the sender's frames arrive: loss_db, (n,) dB, less than tx_dbm; not at all above most_db."""
     for other in range(loss_db.size):
-        st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0)
-    st.transceivers[sender].known = True
+        near = loss_db[other] <= most_db
+        st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0) if near else 0.0
+    st.transceivers[sender].row = free_share(st)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -90,7 +93,7 @@ def _needs_row(st: MediumState) -> bool:
     begins = due in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value)
     return (
         begins
-        and not st.transceivers[order % _KINDS].known
+        and st.transceivers[order % _KINDS].row < free_share(st)
         and _is_valid(st, due, order % _KINDS, st.agenda[0].ticket)
     )
 
@@ -132,16 +135,23 @@ def _dispatch(st: MediumState) -> None:
 def _exchange(st: MediumState, due: int, number: int) -> None:
     if due == Due.FRAME_BEGIN.value:
         csma.transmit(st, number)
-        st.transceivers[number].known = not st.medium.moving
+        _forget_row(st, number)
     elif due == Due.FRAME_END.value:
         csma.transmitted(st, number)
     elif due == Due.ACK_BEGIN.value:
         csma.acknowledge(st, number)
-        st.transceivers[number].known = not st.medium.moving
+        _forget_row(st, number)
     elif due == Due.ACK_END.value:
         csma.acknowledged(st, number)
     else:
         csma.timed_out(st, number)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _forget_row(st: MediumState, number: int) -> None:
+    """A frame has begun: where transceivers move its row is not that of the sender's next one."""
+    if st.medium.moving:
+        st.transceivers[number].row = 0
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -1,13 +1,14 @@
 """The medium that transceivers share: whose frame is in the air when, and who hears it.
 
 A library of its own: transceivers, where they are, what they send, and how far the time is to go. Every
-instant is a whole number of nanoseconds. Nothing depends on how the time is cut into calls of `run`, nor on
-transceivers that are silent: all random numbers are functions of a seed and of what they are for
-(`actors.radio.medium.draws`).
+instant is a whole number of nanoseconds. A frame is followed as far as it counts (`_faintest_dbm`). Nothing
+depends on how the time is cut into calls of `run`, nor on transceivers that are silent: all random numbers
+are functions of a seed and of what they are for (`actors.radio.medium.draws`).
 """
 
+import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,15 @@ from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
 from actors.radio.medium.initial_state import initial_state
 from actors.radio.medium.interference import Interference
+from actors.radio.medium.reception import free_share
 from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outside
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
+
+
+_LEFT_OUT_DB: Final = -26.38
+"""So far below noise a power is that raises it by 0.01 dB: 10 log10(10^0.001 - 1)."""
+_HALF_DB: Final = 3.0103
 
 
 class Request(NamedTuple):
@@ -55,6 +62,7 @@ class Medium:
         none = np.zeros((0, len(transceivers)))
         self._outside = Outside(np.zeros(0, REQUEST), np.zeros(0, SWITCH), none, none)
         self._tx_dbm = np.array([t.tx_power_dbm for t in transceivers])
+        self._faintest_dbm = _faintest_dbm(self._transceivers, phy or PhyParameters())
         self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
         self._interference = Interference()
         for interferer in interferers:
@@ -81,13 +89,13 @@ class Medium:
         positions = np.array(positions, dtype=np.float64)
         self._where = lambda _: positions
         self._state.medium["moving"] = False
-        self._state.transceivers["known"] = False
+        self._state.transceivers["row"] = 0
 
     def follow(self, trajectory: Trajectory) -> None:
         """From now on the transceivers move. The trajectory is asked for instants as far as `run` goes."""
         self._where = trajectory
         self._state.medium["moving"] = True
-        self._state.transceivers["known"] = False
+        self._state.transceivers["row"] = 0
 
     def add(self, interferer: Interferer) -> None:
         """From now on the source disturbs too; of its bursts those count that begin no earlier."""
@@ -102,7 +110,7 @@ class Medium:
         """It sends its next frames with that power."""
         if self._tx_dbm[transceiver] != tx_power_dbm:
             self._tx_dbm[transceiver] = tx_power_dbm
-            self._state.transceivers["known"][transceiver] = False
+            self._state.transceivers["row"][transceiver] = 0
 
     def offer(self, transceiver: int, traffic: Traffic) -> None:
         """From now on the medium hands the transceiver frames by itself; their tag is -1."""
@@ -190,17 +198,32 @@ class Medium:
                 return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
 
     def _find_row(self) -> None:
-        """How strong the frame that begins now arrives everywhere."""
+        """How strong the frame that begins now arrives, wherever it is followed to."""
         sender = int(self._state.agenda["order"][0] & 0xFFFFFFFF)
         positions = self._where(self.now_ns)
-        loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
-        engine.take_row(self._state, sender, self._tx_dbm[sender], loss_db)
+        faintest_dbm = self._faintest_dbm - _HALF_DB * free_share(self._state)
+        most_db = float(self._tx_dbm[sender] - faintest_dbm)
+        loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions, most_db)[0]
+        engine.take_row(self._state, sender, self._tx_dbm[sender], loss_db, most_db)
+
+
+def _faintest_dbm(transceivers: Sequence[Transceiver], phy: PhyParameters) -> float:
+    """All that is not followed of the frames in the air may be as strong as this at a receiver, together.
+
+    It adds 0.01 dB to the noise, or to the least energy that makes the channel busy, and nobody could
+    lock onto it.
+    """
+    least_dbm = min([phy.noise_dbm, *(one.cca_threshold_dbm for one in transceivers)])
+    together_dbm = least_dbm + _LEFT_OUT_DB - max(phy.cochannel_penalty_db, 0.0)
+    return min(together_dbm, phy.noise_dbm + phy.lock_sinr_db)
 
 
 class _Line:
     """Transceivers in a row whose losses and disturbance are plain sums, for the fingerprint."""
 
-    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def loss_db(
+        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
+    ) -> NDArray[np.float64]:
         apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
         return apart
 

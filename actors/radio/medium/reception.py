@@ -116,10 +116,25 @@ def _meet(medium: Record, transceiver: Record, sender: int, power: float, locked
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def free_share(st: MediumState) -> int:
+    """The first share, from 1, that no frame in the air has: what the next one may leave out is 2 ** -share.
+
+    So all frames in the air together, however many, leave out less than the whole.
+    """
+    share, place = 1, 0
+    while place < st.medium.in_air:
+        place += 1
+        if st.transceivers[st.rosters[place - 1].in_air].flight.share == share:
+            share, place = share + 1, 0
+    return share
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def begin(st: MediumState, sender: int) -> None:
     """The sender's frame begins, as its flight and its row of gains describe it."""
     medium = st.medium
     settle(st)
+    st.transceivers[sender].flight.share = free_share(st)
     transceivers, gains_mw, outcomes = st.transceivers, st.gains_mw, st.outcomes
     for i in range(transceivers.size):
         receiver, power = transceivers[i].receiver, gains_mw[sender, i]

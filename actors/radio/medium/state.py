@@ -134,9 +134,10 @@ MAC: Final = _dtype(
 clear channel assessment has seen, and the acknowledgement that it owes."""
 
 FLIGHT: Final = _dtype(
-    octets="i8", to="i8", ack="b1", is_ack="b1", frame="i8", draw="i8", tag="i8", asked_ns="i8"
+    octets="i8", to="i8", ack="b1", is_ack="b1", frame="i8", draw="i8", tag="i8", asked_ns="i8", share="i8"
 )  # fmt: skip
-"""The frame that a transceiver has in the air, or had last. `frame`: its number; `draw`: number and try."""
+"""The frame that a transceiver has in the air, or had last. `frame`: its number; `draw`: number and try;
+`share`: see `reception.free_share`."""
 
 COUNTERS: Final = _dtype(
     generated="i8", sent="i8", overflowed="i8", access_failures="i8", acknowledged="i8", no_ack="i8",
@@ -153,10 +154,10 @@ RECEIVER: Final = _dtype(
 
 TRANSCEIVER: Final = _dtype(
     settings=SETTINGS, traffic=TRAFFIC, mac=MAC, receiver=RECEIVER, flight=FLIGHT, counters=COUNTERS,
-    known="b1",
+    row="i8",
 )  # fmt: skip
 """One record, not an array for each part: every array that kernels pass on to one another costs time.
-`known`: the row of gains holds for the transceiver's next frame."""
+`row`: the share for which its row of gains was computed, 0: it does not hold for the next frame."""
 
 ROSTER: Final = _dtype(in_air="i8", assessing="i8")
 """Two lists side by side: who has a frame in the air, and who assesses the channel, by number."""

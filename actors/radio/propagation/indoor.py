@@ -1,5 +1,6 @@
 """How much of a signal gets from one place to another: distance, walls and shadowing together."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,11 +47,16 @@ class IndoorPropagation:
         if parameters.shadowing.sigma_db > 0:
             assert rng is not None, "shadowing is drawn"
             self._waves = shadowing.waves(parameters.shadowing, rng)
+        # No sum of sinusoids is below this, however they meet: what shadowing can take off a loss at most.
+        self._most_gained_db = 2.0 * parameters.shadowing.sigma_db * math.sqrt(parameters.shadowing.sinusoids)
         self._cells: NDArray[np.int64] = np.empty((0, 2), np.int64)
         self._phasors: Floats = np.empty((4, parameters.shadowing.sinusoids, 0))
 
-    def loss_db(self, senders: Floats, receivers: Floats) -> Floats:
-        """Loss between each sender, (s, 2) m, and each receiver, (r, 2) m: (s, r) dB."""
+    def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
+        """Loss between each sender, (s, 2) m, and each receiver, (r, 2) m: (s, r) dB.
+
+        A loss above `most_db` may be any value above it: behind so many walls the rest is not looked at.
+        """
         senders, receivers = np.array(senders), np.array(receivers)  # one kind of array for the kernels
         loss = np.empty((len(senders), len(receivers)))
         _path_losses(senders, receivers, self._coefficients, loss)
@@ -58,7 +64,8 @@ class IndoorPropagation:
         if floor is not None:
             walls.add_walls(
                 floor.squares, floor.kinds, floor.resolution, floor.west, floor.south,
-                floor.crossing_db, floor.per_metre_db, senders, receivers, loss,
+                floor.crossing_db, floor.per_metre_db, senders, receivers,
+                most_db + self._most_gained_db, loss,
             )  # fmt: skip
         if self._waves is not None:
             self._add_shadowing(self._waves, senders, receivers, loss)

@@ -103,8 +103,9 @@ def _along(
     dx: float,
     dy: float,
     length: float,
+    most_db: float,
 ) -> float:
-    """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells."""
+    """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells; inf if above most_db."""
     rows, columns = kinds.shape
     at, last = _clipped(x, dx, columns, 0.0, length)
     at, last = _clipped(y, dy, rows, at, last)
@@ -120,6 +121,8 @@ def _along(
             loss += crossing_db[kind]
             before = kind
         loss += max(border - at, 0.0) * per_cell_db[kind]
+        if loss > most_db:
+            return math.inf
         at = max(border, at)
         column, row = cell_after(line, square, at)
     return loss
@@ -136,15 +139,19 @@ def add_walls(
     per_metre_db: Floats,
     senders: Floats,
     receivers: Floats,
+    most_db: float,
     loss_db: Floats,
 ) -> None:
     """Add the loss by walls between senders, (s, 2) m, and receivers, (r, 2) m, to loss_db, (s, r) dB.
 
-    The same, to the last bit, in both directions. squares … per_metre_db: the fields of `Walls`.
+    The same, to the last bit, in both directions; what comes to more than most_db may be any value above it.
+    squares … per_metre_db: the fields of `Walls`.
     """
     per_cell_db = per_metre_db * resolution
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
+            if loss_db[i, j] > most_db:
+                continue
             x0, y0 = (senders[i, 0] - west) / resolution, (senders[i, 1] - south) / resolution
             x1, y1 = (receivers[j, 0] - west) / resolution, (receivers[j, 1] - south) / resolution
             if x1 < x0 or (x1 == x0 and y1 < y0):
@@ -153,5 +160,6 @@ def add_walls(
             length = math.sqrt(dx * dx + dy * dy)
             if length > 0.0:
                 loss_db[i, j] += _along(
-                    squares, kinds, crossing_db, per_cell_db, x0, y0, dx / length, dy / length, length
-                )
+                    squares, kinds, crossing_db, per_cell_db, x0, y0, dx / length, dy / length, length,
+                    most_db - loss_db[i, j],
+                )  # fmt: skip
