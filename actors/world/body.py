@@ -178,11 +178,11 @@ class Bodies:
         if not due:
             return
         poses, obstacles = self._arena.poses, self._arena.obstacles
-        for index, ranges in zip(due, self._sensors.scan(due, poses, obstacles), strict=True):
+        for index, ranges in zip(due, self._sensors.encoded(due, poses, obstacles), strict=True):
             kept = self._scans[index]
             if len(kept) == self._most_sweeps[index]:  # a frozen robot asks for none
                 del kept[0]
-            kept.append(Scan(now, ranges.astype("<u2", copy=False).tobytes()))
+            kept.append(Scan(now, ranges))
 
     def _cache(self) -> None:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""
