@@ -33,9 +33,10 @@ class Exchange:
     """With one space, whose bodies, in the order in which they came, stay the same."""
 
     def __init__(self, space: pymunk.Space, forces: NDArray[np.float64]) -> None:
-        """`forces`: (n + 1, 3), N, N, N m, kept and read at each `push`; the last row is for what does not
+        """`forces`: (n + 1, 3), N, N, N m, kept and read at each `step`; the last row is for what does not
         move, which is a body to pymunk too."""
-        self._space = space._space
+        self._space = space
+        self._address = space._space
         self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
         self._into.set_float_buf(forces.reshape(-1))
         self._pushed = _request(_FORCES, self._into)
@@ -43,25 +44,23 @@ class Exchange:
         self._asked = _request(_CONTACTS, self._met)
         self._floats, self._states = self._into._float_arr, self._out_of._float_arr
         self._numbers, self._normals = self._met._int_arr, self._met._float_arr
-        self.look()
+        lib.cpSpaceEachBody(self._address, _GET, self._looked)
         self.states: NDArray[np.float64] = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)
-        """(n + 1, 6): x, y, heading, vx, vy, omega at the last `look`, which writes to the same memory."""
+        """(n + 1, 6): x, y, heading, vx, vy, omega after the last `step`, which writes to the same memory."""
 
-    def push(self) -> None:
-        """Let the forces act on the bodies."""
+    def step(self, dt: float) -> None:
+        """Let the forces act on the bodies for so long, s, and take the states over."""
         self._floats.num = 0  # where reading begins
-        lib.cpSpaceEachBody(self._space, _SET, self._pushed)
-
-    def look(self) -> None:
-        """Take the states over from the bodies."""
+        lib.cpSpaceEachBody(self._address, _SET, self._pushed)
+        self._space.step(dt)
         self._states.num = 0  # where writing begins
-        lib.cpSpaceEachBody(self._space, _GET, self._looked)
+        lib.cpSpaceEachBody(self._address, _GET, self._looked)
 
     def contacts(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]] | None:
         """Those of the last sub-step, None without any: (m, 3), numbers of both bodies, and whether it is
         new; (m, 2), the normal from the first to the second. Good until the next call."""
         self._numbers.num = self._normals.num = 0
-        lib.cpSpaceEachCachedArbiter(self._space, _MEET, self._asked)
+        lib.cpSpaceEachCachedArbiter(self._address, _MEET, self._asked)
         if not self._numbers.num:
             return None
         pairs = np.frombuffer(self._met.int_buf(), np.uint64).reshape(-1, 3)

@@ -112,7 +112,11 @@ class Arena:
 
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
         """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
-        if not all(map(math.isfinite, twist)):
+        if not (
+            -math.inf < twist.vx < math.inf
+            and -math.inf < twist.vy < math.inf
+            and -math.inf < twist.omega < math.inf
+        ):
             raise AcrcError(
                 f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
                 "a velocity should be finite"
@@ -136,9 +140,7 @@ class Arena:
                 self._memory,
                 self._forces,
             )
-            self._exchange.push()
-            self._space.step(dt)
-            self._exchange.look()
+            self._exchange.step(dt)
             self._take_contacts()
             self.now = Instant(self.now + SUBSTEP)
             track[k] = self._state[:, :3]
