@@ -81,5 +81,7 @@ def between(first: Pose, second: Pose, share: float) -> Pose:
 
 def wrap(angle: float) -> float:
     """The same angle in (−π, π]."""
+    if -math.pi < angle <= math.pi:
+        return float(angle)  # a scenario may have whole numbers
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped

@@ -67,7 +67,7 @@ def truth_fault(truth: Truth, step: int) -> str | None:
     if truth.step != step:
         return f"gives Truth of step {truth.step}; it should be of step {step}"
     for robot in truth.robots:
-        if not (are_plausible(robot.x, robot.y) and are_plausible(robot.vx, robot.vy, robot.omega)):
+        if not are_plausible(robot.x, robot.y, 0.0, robot.vx, robot.vy, robot.omega):
             return f"says that {robot.id} is at ({robot.x:g}, {robot.y:g}), or moves, as no robot can"
     for jam in truth.jams:
         if wrong := order_limits.fault(_order(jam, truth.instant), order_limits.OrderLimits()):
@@ -87,8 +87,8 @@ def senses_fault(senses: Senses) -> str | None:
             return (
                 f"a place at ({place[0]:g}, {place[1]:g}); each should be at most {GREATEST_COORDINATE:g} m"
             )
-    at = are_plausible(odometry.x, odometry.y, odometry.heading)
-    if at and are_plausible(odometry.vx, odometry.vy, odometry.omega):
+    x, y, heading = odometry.x, odometry.y, odometry.heading
+    if are_plausible(x, y, heading, odometry.vx, odometry.vy, odometry.omega):
         return None
     return (
         f"the odometry ({odometry.x:g}, {odometry.y:g}), {odometry.heading:g} rad, at {odometry.vx:g}, "
@@ -110,10 +110,19 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
     return None
 
 
-def are_plausible(x: float, y: float, angle: float = 0.0) -> bool:
-    """True for coordinates that may lie on a floor, or for a velocity, and for what can be an angle, rad."""
+def are_plausible(
+    x: float, y: float, angle: float = 0.0, vx: float = 0.0, vy: float = 0.0, omega: float = 0.0
+) -> bool:
+    """True for coordinates that may lie on a floor, and for what can be an angle, rad, and velocities."""
     most = GREATEST_COORDINATE
-    return -most <= x <= most and -most <= y <= most and -most <= angle <= most
+    return (
+        -most <= x <= most
+        and -most <= y <= most
+        and -most <= angle <= most
+        and -most <= vx <= most
+        and -most <= vy <= most
+        and -most <= omega <= most
+    )
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:

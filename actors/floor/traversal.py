@@ -73,7 +73,13 @@ def ray(x: float, y: float, dx: float, dy: float) -> Ray:
     """The ray from (x, y) along the unit vector (dx, dy)."""
     per_x = 1 / dx if dx != 0 else 1e300
     per_y = 1 / dy if dy != 0 else 1e300
-    return Ray(x, y, dx, dy, per_x, per_y, (0 if dx >= 0 else 1) + (0 if dy >= 0 else 2))
+    return Ray(x, y, dx, dy, per_x, per_y, quadrant(dx, dy))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def quadrant(dx: float, dy: float) -> int:
+    """`Ray.quadrant` of a direction."""
+    return (0 if dx >= 0 else 1) + (0 if dy >= 0 else 2)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -3,6 +3,7 @@
 numpy's own take the tails of their distributions from the C library's logarithm and exponential function.
 """
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +21,18 @@ def normals(generator: Generator, shape: int | tuple[int, ...]) -> Floats:
     """Standard normal draws of that shape, none beyond ±8.3."""
     draws = generator.random(shape)
     _to_normals(draws.reshape(-1))
+    return draws
+
+
+def normals_of_each(generators: Sequence[Generator], counts: Sequence[int]) -> Floats:
+    """Standard normal draws, so many of each generator, one after the other: (sum of the counts,)."""
+    draws = np.empty(sum(int(count) for count in counts))
+    end = 0
+    for generator, count in zip(generators, counts, strict=True):
+        begin, end = end, end + count
+        if count:
+            generator.random(out=draws[begin:end])
+    _to_normals(draws)
     return draws
 
 

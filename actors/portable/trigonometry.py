@@ -24,22 +24,39 @@ _LAST: Final = 8.4784276603689e-32  # and what remains then
 
 def sin(x: float) -> float:
     """Sine of an angle, rad; nan of what is not finite. Error below 1 ulp up to FARTHEST."""
-    n, y, low = _reduced(x)
-    value = _cosine(y, low) if n & 1 else _sine(y, low)
-    return -value if n & 2 else value
+    return cos_sin(x)[1]
 
 
 def cos(x: float) -> float:
     """Cosine of an angle, rad; nan of what is not finite. Error below 1 ulp up to FARTHEST."""
-    n, y, low = _reduced(x)
-    value = _sine(y, low) if n & 1 else _cosine(y, low)
-    return -value if (n + 1) & 2 else value
+    return cos_sin(x)[0]
 
 
 def cos_sin(x: float) -> tuple[float, float]:
-    """Cosine and sine together: the same bits as each alone, for less."""
+    """Cosine and sine together; a compiler leaves out the one that nobody asks for."""
     n, y, low = _reduced(x)
-    s, c = _sine(y, low), _cosine(y, low)
+    z = y * y
+    r = 0.008333333333330936 + z * (
+        -0.00019841269836740532
+        + z * (2.7557316093198404e-06 + z * (-2.5051129896450185e-08 + z * 1.5917988979397435e-10))
+    )
+    v = z * y
+    s = y - ((z * (0.5 * low - v * r) - low) + v * 0.16666666666666666)
+    r = z * (
+        0.041666666666666664
+        + z
+        * (
+            -0.0013888888888887389
+            + z
+            * (
+                2.48015872987544e-05
+                + z * (-2.755731726587808e-07 + z * (2.087614504941318e-09 + z * -1.138254464534925e-11))
+            )
+        )
+    )
+    half = 0.5 * z
+    w = 1.0 - half
+    c = w + (((1.0 - w) - half) + (z * r - y * low))
     if n & 1:
         s, c = c, -s
     return (-c, -s) if n & 2 else (c, s)
@@ -76,34 +93,3 @@ def _reduced(x: float) -> tuple[int, float, float]:
     low = lost - rest
     y = t + low
     return int(n) & 3, y, (t - y) + low
-
-
-def _sine(y: float, low: float) -> float:
-    """sin(y + low), |y| ≤ π/4."""
-    z = y * y
-    r = 0.008333333333330936 + z * (
-        -0.00019841269836740532
-        + z * (2.7557316093198404e-06 + z * (-2.5051129896450185e-08 + z * 1.5917988979397435e-10))
-    )
-    v = z * y
-    return y - ((z * (0.5 * low - v * r) - low) + v * 0.16666666666666666)
-
-
-def _cosine(y: float, low: float) -> float:
-    """cos(y + low), |y| ≤ π/4."""
-    z = y * y
-    r = z * (
-        0.041666666666666664
-        + z
-        * (
-            -0.0013888888888887389
-            + z
-            * (
-                2.48015872987544e-05
-                + z * (-2.755731726587808e-07 + z * (2.087614504941318e-09 + z * -1.138254464534925e-11))
-            )
-        )
-    )
-    half = 0.5 * z
-    w = 1.0 - half
-    return w + (((1.0 - w) - half) + (z * r - y * low))

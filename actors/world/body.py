@@ -1,6 +1,7 @@
 """All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -60,10 +61,11 @@ class Bodies:
             kobuki,
         )
         self._periods = [model.sensor.period for model in self._models]
-        self._scans: list[list[Scan]] = [[] for _ in names]
+        self._different_periods = tuple(dict.fromkeys(self._periods))
+        # A frozen robot asks for none: the earliest go.
+        self._scans = [deque[Scan](maxlen=_sweeps(model, setup.step_us)) for model in self._models]
         self._bumpers = np.zeros(len(names), np.uint8)
         self._driven = np.zeros(len(names))
-        self._most_sweeps = [_sweeps(model, setup.step_us) for model in self._models]
         self._scan_due(Instant(0))
         self._cache()
 
@@ -95,10 +97,12 @@ class Bodies:
         self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
     ) -> Senses:
         """What the robot's base has to say now, and places that it is given. A scan is handed out once."""
-        scans, self._scans[index] = self._scans[index], []
+        scans = self._scans[index]
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
         odometry, earlier = self._odometers.read(index), tuple(scans)
+        if scans:
+            scans.clear()
         return Senses(
             step=step,
             instant=instant,
@@ -171,18 +175,16 @@ class Bodies:
 
     def _next_sweep(self, now: int) -> int:
         """The next instant at which a sensor sweeps, on the grid of the sub-steps."""
-        return min(_on_grid((now // period + 1) * period) for period in self._periods)
+        return min(_on_grid((now // period + 1) * period) for period in self._different_periods)
 
     def _scan_due(self, now: Instant) -> None:
-        due = [i for i, period in enumerate(self._periods) if _on_grid(now // period * period) == now]
-        if not due:
+        ending = [period for period in self._different_periods if _on_grid(now // period * period) == now]
+        if not ending:
             return
+        due = [i for i, period in enumerate(self._periods) if period in ending]
         poses, obstacles = self._arena.poses, self._arena.obstacles
-        for index, ranges in zip(due, self._sensors.scan(due, poses, obstacles), strict=True):
-            kept = self._scans[index]
-            if len(kept) == self._most_sweeps[index]:  # a frozen robot asks for none
-                del kept[0]
-            kept.append(Scan(now, ranges.astype("<u2", copy=False).tobytes()))
+        for index, ranges in zip(due, self._sensors.encoded(due, poses, obstacles), strict=True):
+            self._scans[index].append(Scan(now, ranges))
 
     def _cache(self) -> None:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""

@@ -259,7 +259,8 @@ class WorldCore:
 
     def _end_processes(self) -> list[Output]:
         """Tell the processes that an order ended that this was all."""
-        return [self._senses(self._participants[robot], halt=True) for robot in self._effects.ends]
+        ended = [self._participants[robot] for robot in self._effects.ends]
+        return [self._senses(member, self.instant, halt=True) for member in ended]
 
     def _over(self) -> bool:
         if self._effects.stop or self.instant >= self._setup.duration_us:
@@ -268,7 +269,7 @@ class WorldCore:
 
     def _halt(self) -> list[Output]:
         alive = self._participants.of(BarrierStanding.STEPPING, BarrierStanding.FROZEN)
-        outputs = [self._senses(member, halt=True) for member in alive]
+        outputs = [self._senses(member, self.instant, halt=True) for member in alive]
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         self._finished = True
         outputs.append(to(PROGRESS, self._progress()))
@@ -276,18 +277,19 @@ class WorldCore:
 
     def _send_senses(self) -> list[Output]:
         self._phase = WorldPhase.CLOSE
-        return [self._senses(member) for member in self._participants.of(BarrierStanding.STEPPING)]
+        instant = self.instant
+        return [self._senses(member, instant) for member in self._participants.of(BarrierStanding.STEPPING)]
 
-    def _senses(self, member: Member, halt: bool = False) -> Output:
+    def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
         events, member.events = member.events, 0
         new: Places = ()
-        if not halt:  # a process that ends is not told, the one that follows it is
+        if member.given and not halt:  # a process that ends is not told, the one that follows it is
             new, member.told = member.given[member.told :], len(member.given)
-        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt, new)
+        senses = self._bodies.senses(member.index, self._step, instant, events, halt, new)
         return to(SENSES, senses, member.id)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
-        transmits = dict.fromkeys((member.id for member in self._participants.members), 0)
+        transmits = {member.id: 0 for member in self._participants.members}
         held: dict[int, tuple[float, float, float] | None] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.of(BarrierStanding.STEPPING):
@@ -299,12 +301,13 @@ class WorldCore:
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
-        truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)
+        truths = [self._truth(member, transmits[member.id]) for member in self._participants.members]
         for robot, pose in held.items():
             self._whereabouts.take(robot, pose, truths[robot])
         self._phase = WorldPhase.MOVE
         effects = self._effects
-        return (to(TRUTH, Truth(self._step, self.instant, truths, effects.jams, losses=effects.losses)),)
+        truth = Truth(self._step, begin, tuple(truths), effects.jams, losses=effects.losses)
+        return (to(TRUTH, truth),)
 
     def _when(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"

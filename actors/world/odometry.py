@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, in_seconds
 from actors.messages import Odometry
-from actors.portable import cos_sin
+from actors.portable import arrays
 from actors.portable.draws import normals, uniforms
 from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
@@ -81,15 +81,18 @@ class Odometers:
         assert kobuki.feedback % substep == 0
         for model, kind in zip(models, kinds, strict=True):
             _check(model, kind)
-        self._kinds = tuple(kinds)
         self._generators = tuple(generators)
         self._dt = in_seconds(substep)
         self._kobuki = _in_si(kobuki, substep)
-        self._origin = [Pose(*pose) for pose in poses.tolist()]
+        self._origin = np.array(poses, np.float64)
         self._last = np.array(poses, np.float64)
         self._true_velocities = np.zeros((n, 3))
         self._estimates = np.zeros((n, 3))
         self._velocities = np.zeros((n, 3))
+        self._said: list[tuple[float, ...]] | None = None
+        """What `read` gives, of all robots at once, until something has moved."""
+        self._is_exact = np.array([kind == "exact" for kind in kinds])[:, None]
+        self._is_measured = np.array([kind == "kobuki" for kind in kinds])[:, None]
         self._scaled = np.array([i for i, kind in enumerate(kinds) if kind == "stage"], np.int64)
         self._measured = np.array([i for i, kind in enumerate(kinds) if kind == "kobuki"], np.int64)
         self._factors = np.ones((n, 3))
@@ -124,27 +127,42 @@ class Odometers:
             )
         self._last[:] = track[-1]
         self._true_velocities[:] = velocities
+        self._said = None
 
     def carry(self, index: int, pose: Pose) -> None:
         """Tell that somebody lifted the robot and put it elsewhere: only an exact odometry notices."""
         self._last[index] = pose
         self._true_velocities[index] = 0.0
+        self._said = None
 
     def read(self, index: int) -> Odometry:
         """What the robot's base says."""
-        kind = self._kinds[index]
-        here = self._last[index].tolist()
-        if kind == "exact":
-            x, y, heading = self._origin[index].relative(Pose(*here))
-        else:
-            x, y, heading = self._estimates[index].tolist()
-        if kind == "kobuki":
-            vx, vy, omega = self._velocities[index].tolist()
-        else:
-            east, north, omega = self._true_velocities[index].tolist()
-            c, s = cos_sin(here[2])
-            vx, vy = c * east + s * north, c * north - s * east
-        return Odometry(x, y, wrap(heading), vx, vy, omega)
+        if self._said is None:
+            self._said = self._all()
+        return Odometry(*self._said[index])
+
+    def _all(self) -> list[tuple[float, ...]]:
+        """The fields of what each base says."""
+        here, origin = self._last, self._origin
+        exact = np.column_stack(
+            [*_turned_back(origin[:, 2], *(here - origin)[:, :2].T), here[:, 2] - origin[:, 2]]
+        )
+        east, north, omega = self._true_velocities.T
+        true = np.column_stack([*_turned_back(here[:, 2], east, north), omega])
+        poses = np.where(self._is_exact, exact, self._estimates)
+        velocities = np.where(self._is_measured, self._velocities, true)
+        return [
+            (x, y, wrap(heading), *velocity)
+            for (x, y, heading), velocity in zip(poses.tolist(), velocities.tolist(), strict=True)
+        ]
+
+
+def _turned_back(
+    heading: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Vectors (n,) as seen from frames that are turned by these headings."""
+    c, s = arrays.cos(heading), arrays.sin(heading)
+    return c * x + s * y, c * y - s * x
 
 
 def _check(model: RobotModel, kind: str) -> None:

@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from pymunk import batch
 
 from actors.geometry import Point, Pose, Twist
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
@@ -19,23 +18,12 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
 from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
+from actors.world.exchange import Exchange
 from actors.world.rotation import turn, turn_by_ourselves
 
 SUBSTEP: Final[Duration] = milliseconds(10)
 """The physics always moves on by this much."""
-_STATE: Final = (
-    batch.BodyFields.POSITION
-    | batch.BodyFields.ANGLE
-    | batch.BodyFields.VELOCITY
-    | batch.BodyFields.ANGULAR_VELOCITY
-)
-_FORCES: Final = batch.BodyFields.FORCE | batch.BodyFields.TORQUE
-_CONTACTS: Final = (
-    batch.ArbiterFields.BODY_A_ID
-    | batch.ArbiterFields.BODY_B_ID
-    | batch.ArbiterFields.IS_FIRST_CONTACT
-    | batch.ArbiterFields.NORMAL
-)
+_NO_CONTACTS: Final = np.empty((0, 3), np.uint64), np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -91,11 +79,10 @@ class Arena:
         )  # the last row is for the walls, which are a body to pymunk too
         self._forces = forces[:-1]
         self._touching = np.zeros(len(poses), np.bool_)
-        self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
-        self._into.set_float_buf(forces.reshape(-1))
-        batch.get_space_bodies(self._space, _STATE, self._out_of)
-        # Later calls write to the same memory: the number of bodies never changes.
-        self._state = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)[:-1]
+        self._touched = False
+        """Whether any robot does."""
+        self._exchange = Exchange(self._space, forces)
+        self._state = self._exchange.states[:-1]
         assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))
         self.now: Instant = START
         """The instant that the states belong to."""
@@ -125,7 +112,11 @@ class Arena:
 
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
         """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
-        if not all(map(math.isfinite, twist)):
+        if not (
+            -math.inf < twist.vx < math.inf
+            and -math.inf < twist.vy < math.inf
+            and -math.inf < twist.omega < math.inf
+        ):
             raise AcrcError(
                 f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
                 "a velocity should be finite"
@@ -149,10 +140,7 @@ class Arena:
                 self._memory,
                 self._forces,
             )
-            batch.set_space_bodies(self._space, _FORCES, self._into)
-            self._space.step(dt)
-            self._out_of.clear()
-            batch.get_space_bodies(self._space, _STATE, self._out_of)
+            self._exchange.step(dt)
             self._take_contacts()
             self.now = Instant(self.now + SUBSTEP)
             track[k] = self._state[:, :3]
@@ -231,11 +219,9 @@ class Arena:
         return pairs
 
     def _take_contacts(self) -> None:
-        self._met.clear()
-        batch.get_space_arbiters(self._space, _CONTACTS, self._met)
-        pairs = np.frombuffer(self._met.int_buf(), np.uint64).reshape(-1, 3)
-        if len(pairs) or self._touching.any():
-            normals = np.frombuffer(self._met.float_buf()).reshape(-1, 2)
+        met = self._exchange.contacts()
+        if met is not None or self._touched:
+            pairs, normals = _NO_CONTACTS if met is None else met
             self.contacts += press_bumpers(
                 self._state,
                 pairs,
@@ -246,6 +232,7 @@ class Arena:
                 self.bumpers,
                 self._touching,
             )
+            self._touched = bool(self._touching.any())
 
     @property
     def _walls(self) -> NDArray[np.float64]:

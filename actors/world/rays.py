@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.bearings import bearing_to, half_width, window
-from actors.floor.traversal import cell_after, free_squares, ray, square_at
+from actors.floor.traversal import Ray, cell_after, free_squares, quadrant, square_at
 from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot
@@ -23,7 +23,10 @@ SENSOR = np.dtype(
         ("increment", np.float64),
         ("rays", np.int64),
         ("table", np.int64),
+        ("range_min", np.float64),
         ("range_max", np.float64),
+        ("noise", np.float64),
+        ("noise_growth", np.float64),
     ],
     align=True,
 )
@@ -35,26 +38,87 @@ BODY = np.dtype(
 """A body's outline: a disc if it has no vertices, otherwise `radius` is that of the disc around it."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def cast(squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float) -> float:
-    """Distance from (x, y) to the first blocking cell along the unit vector (dx, dy); inf beyond reach.
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def cast(
+    squares: NDArray[np.uint8], x: float, y: float, directions: Floats, reach: float, distances: Floats
+) -> None:
+    """Distances from (x, y) to the first blocking cell along the unit vectors (2, n); inf beyond reach.
 
-    squares: of `free_squares`. Everything is in cells; a ray that starts in a blocking cell or outside of the
-    map is at its end.
+    squares: of `free_squares`; distances (n,), written. Everything is in cells; a ray that starts in a
+    blocking cell or outside of the map is at its end.
     """
     column, row = math.floor(x), math.floor(y)
-    if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]):
-        return 0.0
-    line = ray(x, y, dx, dy)
-    distance = 0.0
-    side = int(squares[line.quadrant, row, column])
+    distances[:] = 0.0
+    if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]) or not squares[0, row, column]:
+        return
+    per_x, per_y, columns, rows = np.empty((4, distances.size))
+    _leap(squares[:, row, column], x, y, directions[0], directions[1], per_x, per_y, columns, rows, distances)
+    for k in range(distances.size):
+        dx, dy = directions[0, k], directions[1, k]
+        line = Ray(x, y, dx, dy, per_x[k], per_y[k], quadrant(dx, dy))
+        distances[k] = _rest(squares, line, int(columns[k]), int(rows[k]), distances[k], reach)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _leap(
+    sides: NDArray[np.uint8],
+    x: float,
+    y: float,
+    dx: Floats,
+    dy: Floats,
+    per_x: Floats,
+    per_y: Floats,
+    columns: Floats,
+    rows: Floats,
+    distances: Floats,
+) -> None:
+    """The first leap of all rays from a point, as `square_at` and `cell_after` have it.
+
+    sides (4,): of the squares around the point, by quadrant; dx, dy (n,); the others (n,), written: those of
+    `Ray`, column and row of the cell that is entered, and how far along the ray.
+
+    All leap out of the same four squares, so this needs no look at the map, and processors do several rays at
+    once: as long as all numbers are floats, and each array is known to be apart from the others.
+    """
+    north_east, north_west = float(sides[0]), float(sides[1])
+    south_east, south_west = float(sides[2]), float(sides[3])
+    column, row = float(math.floor(x)), float(math.floor(y))
+    for k in range(distances.size):
+        ray_x, ray_y = dx[k], dy[k]
+        inverse_x = 1 / ray_x if ray_x != 0 else 1e300
+        inverse_y = 1 / ray_y if ray_y != 0 else 1e300
+        east, north = ray_x >= 0, ray_y >= 0
+        side = (north_east if east else north_west) if north else (south_east if east else south_west)
+        left = column if east else column - side + 1
+        bottom = row if north else row - side + 1
+        border_x = column + side if east else left
+        border_y = row + side if north else bottom
+        to_x, to_y = (border_x - x) * inverse_x, (border_y - y) * inverse_y
+        distance = to_x if to_x < to_y else to_y
+        at_x = min(max(np.floor(x + distance * ray_x), left), left + side - 1)
+        at_y = min(max(np.floor(y + distance * ray_y), bottom), bottom + side - 1)
+        per_x[k], per_y[k] = inverse_x, inverse_y
+        columns[k] = (border_x if east else border_x - 1) if to_x < to_y else at_x
+        rows[k] = at_y if to_x < to_y else (border_y if north else border_y - 1)
+        distances[k] = distance
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _rest(
+    squares: NDArray[np.uint8], line: Ray, column: int, row: int, distance: float, reach: float
+) -> float:
+    """Distance to the first blocking cell of a ray that is in this cell after so far; inf beyond reach."""
+    if distance > reach:
+        return math.inf
+    sides = squares[line.quadrant]
+    side = int(sides[np.uint64(row), np.uint64(column)])  # without signs: below 0, numba counts from the end
     while side:
         square = square_at(line, column, row, side)
         distance = min(square.to_x, square.to_y)
         if distance > reach:
             return math.inf
         column, row = cell_after(line, square, distance)
-        side = int(squares[line.quadrant, row, column])
+        side = int(sides[np.uint64(row), np.uint64(column)])
     return distance
 
 
@@ -110,7 +174,7 @@ def _hide_behind(
     for turn in range(-1, 2):
         begin, end = window(bearing, half, turn, sensor.increment, sensor.rays)
         for k in range(begin, end):
-            dx, dy = directions[k, 0], directions[k, 1]
+            dx, dy = directions[0, k], directions[1, k]
             found = _to_polygon(ring, dx, dy) if ring.shape[0] else _to_disc(x, y, radius, dx, dy)
             ranges[k] = min(ranges[k], found)
 
@@ -157,14 +221,14 @@ def sweep(
         x = poses[own, 0] + c * sensor.x - s * sensor.y
         y = poses[own, 1] + s * sensor.x + c * sensor.y
         found = ranges[starts[scan] : starts[scan] + sensor.rays]
-        directions = np.empty((sensor.rays, 2))
+        directions = np.empty((2, sensor.rays))
         column, row = (x - west) / resolution + 1, (y - south) / resolution + 1
         reach = sensor.range_max / resolution
         for k in range(sensor.rays):
             ray_x, ray_y = table[sensor.table + k, 0], table[sensor.table + k, 1]
-            dx, dy = c * ray_x - s * ray_y, s * ray_x + c * ray_y
-            directions[k, 0], directions[k, 1] = dx, dy
-            found[k] = cast(squares, column, row, dx, dy, reach) * resolution
+            directions[0, k], directions[1, k] = c * ray_x - s * ray_y, s * ray_x + c * ray_y
+        cast(squares, column, row, directions, reach, found)
+        found *= resolution
         heading = poses[own, 2] + sensor.heading
         for other in range(bodies.size):
             body: Any = bodies[other]
@@ -185,22 +249,28 @@ def sweep(
 def in_millimetres(
     ranges: Floats,
     normals: Floats,
-    noise: float,
-    growth: float,
-    nearest: float,
-    farthest: float,
-    scan: NDArray[np.uint16],
+    due: NDArray[np.int64],
+    sensors: NDArray[np.void],
+    starts: NDArray[np.int64],
+    report: NDArray[np.uint16],
 ) -> None:
-    """Write what a sensor reports of true ranges, (n,) m, to scan, (n,) uint16 mm; 65535 = no echo.
+    """What sensors that are due report of their true ranges: (n,) m, to report, (n,) mm; 65535 = no echo.
 
-    normals (n,): standard normal draws, or (0,) without noise; noise, growth: deviation noise + growth · r².
+    ranges, due, sensors, starts: see `sweep`; report: written; normals: standard normal draws, (rays,) for
+    each scan of a sensor with noise, one after the other.
     """
-    for k in range(ranges.size):
-        value = ranges[k]
-        if normals.size and value < math.inf:
-            value += normals[k] * (noise + growth * value * value)
-        echo = nearest <= max(value, 0.0) <= farthest
-        scan[k] = np.uint16(math.floor(max(value, 0.0) * 1000 + 0.5)) if echo else np.uint16(65535)
+    drawn = 0
+    for scan in range(due.size):
+        sensor: Any = sensors[due[scan]]
+        noisy = sensor.noise > 0 or sensor.noise_growth > 0
+        for k in range(starts[scan], starts[scan] + sensor.rays):
+            value = ranges[k]
+            if noisy:
+                if value < math.inf:
+                    value += normals[drawn] * (sensor.noise + sensor.noise_growth * value * value)
+                drawn += 1
+            echo = sensor.range_min <= max(value, 0.0) <= sensor.range_max
+            report[k] = np.uint16(math.floor(max(value, 0.0) * 1000 + 0.5)) if echo else np.uint16(65535)
 
 
 def fingerprint() -> bytes:
@@ -209,7 +279,11 @@ def fingerprint() -> bytes:
     blocking[14:17, 9:31] = False
     squares = free_squares(blocking)
     sensors = np.array(
-        [(-0.1, 0.02, 0.3, -3.1, 0.02, 310, 0, 6.5), (0.2, 0, 0, -0.5, 0.1, 11, 0, 0.7)], SENSOR
+        [
+            (-0.1, 0.02, 0.3, -3.1, 0.02, 310, 0, 0.05, 6.5, 0.01, 0.001),
+            (0.2, 0, 0, -0.5, 0.1, 11, 0, 0.0, 0.7, 0, 0),
+        ],
+        SENSOR,
     )
     bodies = np.array([(0.177, 0, 0), (0.2, 0, 3)], BODY)
     angles = -3.1 + 0.02 * np.arange(310)
@@ -233,6 +307,6 @@ def fingerprint() -> bytes:
         starts,
         ranges,
     )
-    scan = np.empty(321, np.uint16)
-    in_millimetres(ranges, arrays.cos(np.arange(321.0)), 0.01, 0.001, 0.05, 6.5, scan)
-    return squares.tobytes() + ranges.tobytes() + scan.tobytes()
+    report = np.empty(321, np.uint16)
+    in_millimetres(ranges, arrays.cos(np.arange(310.0)), np.arange(2), sensors, starts, report)
+    return squares.tobytes() + ranges.tobytes() + report.tobytes()

@@ -1,6 +1,7 @@
 """What the robots' range sensors report: planar scans of walls, other robots and obstacles."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
@@ -10,7 +11,7 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.traversal import free_squares
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
-from actors.portable.draws import normals
+from actors.portable.draws import normals_of_each
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
 from actors.world.rays import BODY, SENSOR, in_millimetres, sweep
 
@@ -33,8 +34,9 @@ class RangeSensors:
         self._generators = tuple(generators)
         self._dropout = dropout
         self._dropouts = tuple(dropouts)
-        self._models = tuple(model.sensor for model in models)
-        self._sensors, self._table = _sensors(self._models)
+        self._sensors, self._table = _sensors([model.sensor for model in models])
+        noisy = (self._sensors["noise"] > 0) | (self._sensors["noise_growth"] > 0)
+        self._draws: list[int] = np.where(noisy, self._sensors["rays"], 0).tolist()
         self._bodies, self._vertices = _bodies(models)
 
     def look_at(self, grid: OccupancyGrid) -> None:
@@ -49,27 +51,31 @@ class RangeSensors:
 
         `poses`: (n, 3) of all robots; `obstacles`: (m, 3) x, y, radius; m, rad, map frame.
         """
-        robots = np.array(due, np.int64)
-        ranges, ends = self._sweep(robots, poses, obstacles)
-        report = np.empty(ranges.size, np.uint16)
-        return [
-            self._report(int(robot), ranges[end - rays : end], report[end - rays : end])
-            for robot, rays, end in zip(robots, self._sensors["rays"][robots], ends, strict=True)
-        ]
+        report, bounds = self._report(due, poses, obstacles)
+        return [report[begin:end] for begin, end in pairwise(bounds)]
+
+    def encoded(
+        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
+    ) -> list[bytes]:
+        """The same as messages hold it: (rays,) little-endian uint16."""
+        report, bounds = self._report(due, poses, obstacles)
+        whole = report.astype("<u2", copy=False).tobytes()
+        return [whole[2 * begin : 2 * end] for begin, end in pairwise(bounds)]
 
     def ranges(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
         """The same without noise, rounding or a nearest range: (rays,) m, inf = nothing within reach."""
-        ranges, ends = self._sweep(np.array(due, np.int64), poses, obstacles)
-        return np.split(ranges, ends[:-1])
+        ranges, starts = self._sweep(np.array(due, np.int64), poses, obstacles)
+        return np.split(ranges, starts[1:])
 
     def _sweep(
         self, due: NDArray[np.int64], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """The true ranges of all scans, one after the other, and where each ends."""
+        """The true ranges of all scans, one after the other, and where each begins."""
         rays = self._sensors["rays"][due]
-        ends = np.cumsum(rays)
+        ends = rays.cumsum()
+        starts = ends - rays
         ranges = np.empty(int(ends[-1]) if ends.size else 0)
         sweep(
             self._squares,
@@ -82,29 +88,25 @@ class RangeSensors:
             self._bodies,
             self._vertices,
             obstacles,
-            ends - rays,
+            starts,
             ranges,
         )
-        return ranges, ends
+        return ranges, starts
 
     def _report(
-        self, robot: int, ranges: NDArray[np.float64], report: NDArray[np.uint16]
-    ) -> NDArray[np.uint16]:
-        sensor = self._models[robot]
-        noisy = sensor.noise > 0 or sensor.noise_growth > 0
-        draws = normals(self._generators[robot], sensor.rays if noisy else 0)
-        in_millimetres(
-            ranges,
-            draws,
-            sensor.noise,
-            sensor.noise_growth,
-            sensor.range_min,
-            sensor.range_max,
-            report,
-        )
+        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
+    ) -> tuple[NDArray[np.uint16], list[int]]:
+        """All scans, one after the other, and where each begins, and the last one ends."""
+        robots = np.array(due, np.int64)
+        ranges, starts = self._sweep(robots, poses, obstacles)
+        draws = normals_of_each([self._generators[i] for i in due], [self._draws[i] for i in due])
+        report = np.empty(ranges.size, np.uint16)
+        in_millimetres(ranges, draws, robots, self._sensors, starts, report)
+        bounds = [*starts.tolist(), report.size]
         if self._dropout:
-            report[self._dropouts[robot].random(sensor.rays) < self._dropout] = NO_ECHO_MM
-        return report
+            for robot, (begin, end) in zip(due, pairwise(bounds), strict=True):
+                report[begin:end][self._dropouts[robot].random(end - begin) < self._dropout] = NO_ECHO_MM
+        return report, bounds
 
 
 def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
@@ -113,7 +115,17 @@ def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[
     angles = [scan_angles(sensor) for sensor in different]
     begins = np.cumsum([0, *map(len, angles)])
     rows = [
-        (*sensor.mount, sensor.first_angle, sensor.increment, sensor.rays, begin, sensor.range_max)
+        (
+            *sensor.mount,
+            sensor.first_angle,
+            sensor.increment,
+            sensor.rays,
+            begin,
+            sensor.range_min,
+            sensor.range_max,
+            sensor.noise,
+            sensor.noise_growth,
+        )
         for sensor, begin in zip(different, begins[:-1], strict=True)
     ]
     of = dict(zip(different, rows, strict=True))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from actors.portable.draws import exponentials, normals, uniforms
+from actors.portable.draws import exponentials, normals, normals_of_each, uniforms
 from actors.portable.quantiles import normal_quantile
 from actors.randomness import generator
 
@@ -23,6 +23,13 @@ def test_normal_draws_come_from_the_uniform_ones_in_their_order() -> None:
     uniform = generator(1, "test", "r1").random((3, 4))
     draws = normals(generator(1, "test", "r1"), (3, 4))
     assert draws.tolist() == [[normal_quantile(u) for u in row] for row in uniform.tolist()]
+
+
+def test_normal_draws_of_several_generators_are_those_of_each() -> None:
+    names, counts = ("r1", "r2", "r3"), (5, 0, 3)
+    draws = normals_of_each([generator(1, "test", name) for name in names], counts)
+    alone = [normals(generator(1, "test", name), count) for name, count in zip(names, counts, strict=True)]
+    assert draws.tolist() == np.concatenate(alone).tolist()
 
 
 def test_exponential_draws_are_exponential() -> None:

@@ -97,6 +97,13 @@ def traversal(grid: OccupancyGrid, x: float, y: float, dx: float, dy: float, rea
     return distance
 
 
+def cast(squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float) -> float:
+    """Of one ray."""
+    distance = np.empty(1)
+    rays.cast(squares, x, y, np.array([[dx], [dy]]), reach, distance)
+    return float(distance[0])
+
+
 @settings(deadline=None, max_examples=200)
 @given(st.integers(0, 10**6), st.floats(-3.2, 3.2), st.sampled_from([0.02, 0.1, 0.3]))
 def test_a_ray_ends_where_the_plain_traversal_ends(seed: int, angle: float, share: float) -> None:
@@ -106,7 +113,7 @@ def test_a_ray_ends_where_the_plain_traversal_ends(seed: int, angle: float, shar
     x, y = rng.uniform(26, 34), rng.uniform(16, 24)
     dx, dy = math.cos(angle), math.sin(angle)
     expected = traversal(grid, x, y, dx, dy, 25.0)
-    assert rays.cast(squares, x, y, dx, dy, 25.0) == pytest.approx(expected, abs=1e-9)
+    assert cast(squares, x, y, dx, dy, 25.0) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("angle", [k * math.pi / 4 for k in range(8)])
@@ -117,14 +124,14 @@ def test_rays_along_the_grid_and_along_its_diagonals(angle: float) -> None:
     dx, dy = round(math.cos(angle), 12), round(math.sin(angle), 12)
     length = math.hypot(dx, dy)
     far = 9.5 * math.hypot(round(dx), round(dy))
-    assert rays.cast(squares, 11.5, 11.5, dx / length, dy / length, 50.0) == pytest.approx(far)
-    assert rays.cast(squares, 11.5, 11.5, dx / length, dy / length, far - 0.1) == math.inf
+    assert cast(squares, 11.5, 11.5, dx / length, dy / length, 50.0) == pytest.approx(far)
+    assert cast(squares, 11.5, 11.5, dx / length, dy / length, far - 0.1) == math.inf
 
 
 def test_a_ray_that_starts_in_a_wall_or_outside_of_the_map_is_at_its_end() -> None:
     squares = free_squares(np.zeros((5, 5), np.bool_))
     for x, y in ((0.5, 3.0), (-4.0, 3.0), (3.0, 99.0)):
-        assert rays.cast(squares, x, y, 1.0, 0.0, 50.0) == 0.0
+        assert cast(squares, x, y, 1.0, 0.0, 50.0) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -204,6 +211,14 @@ def test_what_is_too_near_gives_no_echo_and_still_hides_what_is_behind() -> None
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), NOBODY)[0][5] == 2000
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), near)[0][5] == NO_ECHO_MM
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), far)[0][5] == 500
+
+
+def test_a_message_holds_what_a_scan_gives() -> None:
+    grid, poses = hall(4.0), np.array([[0.5, 0.0, 0.3], [-0.5, 0.0, 0.0]])
+    models = (TURTLEBOT, OMNIBOX)
+    scans = sensors(grid, *models).scan([0, 1], poses, NOBODY)
+    encoded = sensors(grid, *models).encoded([0, 1], poses, NOBODY)
+    assert [np.frombuffer(one, "<u2").tolist() for one in encoded] == [scan.tolist() for scan in scans]
 
 
 def test_scans_of_different_sensors_in_one_call_are_those_of_single_calls() -> None:
