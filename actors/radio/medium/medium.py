@@ -23,7 +23,6 @@ from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKi
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
-
 _LEFT_OUT_DB: Final = -26.38
 """So far below noise a power is that raises it by 0.01 dB: 10 log10(10^0.001 - 1)."""
 _HALF_DB: Final = 3.0103
