@@ -1,6 +1,8 @@
 """All bodies of a pymunk space at once: forces into it, states and contacts out of it, a call for each.
 
-The functions of pymunk's own module `batch` do it; what they lay out at each call is kept here.
+The functions of pymunk's own module `batch` do it; what they lay out at each call is kept here, so that a
+sub-step takes fewer Python calls. This needs what pymunk keeps to itself (`_chipmunk`, `_space`,
+`_float_arr`), as it is in 7.3; `pyproject.toml` asks for that.
 """
 
 from typing import Any, Final

@@ -41,7 +41,7 @@ class CopyFate(NamedTuple):
     fate: str
     """`heard`, or why not: a name of `actors.radio.medium.state.Outcome` in lower case."""
     strength_dbm: float
-    """How strongly it came there, whether it was heard or not."""
+    """How strongly it came there, whether it was heard or not; -inf: too weakly to count at all."""
 
 
 class FrameFate(NamedTuple):

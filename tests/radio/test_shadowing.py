@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.geometry import Point
 from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters, fingerprint
 from actors.radio.propagation.path_loss import PathLossParameters
 from actors.radio.propagation.shadowing import ShadowingParameters, Waves, waves
+from actors.radio.propagation.walls import build
 
 Floats = NDArray[np.float64]
 PARAMETERS = ShadowingParameters(sigma_db=4.0, correlation_distance=2.0)
@@ -116,3 +119,18 @@ def test_no_loss_is_below_nothing() -> None:
 
 def test_the_fingerprint_is_the_same_twice() -> None:
     assert fingerprint() == fingerprint() != b""
+
+
+@pytest.mark.parametrize("most_db", [60.0, 90.0, 120.0])
+def test_behind_walls_shadowing_may_still_bring_a_loss_within_what_is_asked_for(most_db: float) -> None:
+    """What walls alone make too much is followed as long as shadowing could take it back."""
+    cells = np.full((40, 120), FREE, np.uint8)
+    cells[:, 10::20] = OCCUPIED
+    floor = build(OccupancyGrid(cells, 0.25, Point(0.0, 0.0)), "concrete")
+    parameters = PropagationParameters(shadowing=ShadowingParameters(sigma_db=12.0))
+    places = np.random.default_rng(2).uniform([0.0, 0.0], [30.0, 10.0], (60, 2))
+    indoor = IndoorPropagation(parameters, floor, np.random.default_rng(1))
+    whole, cut = indoor.loss_db(places, places), indoor.loss_db(places, places, most_db)
+    near = whole <= most_db
+    assert np.array_equal(cut[near], whole[near]) and (cut[~near] > most_db).all()
+    assert near.any() and not near.all()

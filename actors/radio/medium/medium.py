@@ -167,7 +167,8 @@ class Medium:
 
     def fates(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """Of the last frame that the sender has sent, until its next one begins, at every transceiver: (n,)
-        what became of it there, by Outcome, and (n,) how strongly it came there, mW; copies."""
+        what became of it there, by Outcome, and (n,) how strongly it came there, mW, 0 where it was not
+        followed to; copies."""
         return self._state.outcomes[sender].copy(), self._state.gains_mw[sender].copy()
 
     @property
