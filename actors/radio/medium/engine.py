@@ -56,7 +56,7 @@ def take_row(
     for other in range(loss_db.size):
         near = loss_db[other] <= most_db
         st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0) if near else 0.0
-    st.transceivers[sender].row = free_share(st)
+    st.transceivers[sender].row = st.medium.share
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -90,12 +90,11 @@ def _switch(st: MediumState, outside: Outside) -> None:
 def _needs_row(st: MediumState) -> bool:
     order = st.agenda[0].order
     due = order // _KINDS
-    begins = due in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value)
-    return (
-        begins
-        and st.transceivers[order % _KINDS].row < free_share(st)
-        and _is_valid(st, due, order % _KINDS, st.agenda[0].ticket)
-    )
+    if due not in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value):
+        return False
+    st.medium.share = free_share(st)
+    known = st.transceivers[order % _KINDS].row >= st.medium.share
+    return not known and _is_valid(st, due, order % _KINDS, st.agenda[0].ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

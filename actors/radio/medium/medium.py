@@ -18,7 +18,6 @@ from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
 from actors.radio.medium.initial_state import initial_state
 from actors.radio.medium.interference import Interference
-from actors.radio.medium.reception import free_share
 from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outside
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
@@ -201,7 +200,7 @@ class Medium:
         """How strong the frame that begins now arrives, wherever it is followed to."""
         sender = int(self._state.agenda["order"][0] & 0xFFFFFFFF)
         positions = self._where(self.now_ns)
-        faintest_dbm = self._faintest_dbm - _HALF_DB * free_share(self._state)
+        faintest_dbm = self._faintest_dbm - _HALF_DB * int(self._state.medium["share"])
         most_db = float(self._tx_dbm[sender] - faintest_dbm)
         loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions, most_db)[0]
         engine.take_row(self._state, sender, self._tx_dbm[sender], loss_db, most_db)

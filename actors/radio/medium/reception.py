@@ -134,7 +134,7 @@ def begin(st: MediumState, sender: int) -> None:
     """The sender's frame begins, as its flight and its row of gains describe it."""
     medium = st.medium
     settle(st)
-    st.transceivers[sender].flight.share = free_share(st)
+    st.transceivers[sender].flight.share = medium.share
     transceivers, gains_mw, outcomes = st.transceivers, st.gains_mw, st.outcomes
     for i in range(transceivers.size):
         receiver, power = transceivers[i].receiver, gains_mw[sender, i]

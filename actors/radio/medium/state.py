@@ -186,9 +186,10 @@ MEDIUM: Final = _dtype(
     seed="i8", noise_mw="f8", lock_sinr="f8", capture="f8", capture_ns="i8", penalty="f8",
     peak_cca="b1", dead_ns="i8", dead_octet_ns="i8", dead_octets="i8",
     now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", events="i8", next_request="i8",
-    next_switch="i8", busy_since_ns="i8", busy_ns="i8",
+    next_switch="i8", busy_since_ns="i8", busy_ns="i8", share="i8",
 )  # fmt: skip
-"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are."""
+"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are; `share`: of what may be
+left out, for the frame that begins next."""
 
 
 class MediumState(NamedTuple):
