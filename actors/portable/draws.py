@@ -26,7 +26,7 @@ def normals(generator: Generator, shape: int | tuple[int, ...]) -> Floats:
 
 def normals_of_each(generators: Sequence[Generator], counts: Sequence[int]) -> Floats:
     """Standard normal draws, so many of each generator, one after the other: (sum of the counts,)."""
-    draws = np.empty(sum(counts))
+    draws = np.empty(sum(int(count) for count in counts))
     end = 0
     for generator, count in zip(generators, counts, strict=True):
         begin, end = end, end + count

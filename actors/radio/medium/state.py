@@ -188,8 +188,8 @@ MEDIUM: Final = _dtype(
     now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", events="i8", next_request="i8",
     next_switch="i8", busy_since_ns="i8", busy_ns="i8", share="i8",
 )  # fmt: skip
-"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are; `share`: of what may be
-left out, for the frame that begins next."""
+"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are;
+`share`: of what may be left out, for the frame that begins next, see `reception.free_share`."""
 
 
 class MediumState(NamedTuple):
