@@ -31,7 +31,7 @@ _SET: Final = ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched")
 _MEET: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched")
 
 
-class Exchange:
+class BodyExchange:
     """With one space, whose bodies, in the order in which they came, stay the same."""
 
     def __init__(self, space: pymunk.Space, forces: NDArray[np.float64]) -> None:

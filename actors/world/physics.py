@@ -18,7 +18,7 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
 from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
-from actors.world.exchange import Exchange
+from actors.world.exchange import BodyExchange
 from actors.world.rotation import turn, turn_by_ourselves
 
 SUBSTEP: Final[Duration] = milliseconds(10)
@@ -81,7 +81,7 @@ class Arena:
         self._touching = np.zeros(len(poses), np.bool_)
         self._touched = False
         """Whether any robot does."""
-        self._exchange = Exchange(self._space, forces)
+        self._exchange = BodyExchange(self._space, forces)
         self._state = self._exchange.states[:-1]
         assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))
         self.now: Instant = START

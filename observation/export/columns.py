@@ -93,7 +93,7 @@ TABLES: Final = (
             Column("fate", "text", "`sent`, `access_failure` or `overflow`"),
             Column("receiver", "text", "another robot whose transceiver was on; null of one not sent"),
             Column("copy", "text", "`heard`, or why it was not heard there; null of one not sent"),
-            Column("strength", "float", "its strength there, heard or not, dBm; null of one not sent"),
+            Column("strength", "float", "its strength there, dBm; -inf: too weak to count; null: not sent"),
         ),
     ),
     ExportTable(

@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from actors.installation import usage
 from actors.installation.repository import PACKAGES, REPOSITORY
@@ -111,8 +112,8 @@ def test_every_package_of_an_extra_has_its_name() -> None:
     extras = project["optional-dependencies"]
     imported = {"pyserial": "serial", "rerun-sdk": "rerun"}
     needs_a_clone = {"dev", "docs"}
-    named = {imported.get(name, name): extra for extra, all_of_it in extras.items() for name in all_of_it}
-    wanted = {name: extra for name, extra in named.items() if extra not in needs_a_clone}
+    named = {Requirement(one).name: extra for extra, all_of_it in extras.items() for one in all_of_it}
+    wanted = {imported.get(name, name): extra for name, extra in named.items() if extra not in needs_a_clone}
     assert wanted == usage._EXTRAS
 
 

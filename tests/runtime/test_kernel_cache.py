@@ -44,8 +44,9 @@ def python(package: Path, program: str) -> str:
     path = os.pathsep.join([str(package.parent), *(one for one in sys.path if "site-packages" in one)])
     kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     home = {"HOME": str(package.parent), "XDG_CACHE_HOME": str(package.parent / "home")}
+    # -B: in one second, byte code of a file would be taken for that of a later one of the same length
     done = subprocess.run(
-        [sys.executable, "-P", "-S", "-c", program], text=True, capture_output=True, check=True,
+        [sys.executable, "-B", "-P", "-S", "-c", program], text=True, capture_output=True, check=True,
         env=kept | home | {"PYTHONPATH": path},
     )  # fmt: skip
     return done.stdout.strip()
