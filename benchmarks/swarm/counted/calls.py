@@ -1,20 +1,19 @@
 """Calls of a profile by room; those of the standard library and of packages count for their caller's."""
 
 import cProfile
-import pstats
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, cast
+from types import CodeType
+from typing import Final
 
 from actors.installation.repository import PACKAGES, REPOSITORY
 
 Function = tuple[str, int, str]
 """File, line and name, as `pstats` tells functions apart; a built-in function's file is `~`."""
-_Callers = Mapping[Function, tuple[int, int, float, float]]
-_Entry = tuple[int, int, float, float, _Callers]
-"""Calls without and with recursive ones, own time, whole time; callers with calls first."""
+_Entry = tuple[int, Mapping[Function, int]]
+"""How often it was called, and how often by whom."""
 _ROUNDS: Final = 50
 """So deep do packages call one another, at most; what is left then is nobody's."""
 NOBODY: Final = "elsewhere"
@@ -23,9 +22,22 @@ _ADDRESS: Final = re.compile(r" at 0x[0-9a-f]+")
 
 
 def entries(profile: cProfile.Profile) -> dict[Function, _Entry]:
-    """Every function that was called."""
-    stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]  # typeshed leaves it out
-    return cast("dict[Function, _Entry]", stats)
+    """Every function that was called, with those of one name in one line, as makers of named tuples, summed.
+
+    `pstats` keeps the last of such functions alone.
+    """
+    calls: Counter[Function] = Counter()
+    callers: defaultdict[Function, Counter[Function]] = defaultdict(Counter)
+    for entry in profile.getstats():
+        caller = _label(entry.code)
+        calls[caller] += entry.callcount
+        for callee in entry.calls or ():
+            callers[_label(callee.code)][caller] += callee.callcount
+    return {function: (times, callers[function]) for function, times in calls.items()}
+
+
+def _label(code: CodeType | str) -> Function:
+    return ("~", 0, code) if isinstance(code, str) else (code.co_filename, code.co_firstlineno, code.co_name)
 
 
 def by_room(called: Mapping[Function, _Entry]) -> dict[str, float]:
@@ -36,7 +48,7 @@ def by_room(called: Mapping[Function, _Entry]) -> dict[str, float]:
     """
     rooms: defaultdict[str, float] = defaultdict(float)
     open_calls: dict[Function, float] = {}
-    for function, (_, calls, *_) in called.items():
+    for function, (calls, _) in called.items():
         room = room_of(function)
         if room is None:
             open_calls[function] = calls
@@ -56,11 +68,11 @@ def _passed_up(
     """Hand calls to the rooms that made them; what is left are those of callers of no room."""
     left: dict[Function, float] = {}
     for function, calls in open_calls.items():
-        callers = called[function][4]
-        whole = sum(times for times, *_ in callers.values())
+        callers = called[function][1]
+        whole = sum(callers.values())
         if not whole:
             rooms[NOBODY] += calls
-        for caller, (times, *_) in callers.items():
+        for caller, times in callers.items():
             share, room = calls * times / whole, room_of(caller)
             if room is None:
                 left[caller] = left.get(caller, 0.0) + share

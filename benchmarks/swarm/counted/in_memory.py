@@ -1,6 +1,7 @@
 """One robot's step in memory: Python calls, messages, bytes sent and recorded, allocated blocks."""
 
 import cProfile
+import gc
 from collections import defaultdict
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -58,11 +59,12 @@ def _profiled(task: SwarmTask) -> StepCounts:
     """Whole numbers of one run, from laying it out to its result."""
     bus, profile = _CountingBus(), cProfile.Profile()
     with planned(ROBOTS, task, "memory") as plan:
+        gc.collect()  # what the run before has left is freed before this one is counted
         profile.runcall(swarm.run_in_memory, plan, lambda progress: None, bus)
         recorded = recorded_bytes(plan.out)
     called = calls.entries(profile)
     functions: defaultdict[str, float] = defaultdict(float)
-    for function, (_, times, *_) in called.items():
+    for function, (times, _) in called.items():
         functions[calls.name_of(function)] += times
     rooms = {room: times for room, times in calls.by_room(called).items() if not room.startswith(_OWN)}
     return StepCounts(rooms, bus.messages, bus.sent, recorded, functions)
