@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.installation.usage import OptionError, wrong_value
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from benchmarks.beside.state import HERE, PairedCase, ProjectState, RunCost, here, other, unlike
 from benchmarks.statistics.measured import ConfidenceInterval, Measured, average
 from deploy.run.options import Bus
@@ -38,19 +39,25 @@ def measure(
     scenario: Path | None = None,
     bus: str = "zenoh",
     pairs: int = 5,
+    navigation: str | None = None,
 ) -> Measured:
     """Run each number of robots in so many pairs, beside `commit` or the clone in that folder.
 
-    `duration`: simulated s; None: 120 s for few robots, 20 s for many.
+    `duration`: simulated s; None: 120 s for few robots, 20 s for many. `navigation`: the preset that this
+    state runs with, for one that had another and no word for it; None: the scenario's.
     """
     if commit is None:
         raise OptionError("COMMIT: is missing; must be as in acrc bench beside HEAD~1")
     if bus not in get_args(Bus):
         raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
+    if navigation is not None and navigation not in NAVIGATION_PRESETS:
+        raise wrong_value("--navigation", navigation, " or ".join(NAVIGATION_PRESETS))
     if scenario is not None and not scenario.is_file():
         raise wrong_value("--scenario", scenario, "a file")
     path = None if scenario is None else scenario.resolve()
-    cases = [PairedCase(count, duration or _simulated_s(count), bus, seed, path) for count in robots]
+    cases = [
+        PairedCase(count, duration or _simulated_s(count), bus, seed, path, navigation) for count in robots
+    ]
     mine = here()
     with other(commit) as theirs:
         _warm_up(min(cases, key=lambda case: case.robots), mine, theirs)

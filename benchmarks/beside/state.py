@@ -33,6 +33,8 @@ class PairedCase:
     """None: the scenario's."""
     scenario: Path | None = None
     """Absolute; None: the scenario `chapter` of each state."""
+    navigation: str | None = None
+    """Preset that this state alone runs with; None: the scenario's."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,12 @@ class ProjectState:
     def run(self, case: PairedCase) -> RunCost:
         """Run it once, in a folder that is gone afterwards. Raises AcrcError with its last words."""
         seed = () if case.seed is None else ("--seed", str(case.seed))
+        own = () if case.navigation is None or self.name != HERE else ("--navigation", case.navigation)
         env = {name: value for name, value in os.environ.items() if not name.startswith(_FOREIGN)}
         with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
             words = (
                 *(str(self.folder / "acrc"), "run", str(case.scenario or self.chapter)),
-                *("--robots", str(case.robots), "--duration", f"{case.seconds:g}", *seed),
+                *("--robots", str(case.robots), "--duration", f"{case.seconds:g}", *seed, *own),
                 *("--bus", case.bus, "--json", "--out", str(Path(folder) / "out")),
             )
             of = spent(words, self.folder, env)

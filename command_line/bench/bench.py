@@ -40,7 +40,7 @@ BENCHMARKS: Final = {
     ),
     "beside": Benchmark(
         "benchmarks.beside.command", "this state and another COMMIT in turn: wall and CPU time, digests",
-        ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs"),
+        ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
     ),
     "radio": Benchmark(
         "benchmarks.radio.benchmark", "the medium; with --out the figures of docs/radio.md",
@@ -118,6 +118,14 @@ def bench(
         int | None,
         typer.Option(metavar="N", min=2, max=1000, help="beside: number of pairs of runs.  [default: 5]"),
     ] = None,
+    navigation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESET",
+            help="beside: run this state, not the other, with it.",
+            autocompletion=completion.navigation,
+        ),
+    ] = None,
     write: Annotated[
         bool | None, typer.Option("--write", help="budget: keep the counts as what a change is held to.")
     ] = None,
@@ -146,7 +154,7 @@ def bench(
     options = {
         "commit": commit, "robots": robots, "duration": duration, "repeat": repeat, "timeline": timeline,
         "below": below, "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data,
-        "map_file": map_file, "bus": bus, "pairs": pairs, "write": write,
+        "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
     }  # fmt: skip
     settings = given(options, {known: one.takes for known, one in BENCHMARKS.items()}, (name,))
     found = import_module(BENCHMARKS[name].module).measure(**settings)

@@ -92,6 +92,19 @@ def test_unlike_work_is_told(mine: Path, tmp_path: Path, log: Path) -> None:
     assert "run.strategy" not in str(given.figures["unlike"])
 
 
+def test_this_state_alone_has_another_navigation(mine: Path, tmp_path: Path, log: Path) -> None:
+    theirs = clone(tmp_path / "theirs", log, "theirs", 1.5)
+    for folder in (mine, theirs):
+        text = (folder / "acrc").read_text()
+        (folder / "acrc").write_text(text.replace("$3 $4 $5 $6", "$7 $8"))
+    command.measure(str(theirs), robots=(4,), bus="memory", pairs=2, navigation="improved")
+    said = {tuple(line.split()[:3]) for line in log.read_text().splitlines()}
+    assert said == {("mine", "--navigation", "improved"), ("theirs", "--bus", "memory")}
+    with pytest.raises(OptionError) as raised:
+        command.measure(str(theirs), navigation="better")
+    assert str(raised.value) == "--navigation: better; must be chapter or improved or robust"
+
+
 def git(folder: Path, *words: str) -> str:
     who = ("-c", "user.name=Ada", "-c", "user.email=ada@example.org")
     done = subprocess.run(["git", *who, *words], cwd=folder, capture_output=True, text=True, check=True)
