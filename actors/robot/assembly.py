@@ -18,7 +18,7 @@ from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps import cell_distance, footprint, inflation, ray_tracing
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning import disc_dwa, dwa, local_plan, map_grid
+from actors.robot.local_planning import control_cycle, disc_dwa, dwa, local_plan, map_grid
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
 from actors.robot.local_planning.steering import BaseLocalPlanner
@@ -50,6 +50,7 @@ KERNELS: Final = (
         footprint,
         local_plan,
         dwa,
+        control_cycle,
         disc_dwa,
     ),
     *localisation.KERNELS,

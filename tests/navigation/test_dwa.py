@@ -17,7 +17,6 @@ from actors.robot.local_planning.dwa import (
     INVALID,
     CheapestVelocity,
     Singles,
-    Surroundings,
     cheapest,
     fingerprint,
     samples,
@@ -53,15 +52,15 @@ class Scene:
         plan = np.array([(row, column) for column in range(18, last + 1)], np.int32)
         goal, front = plan[-1:], np.array([(row, min(last + 3, SIDE - 1))], np.int32)
         limit = (INFLATION.inscribed / CELL) ** 2
-        self.around = Surroundings(
-            squared, *(wavefront(squared, limit, cells) for cells in (plan, goal, front))
-        )
-        self.twin = Twin(TABLE[squared], *self.around[1:], OUTLINE, NUMBERS)
+        self.squared = squared
+        self.path, self.goal, self.front = (wavefront(squared, limit, cells) for cells in (plan, goal, front))
+        self.twin = Twin(TABLE[squared], self.path, self.goal, self.front, OUTLINE, NUMBERS)
 
     def choose(self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_] = FREE) -> CheapestVelocity:
         critics = np.array([tuple(NUMBERS[name] for name in CRITICS.names or ())], CRITICS)
         pose = np.array([*self.pose, 0.0, 0.0])
-        return cheapest(pose, speeds, turns, barred, self.around, TABLE, OUTLINE, critics)
+        around = self.squared, self.path, self.goal, self.front
+        return CheapestVelocity(*cheapest(pose, speeds, turns, barred, *around, TABLE, OUTLINE, critics))
 
     def costs(self, speeds: Singles, turns: Singles) -> dict[tuple[float, float], float]:
         """By the twin, of valid trajectories that are fast enough."""
@@ -126,12 +125,12 @@ def test_samples_are_even_and_hold_both_ends_and_zero(low: float, span: float, c
 def test_nothing_is_valid_where_the_outline_meets_a_mark() -> None:
     """Not even a turn: dwa_local_planner has no trajectory for a robot that is too near."""
     scene = Scene(3, 0)
-    squared = scene.around.squared.copy()
+    squared = scene.squared.copy()
     row, column = math.floor(scene.pose[1] / CELL), math.floor(scene.pose[0] / CELL) + 2
     marks = np.zeros((SIDE, SIDE), np.uint8)
     marks[row, column - 1 : column + 1] = 1
     squared = squared_within(marks, INFLATION.reach(CELL))
-    scene.around = scene.around._replace(squared=squared)
+    scene.squared = squared
     assert scene.choose(samples(0.0, 0.5, 5), samples(-1.0, 1.0, 5)) == (0.0, 0.0, INVALID)
 
 

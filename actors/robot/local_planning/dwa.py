@@ -58,19 +58,6 @@ m/s, or turns at least as fast as `least_turn`, rad/s; `most_speed`, m/s, is the
 """
 
 
-class Surroundings(NamedTuple):
-    """What the critics know of the window's cells; each is (rows, columns)."""
-
-    squared: Squares
-    """Squared distance to the nearest marked cell, cells²."""
-    path: Steps
-    """Steps to the plan; rows · columns in an obstacle, one more where it is out of reach."""
-    goal: Steps
-    """Steps to the local goal, the same."""
-    front: Steps
-    """Steps to where the nose is drawn to, the same."""
-
-
 class CheapestVelocity(NamedTuple):
     """The cheapest trajectory."""
 
@@ -82,59 +69,36 @@ class CheapestVelocity(NamedTuple):
     """INVALID if there is no valid one; then speed and turn are 0."""
 
 
-def cheapest(
-    pose: Floats,
-    speeds: Singles,
-    turns: Singles,
-    barred: NDArray[np.bool_],
-    around: Surroundings,
-    table: Costs,
-    outline: Floats,
-    critics: NDArray[np.void],
-) -> CheapestVelocity:
-    """The valid trajectory of the lowest cost; of several the first, speeds in the outer loop.
-
-    `pose`: x and y, m, and heading, rad, of the body; x and y, m, of the window's corner. `speeds`, `turns`:
-    tried are all pairs, m/s and rad/s. `barred`: (4,), True if forward, backward, left turn, right turn must
-    not be. `table`: cost by squared distance. `outline`: (n, 2), corners of the body in its frame, cells.
-    `critics`: (1,) of CRITICS.
-    """
-    speed: float
-    turn: float
-    cost: float
-    speed, turn, cost = _cheapest(pose, speeds, turns, barred, *around, table, outline, critics)
-    return CheapestVelocity(speed, turn, cost)
-
-
-def samples(low: float, high: float, count: int) -> Singles:
-    """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
-
-    One value if both are equal (velocity_iterator.h of base_local_planner).
-    """
-    values: Singles = _samples(low, high, count)
-    return values
-
-
-def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+def example() -> tuple[Squares, Costs, Floats, NDArray[np.void]]:
+    """For fingerprints: squared distances of a window, costs by them, a body's outline, and critics."""
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     table = np.maximum(100 - np.arange(101), 0).astype(np.uint8)
     table[0], table[1:5] = 254, 253
     table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
-    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
-    around = Surroundings(squared, np.abs(row - 25).astype(np.int32), steps, steps)
     numbers = (0.05, 1.2, 3.2, 3.2, 1.2, 3.3, 0.1, 3.0, 0.05, 0.1, 0.1, 0.4, 0.5)
-    critics = np.array([numbers], CRITICS)
     corners = np.array([(2.0, 0.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0)])
+    return squared, table, corners, np.array([numbers], CRITICS)
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 40))
+    squared, table, corners, critics = example()
+    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
+    around = squared, np.abs(row - 25).astype(np.int32), steps, steps
     speeds, turns, barred = samples(-0.1, 0.5, 7), samples(-1.0, 1.0, 8), np.zeros(4, np.bool_)
     poses = [np.array([1.115, 2.52, heading, 0.5, 1.5]) for heading in (-3.0, 0.1, 1.4)]
-    chosen = [cheapest(pose, speeds, turns, barred, around, table, corners, critics) for pose in poses]
-    return np.array(chosen).tobytes() + speeds.tobytes() + turns.tobytes()
+    chosen = [cheapest(pose, speeds, turns, barred, *around, table, corners, critics) for pose in poses]
+    return b"".join(part.tobytes() for part in (np.array(chosen), speeds, turns))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _samples(low: float, high: float, count: int) -> Singles:
+def samples(low: float, high: float, count: int) -> Singles:
+    """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
+
+    One value if both are equal (velocity_iterator.h of base_local_planner).
+    """
     values = np.empty(count + 1, np.float32)
     if low == high:
         values[0] = low
@@ -195,7 +159,7 @@ def _cost(obstacle: float, point: Floats, path: Steps, goal: Steps, front: Steps
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _cheapest(
+def cheapest(
     pose: Floats,
     speeds: Singles,
     turns: Singles,
@@ -208,6 +172,15 @@ def _cheapest(
     outline: Floats,
     critics: NDArray[np.void],
 ) -> tuple[float, float, float]:
+    """The valid trajectory of the lowest cost; of several the first, speeds in the outer loop.
+
+    Given are the fields of `CheapestVelocity`. `pose`: x and y, m, and heading, rad, of the body; x and y, m,
+    of the window's corner. `speeds`, `turns`: tried are all pairs, m/s and rad/s. `barred`: (4,), True if
+    forward, backward, left turn, right turn must not be. `squared`: (rows, columns), squared distance to the
+    nearest marked cell, cells². `path`, `goal`, `front`: steps to the plan, to the local goal and to where
+    the nose is drawn to, as `wavefront` gives them. `table`: cost by squared distance. `outline`: (n, 2),
+    corners of the body in its frame, cells. `critics`: (1,) of CRITICS.
+    """
     w = critics[0]
     start = start_of(pose)
     far = 0.0

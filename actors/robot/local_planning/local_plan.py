@@ -6,7 +6,6 @@ map_grid.cpp, and DWAPlanner::updatePlanAndLocalCosts in dwa_local_planner/src/d
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,43 +17,13 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
 
-class LocalPlan(NamedTuple):
-    """Cells are (row, column)."""
-
-    cells: Cells
-    """(k, 2): where it leads through; k = 0 where it is not in the window."""
-    goal: Cells
-    """(1, 2): the last of them; meaningless for k = 0, as is all that follows."""
-    front: Cells
-    """(1, 2): the last one of a plan that ends farther away from the robot, where its nose is drawn to."""
-    far: bool
-    """True if its end is farther away than the nose is ahead."""
-
-
-def local_plan(
-    way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
-) -> LocalPlan:
-    """The part of `way` from its first point within half a window of the robot to the first one beyond.
-
-    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: x, y, m, and heading, rad, of the robot in the map
-    frame and in the odometry frame; `corner`: x and y, m, of the window's in the latter. `cell`: m. `side`:
-    of the window, cells. `nose`: so far ahead of the centre the nose is, m.
-    """
-    cells: Cells
-    goal: Cells
-    front: Cells
-    far: bool
-    cells, goal, front, far = _local_plan(way, estimate, here, corner, cell, side, nose)
-    return LocalPlan(cells, goal, front, far)
-
-
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
     estimate, here = np.array([0.4, 0.8, 0.3]), np.array([0.9, 0.7, 0.6])
-    found = local_plan(way, estimate, here, np.array([-0.1, -0.3]), 0.05, 40, 0.325)
-    assert found.cells.size
-    return found.cells.tobytes() + found.goal.tobytes() + found.front.tobytes() + bytes([found.far])
+    cells, goal, front, far = local_plan(way, estimate, here, np.array([-0.1, -0.3]), 0.05, 40, 0.325)
+    assert cells.size
+    return bytes(cells.tobytes() + goal.tobytes() + front.tobytes() + bytes([far]))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -117,9 +86,20 @@ def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _local_plan(
+def local_plan(
     way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
 ) -> tuple[Cells, Cells, Cells, bool]:
+    """The part of `way` from its first point within half a window of the robot to the first one beyond.
+
+    Given are, as rows and columns: (k, 2) cells that it leads through, k = 0 where it is not in the window;
+    (1, 2) the last of them; (1, 2) the last one of a plan that ends farther away from the robot, where its
+    nose is drawn to; and whether its end is farther away than the nose is ahead. For k = 0 the rest is
+    meaningless.
+
+    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: x, y, m, and heading, rad, of the robot in the map
+    frame and in the odometry frame; `corner`: x and y, m, of the window's in the latter. `cell`: m. `side`:
+    of the window, cells. `nose`: so far ahead of the centre the nose is, m.
+    """
     first, last = _part(way, estimate, side * cell / 2)
     points = _moved(way[first:last], estimate, here)
     room = math.ceil(nose / cell) + 2

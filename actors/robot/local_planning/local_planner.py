@@ -14,22 +14,13 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
-from actors.portable import hypot
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.dwa import (
-    CRITICS,
-    INVALID,
-    CheapestVelocity,
-    Singles,
-    Surroundings,
-    cheapest,
-    samples,
-)
+from actors.robot.local_planning.control_cycle import chosen
+from actors.robot.local_planning.dwa import CRITICS, CheapestVelocity
 from actors.robot.local_planning.dwa_parameters import DwaParameters
-from actors.robot.local_planning.local_plan import local_plan
-from actors.robot.local_planning.map_grid import wavefront
 from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
 from actors.robot_model import DriveParameters
+from deeco.replacing import made
 
 _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure)."""
@@ -55,6 +46,8 @@ class DwaLocalPlanner(BaseLocalPlanner):
         self._outline = local.outline / self._cell
         inscribed = local.inflation.inscribed / self._cell
         self._limit = inscribed * inscribed
+        self._end = 0.0, 0.0
+        """Of the plan, m, map frame."""
         self._arrived = False
         """It has been near enough to the plan's end since the plan was new."""
 
@@ -66,6 +59,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
     def follow(self, way: NDArray[np.float64]) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame; nothing is barred at first."""
         super().follow(way)
+        self._end = float(way[-1, 0]), float(way[-1, 1])
         self._oscillation.forget()
         self._arrived = False
 
@@ -79,8 +73,8 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
     def _near_end(self, estimate: Pose) -> bool:
         if self._way.size and not self._arrived:
-            apart = hypot(self._way[-1, 0] - estimate.x, self._way[-1, 1] - estimate.y)
-            self._arrived = apart <= self._p.goal_tolerance
+            x, y = self._end[0] - estimate.x, self._end[1] - estimate.y
+            self._arrived = x * x + y * y <= self._p.goal_tolerance * self._p.goal_tolerance
         return self._arrived
 
     def _stands(self, velocity: Twist) -> bool:
@@ -93,10 +87,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
         `barred`: (4,), True if forward, backward, left turn, right turn must not be.
         """
-        around = self._surroundings(here, estimate)
-        if around is None:
-            return CheapestVelocity(0.0, 0.0, INVALID)
-        return self._cheapest(around, here, *self._window(velocity), barred)
+        return self._cheapest(here, estimate, self._window(velocity), barred)
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         if self._near_end(estimate):
@@ -105,45 +96,41 @@ class DwaLocalPlanner(BaseLocalPlanner):
         if choice.cost < 0.0:
             return NOWHERE
         self._oscillation.note(here, choice.speed, choice.turn)
-        return Steering(Twist(choice.speed, 0.0, choice.turn), True)
-
-    def _surroundings(self, here: Pose, estimate: Pose) -> Surroundings | None:
-        """What the critics know; None if nothing of the plan is in the window."""
-        squared = self._local.squared
-        corner, cell = self._local.corner, self._cell
-        south_west = np.array([corner.column * cell, corner.row * cell])
-        cells, goal, front, far = local_plan(
-            self._way,
-            np.array(estimate),
-            np.array(here),
-            south_west,
-            cell,
-            len(squared),
-            self._p.forward_point,
-        )
-        if not cells.size:
-            return None
-        # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
-        self._critics["alignment"] = self._alignment if far else 0.0
-        waves = [wavefront(squared, self._limit, starts) for starts in (cells, goal, front)]
-        return Surroundings(squared, *waves)
+        return made(Steering, (made(Twist, (choice.speed, 0.0, choice.turn)), True))
 
     def _cheapest(
-        self, around: Surroundings, here: Pose, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]
+        self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: NDArray[np.bool_]
     ) -> CheapestVelocity:
-        corner, cell = self._local.corner, self._cell
-        pose = np.array([here.x, here.y, here.heading, corner.column * cell, corner.row * cell])
-        return cheapest(pose, speeds, turns, barred, around, self._local.table, self._outline, self._critics)
+        """Among velocities in `window`: least and greatest speed, m/s, and turn rate, rad/s."""
+        local, p, cell = self._local, self._p, self._cell
+        corner = local.corner
+        found: tuple[float, float, float] = chosen(
+            self._way,
+            np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
+            p.forward_point,
+            (p.speed_samples, p.turn_samples),
+            barred,
+            local.squared,
+            self._limit,
+            local.table,
+            self._outline,
+            self._critics,
+            self._alignment,
+        )
+        return made(CheapestVelocity, found)
 
-    def _window(self, velocity: Twist) -> tuple[Singles, Singles]:
-        """The speeds and turn rates within reach (SimpleTrajectoryGenerator::initialise)."""
+    def _window(self, velocity: Twist) -> tuple[float, float, float, float]:
+        """The least and greatest speed, m/s, and turn rate, rad/s, within reach.
+
+        As SimpleTrajectoryGenerator::initialise.
+        """
         p, period = self._p, in_seconds(self._p.period)
         gain, turn_gain = self._acceleration * period, self._turn_acceleration * period
         vx, omega = float(np.float32(velocity.vx)), float(np.float32(velocity.omega))
-        slowest, fastest = reachable(vx, gain, p.min_speed, self._max_speed)
-        least, most = reachable(omega, turn_gain, -self._max_turn, self._max_turn)
-        speeds = samples(_single(slowest), _single(fastest), p.speed_samples)
-        return speeds, samples(_single(least), _single(most), p.turn_samples)
+        return (
+            *reachable(vx, gain, p.min_speed, self._max_speed),
+            *reachable(omega, turn_gain, -self._max_turn, self._max_turn),
+        )
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """Near the goal: stand, then turn to its heading (computeVelocityCommandsStopRotate)."""
@@ -177,9 +164,8 @@ class DwaLocalPlanner(BaseLocalPlanner):
         slow = abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn
         if slow or twist == STILL:
             return Steering(twist, True)
-        around = self._surroundings(here, estimate)
-        speed, turn = np.array([twist.vx], np.float32), np.array([twist.omega], np.float32)
-        if around is None or self._cheapest(around, here, speed, turn, _ALL).cost < 0.0:
+        window = twist.vx, twist.vx, twist.omega, twist.omega
+        if self._cheapest(here, estimate, window, _ALL).cost < 0.0:
             return NOWHERE
         return Steering(twist, True)
 
@@ -187,11 +173,6 @@ class DwaLocalPlanner(BaseLocalPlanner):
 def _astray(estimate: Pose) -> float:
     """From the heading to that of the goal, rad."""
     return wrap(_GOAL_HEADING - estimate.heading)
-
-
-def _single(value: float) -> float:
-    """Rounded to 32 bits."""
-    return float(np.float32(value))
 
 
 def _critics(p: DwaParameters, cell: float, most_speed: float) -> NDArray[np.void]:

@@ -18,17 +18,6 @@ Steps = NDArray[np.int32]
 Cells = NDArray[np.int32]
 
 
-def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
-    """Steps from each cell to the nearest of `starts`: (rows, columns).
-
-    rows · columns in a cell that the wave meets but may not enter, one more where it does not come to.
-    `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
-    `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
-    """
-    distances: Steps = _wavefront(squared, limit, starts)
-    return distances
-
-
 def cut(
     way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
 ) -> tuple[int, bool, Cells]:
@@ -90,7 +79,7 @@ def fingerprint() -> bytes:
     nearest, ended, cells = cut(way, 0, motion, body, 40, 20.0)
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
-    steps = wavefront(squared, 4.5, cells)
+    steps: Steps = wavefront(squared, 4.5, cells)
     told = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
     return repr(told).encode() + cells.tobytes() + steps.tobytes()
 
@@ -113,7 +102,13 @@ def _ringed(squared: Squares, limit: float, far: int) -> Cells:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
+def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
+    """Steps from each cell to the nearest of `starts`: (rows, columns).
+
+    rows · columns in a cell that the wave meets but may not enter, one more where it does not come to.
+    `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
+    `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
+    """
     rows, columns = squared.shape
     far, barred, met = np.int32(rows * columns + 1), np.int32(-1), np.int32(-2)
     width = columns + 2

@@ -102,4 +102,9 @@ class BaseLocalPlanner(ABC):
 
 def reachable(value: float, gain: float, low: float, high: float) -> tuple[float, float]:
     """The dynamic window: what is within `gain` of `value` and within the limits; else the nearest limit."""
-    return min(max(value - gain, low), high), max(min(value + gain, high), low)
+    least, most = value - gain, value + gain
+    least = max(least, low)
+    least = min(least, high)
+    most = min(most, high)
+    most = max(most, low)
+    return least, most
