@@ -45,7 +45,7 @@ def encode(message: Message, key: str = "") -> bytes:
         payload = _PREFIX + _encoded(_travelling(message) if message.omissible else message)
     except (TypeError, ValueError, OverflowError) as error:
         raise UnfitMessageError(f"{_title(message, key)} {_unfit(message) or error}") from None
-    if len(payload) > MESSAGE_LIMIT:
+    if payload[MESSAGE_LIMIT:]:  # the one call fewer of each message
         raise UnfitMessageError(
             f"{_title(message, key)} has {len(payload)} bytes; a message may have at most {MESSAGE_LIMIT}"
         )
@@ -54,8 +54,8 @@ def encode(message: Message, key: str = "") -> bytes:
 
 def _travelling(message: Message) -> object:
     """The message, or its fields without the last ones that are empty and need not travel."""
-    fields = msgspec.structs.astuple(message)
-    return message if any(fields[-message.omissible :]) else fields[: -message.omissible]
+    fields, last = msgspec.structs.astuple(message), -message.omissible
+    return fields[:last] if fields[last:] == message.__struct_defaults__[last:] else message
 
 
 def _title(message: Message, key: str) -> str:

@@ -27,35 +27,43 @@ class ActorDigest(msgspec.Struct, frozen=True):
     sha256: str
 
 
+Hashed = tuple[str, int, int, bytes]
+"""One message as it is hashed: key, step, sequence, and the sha256 of its encoded bytes: a recording may
+hold just that."""
+
+
+class _EncodedKeys(dict[str, bytes]):
+    """Each key as bytes, encoded once."""
+
+    def __missing__(self, key: str) -> bytes:
+        self[key] = encoded = key.encode()
+        return encoded
+
+
 class MessageHash:
     """A running hash over (key, step, sequence, encoded bytes)."""
 
-    TOGETHER: Final = 64
-    """Messages that wait to be hashed in one go."""
-
     def __init__(self) -> None:
+        self.waiting: list[Hashed] = []
+        """Messages that are still to be hashed, in their order. Whoever appends to it calls `settle` before
+        they are many: so a message costs no call of its own."""
         self._hash = hashlib.sha256()
-        self._waiting: list[bytes] = []
-        self._keys: dict[str, bytes] = {}
-        self.count = 0
-
-    def add(self, key: str, step: int, sequence: int, payload_sha256: bytes) -> None:
-        """Take in one message; its bytes come as their own hash, so that a recording may hold just that."""
-        if key not in self._keys:
-            self._keys[key] = key.encode()
-        self._waiting += (b"%b\0%d\0%d\0%b" % (self._keys[key], step, sequence, payload_sha256),)
-        self.count += 1
-        if not self.count % self.TOGETHER:
-            self._settle()
+        self._keys = _EncodedKeys()
+        self._count = 0
 
     def digest(self, actor: str) -> ActorDigest:
         """The state of the hash now, under the actor's name."""
-        self._settle()
-        return ActorDigest(actor, self.count, self._hash.hexdigest())
+        self.settle()
+        return ActorDigest(actor, self._count, self._hash.hexdigest())
 
-    def _settle(self) -> None:
-        self._hash.update(b"".join(self._waiting))
-        self._waiting = []
+    def settle(self) -> None:
+        """Hash what waits."""
+        keys, waiting, self.waiting = self._keys, self.waiting, []
+        lines = [
+            b"%b\0%d\0%d\0%b" % (keys[key], step, sequence, sha256) for key, step, sequence, sha256 in waiting
+        ]
+        self._hash.update(b"".join(lines))
+        self._count += len(lines)
 
 
 class MessageCounts:

@@ -37,6 +37,8 @@ class Shell:
     """Messages that may wait for the core; more mean that the barrier is broken."""
     KEY_LIMIT: Final = 5000
     """Of them, on one key: somebody sends what nobody asks for."""
+    HASHED_TOGETHER: Final = 16
+    """Advances whose messages are hashed into the digest in one go."""
 
     def __init__(
         self,
@@ -64,6 +66,8 @@ class Shell:
         self._waiting = 0
         self._inputs: dict[str, Message] = {}
         self._awaited: list[Address] = []
+        self.held_by: str | None = None
+        """The key without a message on which `pump` can do nothing; None: nothing is known to be missing."""
         self._step = core.step
         self._newest = core.step
         """The latest step of an input that is at hand: after a gap the core is behind it."""
@@ -99,14 +103,17 @@ class Shell:
         if not delivery.topic.is_from_outside:
             self.tally.arrived[key] += 1
         waiting.append(delivery.payload)
+        if key == self.held_by:
+            self.held_by = None
 
     def pump(self) -> Address | None:
         """Advance the core once if everything it misses is here; else the first address that is missing."""
         while True:
             while self._awaited:
                 if not self._take(self._awaited[-1]):
+                    self.held_by = self._awaited[-1].key
                     return self._awaited[-1]
-                self._awaited.pop()
+                del self._awaited[-1]
             self._awaited = [*self.core.missing(self._inputs)][::-1]
             if not self._awaited:
                 break
@@ -126,7 +133,7 @@ class Shell:
             sha256 = None
             if topic.is_digested:
                 sha256 = hashlib.sha256(payload).digest()
-                self.tally.hash.add(key, message.step, sequence, sha256)
+                self.tally.hash.waiting += ((key, message.step, sequence, sha256),)
             self._journal.sent(key, message.step, sequence, payload, sha256)
         self._outlet.publish(key, payload)
 
@@ -142,7 +149,8 @@ class Shell:
         self.tally.taken[key] = sequence + 1
         self._journal.received(key, self._step, sequence, payload)
         if topic.is_digested:
-            self.tally.hash.add(key, message.step, sequence, hashlib.sha256(payload).digest())
+            sha256 = hashlib.sha256(payload).digest()
+            self.tally.hash.waiting += ((key, message.step, sequence, sha256),)
         if (step := message.step) > self._newest:
             self._newest = step
         self._inputs[key] = message
@@ -162,6 +170,8 @@ class Shell:
             self.began = clocks()
         for output in outputs:
             self.send(output)
+        if not self.advances % self.HASHED_TOGETHER:
+            self.tally.hash.settle()
         if self._step != step or self.finished:
             self._journal.flush()
 

@@ -15,6 +15,8 @@ from actors.runtime.recording import Direction, Entry, Note, Reading, decoded
 
 STAMP: Final = struct.Struct("<Q32s")
 """A message in a trail: its step, and the sha256 of its bytes."""
+_TOGETHER: Final = 256
+"""Messages that wait to be hashed in one go."""
 
 
 class CheckError(AcrcError):
@@ -86,7 +88,9 @@ def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
         raise CheckError(f"{told.path}: a message on {entry.key} is of step {entry.step}")
     trail += STAMP.pack(entry.step, entry.sha256)
     if topic.is_digested:
-        running.add(entry.key, entry.step, entry.sequence, entry.sha256)
+        running.waiting += ((entry.key, entry.step, entry.sequence, entry.sha256),)
+        if len(running.waiting) > _TOGETHER:
+            running.settle()
 
 
 def _check_final(told: Pass) -> None:

@@ -55,6 +55,8 @@ def run_shells(shells: Sequence[Shell], before_pump: Callable[[Shell], None] = l
             if shell.finished:
                 continue
             open_shells += 1
+            if shell.held_by is not None:
+                continue
             before_pump(shell)
             while shell.pump() is None:
                 advanced = True

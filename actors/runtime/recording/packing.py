@@ -53,9 +53,10 @@ class Packer(_WithScans):
 
     def packed(self, payload: bytes) -> tuple[Encoding, bytes]:
         """How the message stands in the file, and its bytes there."""
-        if not WORTH <= len(payload) <= LARGEST_RECORD:
+        size = len(payload)
+        if not WORTH <= size <= LARGEST_RECORD:
             return MESSAGES, payload
-        found = _run(payload)
+        found = _run(payload, size)
         if found is not None and (data := self._with_scan(payload, *found)) is not None:
             return SCANNED, data
         deflate = self._deflate
@@ -68,7 +69,7 @@ class Packer(_WithScans):
         if run is None:
             return None
         head = _HEAD.pack(_RUN, len(run) + 2, size >> 1)
-        return b"".join((_PLACE.pack(at), payload[:at], head, run, payload[begin + size :]))
+        return _PLACE.pack(at) + payload[:at] + head + run + payload[begin + size :]
 
 
 class MessageUnpacker(_WithScans):
@@ -106,15 +107,15 @@ class MessageUnpacker(_WithScans):
         return b"".join((data[_PLACE.size : at], b"\xc5", _PLACE.pack(2 * count), run, data[end:]))
 
 
-def _run(payload: bytes) -> tuple[int, int] | None:
+def _run(payload: bytes, whole: int) -> tuple[int, int] | None:
     """Where the run of bytes begins that is more than half of the message, and its length, if there is one.
 
     Whatever only looks like one does no harm: it comes back as it was.
     """
     at = payload.find(_RUN)
-    while 0 <= at <= _FARTHEST:
-        size = int.from_bytes(payload[at + 1 : at + 3])
-        if at + 3 + size <= len(payload) < 2 * size and not size % 2:
+    while 0 <= at <= _FARTHEST and at + 3 <= whole:
+        size = payload[at + 1] << 8 | payload[at + 2]
+        if at + 3 + size <= whole < 2 * size and not size % 2:
             return at, size
         at = payload.find(_RUN, at + 1)
     return None

@@ -36,6 +36,8 @@ from actors.runtime.recording.packing import WORTH, Packer
 _MESSAGE: Final = Opcode.MESSAGE.value
 _HASHED_SIZE: Final = 40
 """Of a step and a sha256."""
+_SEAL_LENGTH: Final = FIELDS.size + SEAL.size
+_SEALED_SIZE: Final = HEAD.size + _SEAL_LENGTH
 _Noted = tuple[Direction, str, int, int, bytes, int, bytes | None]
 """Direction, key, step, sequence, payload, its size, its sha256 if that is known."""
 
@@ -188,13 +190,11 @@ class Recorder:
         """Vouch for everything up to here."""
         if self._noted:
             self._write_noted()
-        instant, length = max(self._last, 0) * self._step_ns, FIELDS.size + SEAL.size
-        seal = SEALED.pack(_MESSAGE, length, self._seals, self._sealed, instant, instant, self._last)
-        checksum = vouched(self._stream.crc32(), seal)
-        head = seal[: MESSAGE_HEAD.size]
-        self._stream.take([head, SEAL.pack(checksum, self._last)], HEAD.size + length, 0)
+        last = self._last
+        instant = last * self._step_ns if last > 0 else 0
+        seal = SEALED.pack(_MESSAGE, _SEAL_LENGTH, self._seals, self._sealed, instant, instant, last)
+        self._stream.seal(seal, last)
         self._sealed += 1
-        self._stream.unsealed = 0
 
 
 class _Checked:
@@ -234,21 +234,31 @@ class _Checked:
         self.unsummed += written
         self.unsealed += counted
 
-    def crc32(self) -> int:
-        """Of all that was written so far."""
+    def seal(self, sealed: bytes, step: int) -> None:
+        """Append what vouches for all before it; `sealed`: its head, fields and step (`SEALED`)."""
+        self._sum_up()
+        checksum = vouched(self._crc32, sealed)
+        seal = sealed[: MESSAGE_HEAD.size] + SEAL.pack(checksum, step)
+        self._waiting += seal
+        self._size += _SEALED_SIZE
+        self._crc32 = zlib.crc32(seal, self._crc32)
+        self.unsealed = 0
+
+    def _sum_up(self) -> None:
+        """Take into the CRC what is not in it yet."""
         data = b"".join(self._parts)
         self._parts = []
         self.unsummed = 0
         self._waiting += data
         self._crc32 = zlib.crc32(data, self._crc32)
-        return self._crc32
 
     def flush(self) -> None:
         """Nothing: the library calls it between records that belong together; see `hand_over`."""
 
     def hand_over(self) -> None:
         """Give everything to the operating system."""
-        self.crc32()
+        if self._parts:
+            self._sum_up()
         while self._waiting:
             try:
                 del self._waiting[: self._file.write(self._waiting)]

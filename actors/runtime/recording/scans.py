@@ -35,9 +35,10 @@ class ScanBuffers:
 
     def packed(self, ranges: bytes) -> bytes | None:
         """An even number of bytes, at most LARGEST, in fewer; None where they do not become fewer."""
-        self._plain[: len(ranges)] = ranges
-        size = _pack(self._plain_array, len(ranges) >> 1, self._packed_array)
-        return bytes(self._packed[:size]) if size else None
+        size = len(ranges)
+        self._plain[:size] = ranges
+        packed = _pack(self._plain_array, size >> 1, self._packed_array)
+        return bytes(self._packed[:packed]) if packed else None
 
     def unpacked(self, packed: bytes, count: int) -> bytes:
         """So many ranges again. ValueError where the bytes do not hold just these."""
