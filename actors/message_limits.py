@@ -37,20 +37,28 @@ def drive_fault(drive: Drive, step: int, begin: int, end: int, limits: MessageLi
     """What is wrong with a Drive that answers the Senses of the step from `begin` to `end`, µs."""
     if drive.step != step:
         return f"answers with a Drive of step {drive.step}; it should be of step {step}"
-    if not are_plausible(drive.vx, drive.vy, drive.omega):
+    x, y, heading = drive.pose or (0.0, 0.0, 0.0)
+    if not are_plausible(x, y, heading, drive.vx, drive.vy, drive.omega):
+        return _motion_fault(drive)
+    if not 0 <= drive.transmits <= limits.frames:
+        return f"announces {drive.transmits} frames; it should be 0 to {limits.frames}"
+    if drive.reports or drive.given_up or drive.route is not None:
+        return words_fault(drive, begin, end, limits)
+    return None
+
+
+def _motion_fault(drive: Drive) -> str:
+    """What is wrong with the velocity, else with the pose."""
+    if drive.pose is None or not are_plausible(drive.vx, drive.vy, drive.omega):
         return (
             f"wants to drive at {drive.vx:g}, {drive.vy:g} m/s and {drive.omega:g} rad/s; a velocity should "
             f"be at most {GREATEST_COORDINATE:g}"
         )
-    if not 0 <= drive.transmits <= limits.frames:
-        return f"announces {drive.transmits} frames; it should be 0 to {limits.frames}"
-    if drive.pose is not None and not are_plausible(*drive.pose):
-        x, y, heading = drive.pose
-        return (
-            f"holds itself to be at ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
-            f"{GREATEST_COORDINATE:g}"
-        )
-    return words_fault(drive, begin, end, limits)
+    x, y, heading = drive.pose
+    return (
+        f"holds itself to be at ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
+        f"{GREATEST_COORDINATE:g}"
+    )
 
 
 def transmit_fault(transmit: Transmit, step: int, announced: int) -> str | None:

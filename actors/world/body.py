@@ -15,7 +15,6 @@ from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
 from actors.messages import Drive, Scan, Senses
-from actors.portable import arrays
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
@@ -25,6 +24,7 @@ from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
+from deeco.replacing import made
 
 POST_RADIUS: Final = 0.05
 """Of the posts that a wall is made of, m; own choice: as thick as a partition."""
@@ -117,7 +117,7 @@ class Bodies:
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""
-        self._arena.command(index, Twist(drive.vx, drive.vy, drive.omega), instant)
+        self._arena.command(index, made(Twist, (drive.vx, drive.vy, drive.omega)), instant)
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
@@ -128,7 +128,8 @@ class Bodies:
             until = min(end, self._next_sweep(now))
             before = self.positions
             track = self._arena.advance((until - now) // SUBSTEP)
-            self._driven += arrays.hypot(*(track[-1, :, :2] - before).T)
+            moved = track[-1, :, :2] - before
+            self._driven += np.sqrt(moved[:, 0] * moved[:, 0] + moved[:, 1] * moved[:, 1])
             self._odometers.follow(track, self._arena.velocities)
             self._bumpers |= self._arena.bumpers
             now = until

@@ -23,7 +23,6 @@ from actors.messages import (
     RADIO_READY,
     READY,
     ROSTER,
-    SENSES,
     TRUTH,
     Aired,
     Answered,
@@ -170,7 +169,7 @@ class WorldCore:
             case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
             case WorldPhase.CLOSE:
-                return [at(DRIVE, member.id) for member in self._participants.of(BarrierStanding.STEPPING)]
+                return [member.drive for member in self._participants.of(BarrierStanding.STEPPING)]
             case WorldPhase.PAUSED:
                 return [at(CONTROL)]
             case WorldPhase.MOVE:
@@ -286,14 +285,14 @@ class WorldCore:
         if member.given and not halt:  # a process that ends is not told, the one that follows it is
             new, member.told = member.given[member.told :], len(member.given)
         senses = self._bodies.senses(member.index, self._step, instant, events, halt, new)
-        return to(SENSES, senses, member.id)
+        return Output(member.senses, senses)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = {member.id: 0 for member in self._participants.members}
         held: dict[int, tuple[float, float, float] | None] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.of(BarrierStanding.STEPPING):
-            drive: Drive = read(inputs, DRIVE, member.id)
+            drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` gives it
             if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, begin)
@@ -324,7 +323,7 @@ class WorldCore:
             vy=vy,
             omega=omega,
             stepping=stepping,
-            powered=member.alive,
+            powered=member.standing is not BarrierStanding.ENDED,
             transmits=transmits,
             epoch=member.epoch,
         )

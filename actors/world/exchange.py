@@ -50,11 +50,18 @@ class BodyExchange:
         self.states: NDArray[np.float64] = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)
         """(n + 1, 6): x, y, heading, vx, vy, omega after the last `step`, which writes to the same memory."""
 
-    def step(self, dt: float) -> None:
-        """Let the forces act on the bodies for so long, s, and take the states over."""
+    def step(self, dt: float, *, whole: bool) -> None:
+        """Let the forces act on the bodies for so long, s, and take the states over.
+
+        `whole`: with all that pymunk does around it for what was added or removed since the last such step;
+        else the physics alone, which is the same where nothing was.
+        """
         self._floats.num = 0  # where reading begins
         lib.cpSpaceEachBody(self._address, _SET, self._pushed)
-        self._space.step(dt)
+        if whole:
+            self._space.step(dt)
+        else:
+            lib.cpSpaceStep(self._address, dt)
         self._states.num = 0  # where writing begins
         lib.cpSpaceEachBody(self._address, _GET, self._looked)
 

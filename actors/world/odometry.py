@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, in_seconds
 from actors.messages import Odometry
-from actors.portable import arrays
 from actors.portable.draws import normals, uniforms
 from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
-from actors.world.odometry_kernel import BASE, add_measured, add_scaled
+from actors.world.odometry_kernel import BASE, add_measured, add_scaled, tell
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,9 @@ class Odometers:
         self._velocities = np.zeros((n, 3))
         self._said: list[tuple[float, ...]] | None = None
         """What `read` gives, of all robots at once, until something has moved."""
-        self._is_exact = np.array([kind == "exact" for kind in kinds])[:, None]
-        self._is_measured = np.array([kind == "kobuki" for kind in kinds])[:, None]
+        self._is_exact = np.array([kind == "exact" for kind in kinds], np.bool_)
+        self._is_measured = np.array([kind == "kobuki" for kind in kinds], np.bool_)
+        self._rows = np.zeros((n, 6))
         self._scaled = np.array([i for i, kind in enumerate(kinds) if kind == "stage"], np.int64)
         self._measured = np.array([i for i, kind in enumerate(kinds) if kind == "kobuki"], np.int64)
         self._factors = np.ones((n, 3))
@@ -143,26 +143,11 @@ class Odometers:
 
     def _all(self) -> list[tuple[float, ...]]:
         """The fields of what each base says."""
-        here, origin = self._last, self._origin
-        exact = np.column_stack(
-            [*_turned_back(origin[:, 2], *(here - origin)[:, :2].T), here[:, 2] - origin[:, 2]]
-        )
-        east, north, omega = self._true_velocities.T
-        true = np.column_stack([*_turned_back(here[:, 2], east, north), omega])
-        poses = np.where(self._is_exact, exact, self._estimates)
-        velocities = np.where(self._is_measured, self._velocities, true)
-        return [
-            (x, y, wrap(heading), *velocity)
-            for (x, y, heading), velocity in zip(poses.tolist(), velocities.tolist(), strict=True)
-        ]
-
-
-def _turned_back(
-    heading: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Vectors (n,) as seen from frames that are turned by these headings."""
-    c, s = arrays.cos(heading), arrays.sin(heading)
-    return c * x + s * y, c * y - s * x
+        said = self._estimates, self._velocities
+        true = self._last, self._origin, self._true_velocities
+        tell(*true, *said, self._is_exact, self._is_measured, self._rows)
+        rows = self._rows.tolist()
+        return [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
 
 
 def _check(model: RobotModel, kind: str) -> None:

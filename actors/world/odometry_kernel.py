@@ -116,6 +116,41 @@ def _add(estimate: Floats, heading: float, forward: float, leftward: float) -> N
     estimate[1] += s * forward + c * leftward
 
 
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def tell(
+    last: Floats,
+    origin: Floats,
+    true: Floats,
+    estimates: Floats,
+    velocities: Floats,
+    exact: NDArray[np.bool_],
+    measured: NDArray[np.bool_],
+    rows: Floats,
+) -> None:
+    """Write what each base says: x, y, m, heading, rad, not wrapped, and velocity, m/s and rad/s; (n, 6).
+
+    last, origin (n, 3): poses now and at the start; true (n, 3): velocities, map frame; estimates, velocities
+    (n, 3): of odometries that are wrong, the latter where `measured`; exact (n,): which ones are not.
+    """
+    for i in range(last.shape[0]):
+        rows[i, 0:3] = estimates[i]
+        if exact[i]:
+            x, y = last[i, 0] - origin[i, 0], last[i, 1] - origin[i, 1]
+            rows[i, 0], rows[i, 1] = _turned_back(origin[i, 2], x, y)
+            rows[i, 2] = last[i, 2] - origin[i, 2]
+        rows[i, 3:6] = velocities[i]
+        if not measured[i]:
+            rows[i, 3], rows[i, 4] = _turned_back(last[i, 2], true[i, 0], true[i, 1])
+            rows[i, 5] = true[i, 2]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _turned_back(heading: float, x: float, y: float) -> tuple[float, float]:
+    """A vector as seen from a frame that is turned by this heading."""
+    c, s = cos_sin(heading)
+    return c * x + s * y, c * y - s * x
+
+
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     track = arrays.sin(np.arange(60.0)).reshape(10, 2, 3)
@@ -127,4 +162,6 @@ def fingerprint() -> bytes:
     normals = arrays.cos(np.arange(80.0)).reshape(2, 10, 4)
     model = (0.23, 8.5e-5, 0.002, 5e-4, 1e-5, 1.7e-4, 2)
     add_measured(track, robots, last, normals, 0.01, model, bases, estimates, velocities)
-    return estimates.tobytes() + velocities.tobytes() + bases.tobytes()
+    rows, kinds = np.zeros((2, 6)), np.array([True, False])
+    tell(track[9], track[0], track[1], estimates, velocities, kinds, kinds, rows)
+    return estimates.tobytes() + velocities.tobytes() + bases.tobytes() + rows.tobytes()

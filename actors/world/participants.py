@@ -1,8 +1,10 @@
 """Which robots take part in a step, which are frozen or ended, and what their radios still hold for them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
+from actors.messages import DRIVE, SENSES
+from actors.runtime.core import Address, at
 from actors.world.world_setup import BodySetup
 
 
@@ -31,6 +33,13 @@ class Member:
     """The places that it was given since the start of the run, m."""
     told: int = 0
     """So many of these its process has been told of."""
+    senses: Address = field(init=False)
+    """Where it is told what it senses."""
+    drive: Address = field(init=False)
+    """Where it says how it wants to drive."""
+
+    def __post_init__(self) -> None:
+        self.senses, self.drive = at(SENSES, self.id), at(DRIVE, self.id)
 
     @property
     def alive(self) -> bool:

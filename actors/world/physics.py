@@ -140,8 +140,10 @@ class Arena:
                 self._memory,
                 self._forces,
             )
-            self._exchange.step(dt)
-            self._take_contacts()
+            self._exchange.step(dt, whole=k == 0)
+            met = self._exchange.contacts()
+            if met is not None or self._touched:
+                self._press(*(_NO_CONTACTS if met is None else met))
             self.now = Instant(self.now + SUBSTEP)
             track[k] = self._state[:, :3]
         return _wrapped(track)
@@ -218,21 +220,19 @@ class Arena:
         pairs: list[list[int]] = np.argwhere(close).tolist()
         return pairs
 
-    def _take_contacts(self) -> None:
-        met = self._exchange.contacts()
-        if met is not None or self._touched:
-            pairs, normals = _NO_CONTACTS if met is None else met
-            self.contacts += press_bumpers(
-                self._state,
-                pairs,
-                normals,
-                self._numbers,
-                self._robots,
-                self._limits,
-                self.bumpers,
-                self._touching,
-            )
-            self._touched = bool(self._touching.any())
+    def _press(self, pairs: NDArray[np.uint64], normals: NDArray[np.float64]) -> None:
+        """Take in the contacts of a sub-step; as `press_bumpers` has them."""
+        self.contacts += press_bumpers(
+            self._state,
+            pairs,
+            normals,
+            self._numbers,
+            self._robots,
+            self._limits,
+            self.bumpers,
+            self._touching,
+        )
+        self._touched = bool(self._touching.any())
 
     @property
     def _walls(self) -> NDArray[np.float64]:
