@@ -82,10 +82,12 @@ class CleaningRobot(Cleaner):
 
     def decided_since(self, before: Self) -> str:
         """In words, for measuring: how it means to go on otherwise than before; empty if it does not."""
-        held, holds = ({one.key for one in robot.route} for robot in (before, self))
-        words = [f"takes over {_named(key)}" for key in sorted(holds - held, key=_named)]
-        for key in sorted(held - holds, key=_named):
-            words.append(f"{'gives up' if self.has_settled(key) else 'leaves to another'} {_named(key)}")
+        words: list[str] = []
+        if self.route is not before.route:
+            held, holds = ({one.key for one in robot.route} for robot in (before, self))
+            words += [f"takes over {_named(key)}" for key in sorted(holds - held, key=_named)]
+            for key in sorted(held - holds, key=_named):
+                words.append(f"{'gives up' if self.has_settled(key) else 'leaves to another'} {_named(key)}")
         if not words and self.attempt != before.attempt:
             words.append("stops" if self.target is None else "turns elsewhere")
         return ", ".join(words)
@@ -194,7 +196,7 @@ class CleaningRobot(Cleaner):
 
     def reaches(self, point: Point) -> bool:
         """True if the robot is near enough to a point, m, to clean it."""
-        return self.position.distance_to(point) < self.parameters.reach
+        return self.position.is_nearer(point, self.parameters.reach)
 
 
 def _named(key: PlaceKey) -> str:

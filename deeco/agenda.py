@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from deeco.errors import ExecutionError
 from deeco.instant import Duration, Instant, in_seconds
+from deeco.replacing import made
 
 Task = Callable[[Instant], None]
 """Called with the instant for which it was planned."""
@@ -38,7 +39,7 @@ class Agenda:
     def once(self, task: Task, at: Instant, order: int = 0) -> None:
         """Do the task at one instant."""
         self._make_room()
-        heapq.heappush(self._heap, (at, order, _ONCE + self._added, _Entry(task, None)))
+        heapq.heappush(self._heap, (at, order, _ONCE + self._added, made(_Entry, (task, None))))
 
     def _make_room(self) -> None:
         if len(self._heap) >= self._most:

@@ -27,6 +27,9 @@ class Binding:
             return lambda knowledge, now: function(knowledge)
         if _NOW not in arguments:
             return lambda knowledge, now: function(knowledge, *arguments)
+        *others, last = arguments
+        if last is _NOW and _NOW not in others:
+            return lambda knowledge, now: function(knowledge, *others, now)
         return lambda knowledge, now: function(knowledge, *(now if a is _NOW else a for a in arguments))
 
     def pair(

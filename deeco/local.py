@@ -9,6 +9,7 @@ from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import Instant, in_seconds
 from deeco.knowledge import Knowledge, is_component, is_role, seen_as
 from deeco.process import Fact, OnChange, Periodic, Process, processes_of
+from deeco.replacing import made as named
 
 
 class Commit(NamedTuple):
@@ -68,7 +69,8 @@ class LocalComponent:
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
         self._witness = witness
-        self._watched: list[tuple[str, Callable[[], str]]] = []
+        self.watched: list[tuple[str, Callable[[], str]]] = []
+        """Facts that somebody watches here, by name, and whom to call."""
         self._facts: list[object] = []
         self._seen: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
 
@@ -82,21 +84,16 @@ class LocalComponent:
         """The processes that run on a change."""
         return tuple((one, one.schedule) for one in self.processes if isinstance(one.schedule, OnChange))
 
-    @property
-    def watched(self) -> bool:
-        """True if somebody watches a fact here."""
-        return bool(self._watched)
-
     def watch(self, facts: Sequence[Fact], then: Callable[[], str]) -> None:
         """Call `then` from `changes` whenever one of the facts has another value than at the call before."""
         for fact in facts:
-            self._watched.append((fact.__name__, then))
+            self.watched.append((fact.__name__, then))
             self._facts.append(getattr(self.value, fact.__name__)())
 
     def changes(self) -> list[Callable[[], str]]:
         """Whom to call because a fact has changed since the last call of this, each once, in order."""
         called: dict[Callable[[], str], None] = {}
-        for index, (name, then) in enumerate(self._watched):
+        for index, (name, then) in enumerate(self.watched):
             fact = getattr(self.value, name)()
             if fact != self._facts[index]:
                 self._facts[index] = fact
@@ -105,7 +102,7 @@ class LocalComponent:
 
     def commit(
         self,
-        made: object,
+        made: Any,
         by: str,
         now: Instant,
         *,
@@ -120,7 +117,6 @@ class LocalComponent:
                 f"{by} of {self.id!r} at {in_seconds(now):g} s gives a {type(made).__name__}; "
                 f"it should give the next {type(value).__name__}"
             )
-        assert isinstance(made, Knowledge)
         if made == value:
             return False
         if made.id != self.id:
@@ -129,7 +125,7 @@ class LocalComponent:
             )
         self.value = made
         if self._witness is not None:
-            self._witness(Commit(by, now, value, made, adaptation, peer, heard))
+            self._witness(named(Commit, (by, now, value, made, adaptation, peer, heard)))
         return True
 
     def role(self, kind: type[Knowledge]) -> Any:

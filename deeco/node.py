@@ -67,6 +67,7 @@ class Node:
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")
         self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
+        self._reacting = tuple(one for one in self._pairings if one.type.on_change)
         self._network: Network = Network(
             parameters,
             RoleBook(self._roles(), parameters.link),
@@ -219,7 +220,7 @@ class Node:
         if self._onlooker is not None:
             for component in self._locals:
                 self._onlooker.heard(component.id, news.after, self._now)
-        for pairing in self._pairings:
+        for pairing in self._reacting:
             if any(_differs(news, fact) for fact in pairing.type.on_change):
                 self._evaluate(pairing)
 

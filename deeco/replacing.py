@@ -1,12 +1,14 @@
-"""`replace` for knowledge: the same as that of dataclasses, in a fifth of its calls."""
+"""Values made often, in fewer calls: `replace` for knowledge, and `made` for named tuples."""
 
 import dataclasses
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-__all__ = ["is_plain", "replace"]
+__all__ = ["is_plain", "made", "replace"]
 
 T = TypeVar("T")
+made: Final = tuple.__new__
+"""A named tuple of its class and all its values; its own call is one of a function in Python."""
 
 
 def is_plain(cls: type) -> bool:
@@ -32,11 +34,11 @@ def _names(cls: type) -> frozenset[str]:
 def _replace(value: T, /, **changes: Any) -> T:
     """`value` with other values for some of its fields, as dataclasses.replace has it."""
     cls: Any = type(value)
-    own, names = getattr(value, "__dict__", {}), _names(cls)
-    if len(own) != len(names) or not changes.keys() <= names:  # it keeps more than its fields, or a mistake
-        return dataclasses.replace(value, **changes)  # type: ignore[type-var]
+    names = _names(cls)
+    if not names or len(value.__dict__) != len(names) or not changes.keys() <= names:
+        return dataclasses.replace(value, **changes)  # type: ignore[type-var]  # it keeps more, or a mistake
     made: T = object.__new__(cls)
-    made.__dict__.update(own, **changes)
+    made.__dict__.update(value.__dict__, **changes)
     return made
 
 

@@ -48,11 +48,18 @@ class Fragmenter:
         """
         wholes = [self._checked(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
+        first, source = self._next, self._source
+        if sum(sizes) + len(sizes) * HEADER.size <= self._limits.frame_data:  # as mostly: all in one
+            self._next = (first + len(wholes)) % _IDS
+            heads = [
+                HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
+            ]
+            return [b"".join([part for pair in zip(heads, wholes, strict=True) for part in pair])]
         frames = min((self._layout(sizes, thrifty) for thrifty in (False, True)), key=len)
-        first, self._next = self._next, (self._next + len(wholes)) % _IDS
+        self._next = (first + len(wholes)) % _IDS
         return [
             b"".join(
-                HEADER.pack(len(wholes[whole]), size, start, (first + whole) % _IDS, self._source)
+                HEADER.pack(len(wholes[whole]), size, start, (first + whole) % _IDS, source)
                 + wholes[whole][start : start + size]
                 for whole, start, size in frame
             )

@@ -14,6 +14,7 @@ from deeco.instant import Duration, Instant, seconds
 from deeco.knowledge import Knowledge
 from deeco.link import Reception, Transmission
 from deeco.parameters import LinkParameters
+from deeco.replacing import made
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.packet import KnowledgePacket, Unpacker, Version, pack
 from deeco.replication.reassembly import Reassembly
@@ -115,11 +116,13 @@ class Network:
 
     def transmissions(self) -> list[Transmission]:
         """The frames of everything sent since the last call; what is sent at one instant shares frames."""
-        sent = []
+        if not self._outbox:
+            return []
+        sent: list[Transmission] = []
         for instant, group in groupby(self._outbox, key=lambda item: item[0]):
             frames = self._fragmenter.frames([data for _, data in group])
-            sent += [Transmission(instant, frame) for frame in frames]
-        self._outbox.clear()
+            sent += [made(Transmission, (instant, frame)) for frame in frames]
+        self._outbox = []
         self._counters.frames += len(sent)
         return sent
 
@@ -133,7 +136,7 @@ class Network:
         return self._reassembly.counters()
 
     def _send(self, now: Instant, data: bytes) -> None:
-        self._outbox.append((now, data))
+        self._outbox += ((now, data),)
 
     def _open(self, data: bytes, reception: Reception) -> News | None:
         self._counters.packets += 1
@@ -158,10 +161,9 @@ class Network:
             return None
         roles, unknown = unpacked
         self._counters.roles_unknown += unknown
-        contact = Contact(reception.instant, reception.rssi_dbm, packet.hops)
-        news = News(
-            self.replicas.get(packet.component), Replica(packet.component, packet.version, roles, contact)
-        )
+        contact = made(Contact, (reception.instant, reception.rssi_dbm, packet.hops))
+        replica = Replica(packet.component, packet.version, roles, contact)
+        news = made(News, (self.replicas.get(packet.component), replica))
         self.replicas.put(news.after)
         relay, rssi_dbm = self._relay, reception.rssi_dbm
         if relay is not None and relay.wants(packet, rssi_dbm) and self._node.passes(news.after):

@@ -11,6 +11,7 @@ import msgpack
 
 from deeco.errors import ExecutionError
 from deeco.parameters import DEFAULTS, LinkParameters
+from deeco.replacing import made
 from deeco.replication.scalars import text_size
 
 _KNOWLEDGE: Final = 0
@@ -75,18 +76,19 @@ def unpack(
     if not 0 < len(data) <= limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
         return None
     body = _unpacked(data[1:], limits)
-    if type(body) is not tuple or len(body) < _HEAD or len(body) % 2 != _HEAD % 2:
+    if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
         return None
     component, epoch, counter, *rest = body
     if type(component) is not str or text_size(component) > limits.most_id:
         return None
     if type(epoch) is not int or type(counter) is not int or epoch < 0 or counter < 0:
         return None
-    roles = (tuple(rest),) if len(rest) == 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
+    roles = (tuple(rest),) if size == _HEAD + 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
     for role in roles:
         if not _is_role(*role) or (role[0] not in known and _is_deeper((role,), 3 + limits.most_depth)):
             return None
-    return KnowledgePacket(component, Version(epoch, counter), data[0] >> 4, roles)
+    version = made(Version, (epoch, counter))
+    return made(KnowledgePacket, (component, version, data[0] >> 4, roles))
 
 
 def _unpacked(data: bytes, limits: LinkParameters) -> Any:
@@ -143,7 +145,7 @@ class Unpacker:
         body = data[1:]
         kept = self._kept.get(body)
         if kept is not None and data[0] & 0xF == _KNOWLEDGE:
-            return KnowledgePacket(kept.component, kept.version, data[0] >> 4, kept.roles)
+            return made(KnowledgePacket, (kept.component, kept.version, data[0] >> 4, kept.roles))
         packet = unpack(data, self._limits, self._known)
         if packet is not None:
             self._kept[body] = packet

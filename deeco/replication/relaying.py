@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from deeco.instant import Duration, Instant, milliseconds, seconds
+from deeco.replacing import made
 from deeco.replication.packet import KnowledgePacket, Version, relayed
 from deeco.statistics import NodeCounters
 
@@ -92,7 +93,7 @@ class Relay:
         if self._planned >= self._p.waiting:
             self._counters.relays_refused += 1
             return
-        waiting = self._waiting[packet.component] = _Waiting(packet.version, relayed(data))
+        waiting = self._waiting[packet.component] = made(_Waiting, (packet.version, relayed(data)))
         at = Instant(heard + self._p.delay(rssi_dbm, self._chance(packet)))
 
         def due(now: Instant) -> None:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge, is_role, published, roles_of
 from deeco.parameters import DEFAULTS, LinkParameters
+from deeco.replacing import made
 from deeco.replication.on_air import Compiler, Unsound, getter, maker
 from deeco.replication.scalars import Junk, Resolution, Unfit
 
@@ -146,7 +147,7 @@ class RoleBook:
                     found[key] = role.unpack(component, fields)
         except Junk:
             return None
-        return Unpacked(tuple(found.values()), unknown)
+        return made(Unpacked, (tuple(found.values()), unknown))
 
 
 def _place(cls: type) -> str:
