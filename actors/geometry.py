@@ -4,9 +4,7 @@ import math
 from typing import Final, NamedTuple, TypeAlias
 
 from actors.portable import cos_sin, hypot
-
-_made: Final = tuple.__new__
-"""A named tuple of its values, without the call of a function in Python: this is done often."""
+from deeco.replacing import made
 
 
 class Point(NamedTuple):
@@ -19,6 +17,11 @@ class Point(NamedTuple):
         """Euclidean distance, m."""
         return hypot(self.x - other.x, self.y - other.y)
 
+    def is_nearer(self, to: "Point", distance: float) -> bool:
+        """True if the other point is less than `distance` away, m: by squares, which is quicker."""
+        x, y = self.x - to.x, self.y - to.y
+        return x * x + y * y < distance * distance
+
 
 class Pose(NamedTuple):
     """A position, m, and the direction faced, rad in (−π, π]."""
@@ -30,20 +33,25 @@ class Pose(NamedTuple):
     @property
     def point(self) -> Point:
         """Where the pose is."""
-        return _made(Point, self[:2])
+        return made(Point, self[:2])
 
     def compose(self, local: "Pose") -> "Pose":
         """The pose, in this pose's parent frame, of something at `local` in this pose's own frame."""
         c, s = cos_sin(self.heading)
         x, y, heading = local
-        turned = wrap(self.heading + heading)
-        return _made(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
+        turned = self.heading + heading
+        if not -math.pi < turned <= math.pi:
+            turned = wrap(turned)
+        return made(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
 
     def relative(self, other: "Pose") -> "Pose":
         """`other`, given in this pose's parent frame, as seen from this pose: the inverse of `compose`."""
         c, s = cos_sin(self.heading)
         dx, dy = other.x - self.x, other.y - self.y
-        return _made(Pose, (c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading)))
+        turned = other.heading - self.heading
+        if not -math.pi < turned <= math.pi:
+            turned = wrap(turned)
+        return made(Pose, (c * dx + s * dy, c * dy - s * dx, turned))
 
     def frame(self, local: "Pose") -> "Pose":
         """The frame in which this pose is `local`, as a pose in this one's parent frame."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from actors.floor import distance, flood
 from actors.geometry import Point
+from deeco.replacing import made
 
 FREE: Final = 0
 UNKNOWN: Final = 1
@@ -95,7 +96,7 @@ class OccupancyGrid:
     def cell(self, point: Point) -> Cell:
         """The cell around `point`; beyond the map its indices lie outside of those of `cells`."""
         x, y = self._cells_from_corner(point)
-        return Cell(math.floor(y), math.floor(x))
+        return made(Cell, (math.floor(y), math.floor(x)))
 
     def centre(self, cell: Cell) -> Point:
         """The middle of a cell, m."""

@@ -34,7 +34,7 @@ def cos(x: float) -> float:
 
 def cos_sin(x: float) -> tuple[float, float]:
     """Cosine and sine together; a compiler leaves out the one that nobody asks for."""
-    n, y, low = _reduced(x)
+    n, y, low = (0, x, 0.0) if -_QUARTER <= x <= _QUARTER else _reduced(x)
     z = y * y
     r = 0.008333333333330936 + z * (
         -0.00019841269836740532
@@ -70,8 +70,6 @@ def tan(x: float) -> float:
 
 def _reduced(x: float) -> tuple[int, float, float]:
     """n modulo 4, and y + low = x − n π/2, |y| ≤ π/4 but for a rounding; y is nan if x is not finite."""
-    if -_QUARTER <= x <= _QUARTER:
-        return 0, x, 0.0
     if not -FARTHEST <= x <= FARTHEST:
         if not -math.inf < x < math.inf:
             return 0, math.nan, 0.0

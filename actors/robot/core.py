@@ -30,8 +30,9 @@ from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.localisation import Localisation
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import Sweeps
-from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.core import Address, Inputs, Output, at
 from actors.runtime.errors import AcrcError
+from deeco.replacing import made
 
 _LIMITS: Final = RobotLimits()
 
@@ -85,6 +86,7 @@ class RobotCore:
         self._limits = limits
         self._finished = False
         self._senses, self._received = at(SENSES, robot), at(RECEIVED, robot)
+        self._drive, self._transmit = at(DRIVE, robot), at(TRANSMIT, robot)
 
     @property
     def navigation(self) -> Navigator:
@@ -119,17 +121,18 @@ class RobotCore:
         """Senses, and then Received if Senses counts events."""
         if self._senses.key not in have:
             return (self._senses,)
-        if read(have, SENSES, self._robot).events > 0 and self._received.key not in have:
+        senses: Senses = have[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
+        if senses.events > 0 and self._received.key not in have:
             return (self._received,)
         return ()
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Take one step."""
-        senses = read(inputs, SENSES, self._robot)
+        senses: Senses = inputs[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
         self._catch_up(senses)
         events: tuple[RadioEvent, ...] = ()
         if senses.events > 0:
-            received = read(inputs, RECEIVED, self._robot)
+            received: Received = inputs[self._received.key]  # type: ignore[assignment]
             self._check_received(received, senses.events)
             events = received.events
         if senses.halt:
@@ -156,15 +159,15 @@ class RobotCore:
 
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
-        sweep = parts.sweeps.take(instant, odometry, senses.scan)
-        here = Pose(odometry.x, odometry.y, odometry.heading)
+        here = made(Pose, (odometry.x, odometry.y, odometry.heading))
+        sweep = parts.sweeps.take(instant, here, senses.scan)
         for scan in senses.earlier_scans:
             earlier = parts.sweeps.placed(scan)
             parts.localisation.update(here, earlier)
             parts.navigation.sense(instant, here, earlier)
         estimate = parts.localisation.update(here, sweep)
         pose = estimate.pose
-        velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
+        velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
         parts.navigation.sense(instant, here, sweep)
         twist = STILL
         if estimate.located:  # else it stands: navigation waits, too
@@ -181,7 +184,7 @@ class RobotCore:
             lost=estimate.lost,
             plan=driven.plan,
             backing_out=driven.backing_out,
-            places=tuple(Point(*place) for place in senses.places),
+            places=tuple(Point(*place) for place in senses.places) if senses.places else (),
         )
         decision = self._decide(view, Instant(instant + self._step_us))
         driven.take(decision.goal, decision.paused, decision.back_out)
@@ -211,9 +214,8 @@ class RobotCore:
             self._step, *twist, frames, *said, None if pose is None else (pose.x, pose.y, pose.heading)
         )
         if not frames:
-            return [to(DRIVE, drive, self._robot)]
-        transmit = Transmit(self._step, decision.frames)
-        return [to(TRANSMIT, transmit, self._robot), to(DRIVE, drive, self._robot)]
+            return [Output(self._drive, drive)]
+        return [Output(self._transmit, Transmit(self._step, decision.frames)), Output(self._drive, drive)]
 
     def _catch_up(self, senses: Senses) -> None:
         """The step is the world's to say: steps are missing while the robot is frozen."""

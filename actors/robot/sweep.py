@@ -1,14 +1,15 @@
 """Scans with the pose that they were made at: the odometry's, at the scan's own stamp."""
 
 from collections import deque
-from typing import Final, NamedTuple
+from typing import Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose, between
 from actors.instant import Instant
-from actors.messages import Odometry, Scan
+from actors.messages import Scan
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
 
@@ -16,7 +17,7 @@ _KEPT: Final = 128
 """So many poses are remembered: more than a second at the shortest step."""
 
 
-class Sweep(NamedTuple):
+class Sweep(msgspec.Struct, frozen=True, gc=False):
     """One scan, and where it was made."""
 
     ranges_mm: NDArray[np.uint16]
@@ -32,9 +33,9 @@ class Sweeps:
         self._rays = sensor.rays
         self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_KEPT)
 
-    def take(self, instant: Instant, odometry: Odometry, scan: Scan | None) -> Sweep | None:
-        """The odometry, and the scan if one did, that arrived at a step's start: see `placed`."""
-        self._track.append((instant, Pose(odometry.x, odometry.y, odometry.heading)))
+    def take(self, instant: Instant, here: Pose, scan: Scan | None) -> Sweep | None:
+        """The odometry's pose, and the scan if one did, that arrived at a step's start: see `placed`."""
+        self._track += ((instant, here),)
         return None if scan is None else self.placed(scan)
 
     def placed(self, scan: Scan) -> Sweep:
@@ -47,7 +48,10 @@ class Sweeps:
                 f"a scan of {len(scan.ranges_mm)} bytes arrived; the {self._rays} rays of the robot's "
                 f"range sensor give {2 * self._rays}"
             )
-        return Sweep(np.frombuffer(scan.ranges_mm, "<u2"), self._at(scan.stamp))
+        newest, pose = self._track[-1]
+        if scan.stamp < newest:
+            pose = self._at(scan.stamp)
+        return Sweep(np.frombuffer(scan.ranges_mm, "<u2"), pose)
 
     def _at(self, stamp: int) -> Pose:
         later, after = self._track[-1]

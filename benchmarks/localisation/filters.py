@@ -12,7 +12,7 @@ import numpy as np
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.instant import Instant
-from actors.messages import Odometry, Scan
+from actors.messages import Scan
 from actors.randomness import generator
 from actors.robot.localisation import (
     PRESETS,
@@ -96,8 +96,7 @@ def replay(
         if newest[step] > taken:
             taken = int(newest[step])
             scan = Scan(int(course.stamps[taken]), course.scans[taken].astype("<u2").tobytes())
-        odometry = Odometry(x=here[0], y=here[1], heading=here[2], vx=0.0, vy=0.0, omega=0.0)
-        sweep = sweeps.take(Instant(int(course.instants[step])), odometry, scan)
+        sweep = sweeps.take(Instant(int(course.instants[step])), Pose(*here), scan)
         begun = time.process_time_ns()
         estimate = localisation.update(Pose(*here), sweep)
         costs[step] = (time.process_time_ns() - begun) / 1e9

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.map_file import load_map
+from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import SENSES, Senses
 from actors.robot.core import RobotCore
@@ -75,7 +76,8 @@ def _scans(out: Path, robot: str) -> list[str]:
             continue
         senses = decode(topic_of(item.key), item.key, item.payload)
         assert isinstance(senses, Senses)
-        sweeps.take(Instant(senses.instant), senses.odometry, None)
+        odometry = senses.odometry
+        sweeps.take(Instant(senses.instant), Pose(odometry.x, odometry.y, odometry.heading), None)
         for scan in (*senses.earlier_scans, *filter(None, (senses.scan,))):
             sweep = sweeps.placed(scan)
             rows.append(",".join(map(repr, (scan.stamp, *sweep.pose, *sweep.ranges_mm.tolist()))))

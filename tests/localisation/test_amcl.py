@@ -204,11 +204,11 @@ def test_particles_off_the_map_do_no_harm(parameters: AmclParameters) -> None:
 
 def test_before_the_first_scan_the_start_is_believed() -> None:
     unsure = replace(CHAPTER, start_spread=0.5, start_turn_spread=0.2)
-    pose, covariance, _, lost = amcl(unsure, START).update(Pose(0.0, 0.0, 0.0), None)
-    assert pose == START
-    assert covariance[0] == pytest.approx(0.25, rel=0.15)
-    assert covariance[8] == pytest.approx(0.04, rel=0.15)
-    assert lost < 1e-5
+    found = amcl(unsure, START).update(Pose(0.0, 0.0, 0.0), None)
+    assert found.pose == START
+    assert found.covariance[0] == pytest.approx(0.25, rel=0.15)
+    assert found.covariance[8] == pytest.approx(0.04, rel=0.15)
+    assert found.lost < 1e-5
 
 
 def test_a_start_that_faces_backward_is_no_other() -> None:
@@ -259,7 +259,7 @@ def test_dead_reckoning_says_nothing_and_needs_no_scan() -> None:
     reckoning = DeadReckoning(START)
     reckoning.mask([Point(0.0, 0.0)])
     found = reckoning.update(Pose(1.0, 0.0, 0.5), Sweep(blind(), Pose(1.0, 0.0, 0.5)))
-    assert found == (Pose(2.0, 4.5, 0.5), (0.0,) * 9, True, 0.0)
+    assert found == Estimate(Pose(2.0, 4.5, 0.5), (0.0,) * 9, located=True, lost=0.0)
     assert reckoning.outcome() == {}
 
 

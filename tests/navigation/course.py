@@ -112,7 +112,7 @@ class Pilot:
         senses = self.base.senses(step)
         odometry, instant = senses.odometry, at_step(step)
         here = Pose(odometry.x, odometry.y, odometry.heading)
-        self.local.take(instant, here, self._sweeps.take(instant, odometry, senses.scan))
+        self.local.take(instant, here, self._sweeps.take(instant, here, senses.scan))
         estimate = self._estimate(here)
         if step % 10 == 0:
             way = self._planner.path(estimate.point, self.goal)

@@ -6,7 +6,7 @@ import pytest
 
 from actors.geometry import Pose
 from actors.instant import Instant
-from actors.messages import Odometry, Scan
+from actors.messages import Scan
 from actors.robot.sweep import Sweeps
 from actors.runtime.errors import AcrcError
 from tests.robot.base import model
@@ -15,8 +15,8 @@ KIND = model(rays=8)
 RANGES = bytes(range(16))
 
 
-def _odometry(x: float, heading: float = 0.0) -> Odometry:
-    return Odometry(x, 0.0, heading, 0.0, 0.0, 0.0)
+def _odometry(x: float, heading: float = 0.0) -> Pose:
+    return Pose(x, 0.0, heading)
 
 
 def _sweeps(*poses: tuple[int, float, float]) -> Sweeps:

@@ -24,9 +24,10 @@ class RobotLimits(MessageLimits):
 
 def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -> str | None:
     """What is wrong with a behaviour's decision for the step from `begin` to `end`; None if nothing is."""
-    if not isinstance(decision, Decision):
+    if type(decision) is not Decision and not isinstance(decision, Decision):
         return f"gives a {type(decision).__name__} where a Decision is due"
-    if not isinstance(decision.goal, GoalOrder) and not _is_point(decision.goal):
+    goal = decision.goal
+    if goal is not GoalOrder.KEEP and not isinstance(goal, GoalOrder) and not _is_point(goal):
         return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
     if decision.paused not in (None, True, False):
         return f"gives {decision.paused!r} for paused; it should be True, False or None"
@@ -36,7 +37,9 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
         )
     if decision.relocalise not in (True, False):
         return f"gives {decision.relocalise!r} for relocalise; it should be True or False"
-    wrong = words_fault(decision, begin, end, limits)
+    wrong = None
+    if decision.reports or decision.given_up or decision.route is not None:
+        wrong = words_fault(decision, begin, end, limits)
     if wrong is None and decision.peers:
         wrong = _peers_fault(decision.peers, limits)
     if wrong is None and decision.frames:

@@ -111,10 +111,9 @@ class RobotPlaceMonitor:
         self._route: tuple[PlaceKey, ...] | None = None
         self._told: tuple[PlaceKey, ...] | None = None
 
-    def take(self, view: View) -> None:
-        """Take in the view of a new step: who is given places is taken to mean to visit them, so say anew."""
-        if view.places:
-            self._told = None
+    def take(self) -> None:
+        """The robot is given places: it is taken to mean to visit them, so say anew."""
+        self._told = None
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
         """Say that a place has been cleaned."""

@@ -24,6 +24,7 @@ from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from deeco import DeecoError, Knowledge
 from deeco.link import Reception, Transmission
 from deeco.node import Node
+from deeco.replacing import made
 from deeco.replication.network import NetworkParameters
 from deeco.replication.relaying import RelayParameters
 
@@ -31,6 +32,8 @@ _TAGS: Final = 2**32
 """Of one epoch."""
 _BACKLOG: Final = 256
 """Frames that may wait for a later step; twice what the largest packet and as many relays need."""
+_AT_ONCE: Final = RobotLimits().frames
+"""Frames that a robot may send in a step."""
 _OUTCOMES: Final[Mapping[type[Any], str]] = {
     Sent: "frames_sent",
     AccessFailure: "frames_access_failure",
@@ -133,11 +136,13 @@ class _Hosted:
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Let the node do what is due."""
-        self._reach(view.instant)
+        if not self._begun or view.instant > self._node.now:
+            self._reach(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
-        self._tasks.take(view)
-        self._monitor.take(view)
+        if view.places:
+            self._tasks.take(view)
+            self._monitor.take()
         try:
             sent = self._node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
@@ -199,21 +204,23 @@ class _Hosted:
             self._node.skip(instant)
 
     def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
-        heard = []
+        heard: list[Reception] = []
         for event in events:
             if isinstance(event, Heard):
-                heard.append(Reception(Instant(event.instant), event.sender, event.data, event.rssi_dbm))
+                heard += (made(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),)
             else:
                 self._counted[_OUTCOMES[type(event)]] += 1
         return heard
 
     def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[Outgoing, ...]:
         """As many as a robot may send in a step; the others wait for the next one."""
+        if not sent and not self._backlog:
+            return ()
         self._backlog.extend(sent)
         while len(self._backlog) > _BACKLOG:
             self._backlog.pop()
             self._counted["frames_dropped"] += 1
-        number = min(len(self._backlog), RobotLimits().frames)
+        number = min(len(self._backlog), _AT_ONCE)
         return tuple(self._outgoing(self._backlog.popleft(), begin) for _ in range(number))
 
     def _outgoing(self, frame: Transmission, begin: Instant) -> Outgoing:

@@ -24,6 +24,7 @@ from actors.robot.cost_maps.inflation import Inflation
 from actors.robot.cost_maps.ray_tracing import stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
+from deeco.replacing import made
 
 _NEVER: Final = np.iinfo(np.int64).min
 
@@ -126,6 +127,9 @@ class CostMap:
         self.table: Final = self.inflation.table(p.cell)
         """Cost by squared distance in cells."""
         self._radius = radius
+        self._seen, self._body = np.zeros(3), np.array([0.0, 0.0, radius / p.cell])
+        """Of the scan that is taken in: the sensor's place, cells from the corner, and heading; the body's
+        place, cells, and radius."""
         self._mount = sensor.mount
         self._eye = _eye(sensor, p)
         self._half = round(p.size / p.cell / 2)
@@ -151,8 +155,9 @@ class CostMap:
             return
         eye, ranges = self._eye, sweep.ranges_mm
         mount = sweep.pose.compose(self._mount)
-        seen = np.array([*self._cells(mount.x, mount.y), mount.heading])
-        body = np.array([*self._cells(here.x, here.y), self._radius / self.parameters.cell])
+        cell, corner, seen, body = self.parameters.cell, self.corner, self._seen, self._body
+        seen[0], seen[1], seen[2] = mount.x / cell - corner.column, mount.y / cell - corner.row, mount.heading
+        body[0], body[1] = here.x / cell - corner.column, here.y / cell - corner.row
         take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
         if self._stamps.size:
             stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
@@ -232,7 +237,7 @@ class CostMap:
         row, column = math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half
         up, right = row - self.corner.row, column - self.corner.column
         if up or right:
-            self.corner = Cell(row, column)
+            self.corner = made(Cell, (row, column))
             self._marks = _rolled(self._marks, up, right, 0)
             if self._stamps.size:
                 self._stamps = _rolled(self._stamps, up, right, _NEVER)
@@ -242,11 +247,12 @@ class CostMap:
 def _rolled(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
     """The cells of a window that lies `up` rows and `right` columns further; `empty` where it is new."""
     side = cells.shape[0]
-    rolled = np.full_like(cells, empty)
-    height, width = side - abs(up), side - abs(right)
+    rolled = np.empty(cells.shape, cells.dtype)
+    rolled[:] = empty
+    bottom, below = (up, 0) if up > 0 else (0, -up)
+    left, beside = (right, 0) if right > 0 else (0, -right)
+    height, width = side - bottom - below, side - left - beside
     if height > 0 and width > 0:
-        bottom, left = max(up, 0), max(right, 0)
-        below, beside = max(-up, 0), max(-right, 0)
         rolled[below : below + height, beside : beside + width] = cells[
             bottom : bottom + height, left : left + width
         ]

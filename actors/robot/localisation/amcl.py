@@ -13,8 +13,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.geometry import ORIGIN, Point, Pose, between
-from actors.portable import arrays, hypot
+from actors.geometry import ORIGIN, Point, Pose, between, wrap
+from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.confidence import Confidence
@@ -143,9 +143,11 @@ class Amcl:
         """True for a scan made far enough from the last one that counted, and for the first one."""
         if not self._begun or self._locating is not None:
             return True
-        moved = self._odometry.relative(pose)
-        far = hypot(moved.x, moved.y) >= self._parameters.update_distance
-        return far or abs(moved.heading) >= self._parameters.update_angle
+        last, p = self._odometry, self._parameters
+        x, y, turn = pose.x - last.x, pose.y - last.y, wrap(pose.heading - last.heading)
+        if x * x + y * y >= p.update_distance * p.update_distance:
+            return True
+        return turn >= p.update_angle or -turn >= p.update_angle
 
     def _take(self, sweep: Sweep) -> None:
         """One update of the filter by a scan that counts."""

@@ -1,13 +1,15 @@
 """What a localiser is asked, and what it answers."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
+
+import msgspec
 
 from actors.geometry import Covariance, Point, Pose
 from actors.robot.sweep import Sweep
 
 
-class Estimate(NamedTuple):
+class Estimate(msgspec.Struct, frozen=True, gc=False):
     """Where the robot holds itself to be, and how far it trusts that."""
 
     pose: Pose

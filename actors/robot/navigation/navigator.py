@@ -1,8 +1,9 @@
 """Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
 
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple, Protocol
+from typing import Final, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,10 @@ from actors.robot.navigation.planning import GlobalPlanner
 from actors.robot.navigation.pursuit import Pursuit, PursuitState
 from actors.robot.navigation.trail import Trail, Withdrawal, backward
 from actors.robot.sweep import Sweep
+from deeco.replacing import made
+
+_DRIVES: Final = PursuitState.CONTROLLING
+"""While this is its state, the local planner is asked for commands."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,7 @@ class LocalPlanner(Protocol):
         """What to command, with the robot `here` in the odometry frame and at `estimate` in the map's."""
 
 
-class _Sensed(NamedTuple):
+class _Sensed(msgspec.Struct, frozen=True, gc=False):
     """Where the robot is: arguments of `Navigator.advance`."""
 
     instant: Instant
@@ -152,7 +157,8 @@ class Navigator:
         self._local = local
         self._local_planner = local_planner
         self._p = parameters
-        self._goal: Goal | None = None
+        self.goal: Goal | None = None
+        """The last goal, how it stands and why; None before the first and after it was cancelled."""
         self._pursuit: Pursuit | None = None
         self._anchor: Point | None = None
         """Where the robot last was far enough from the anchor before, map frame; new goals keep it."""
@@ -162,7 +168,8 @@ class Navigator:
         self._paused = False
         self._trail = Trail()
         self._withdrawal: Withdrawal | None = None
-        self._plan_now: Plan | None = None
+        self.plan: Plan | None = None
+        """The way that it follows; None while there is none."""
         self._here, self._now = Point(0.0, 0.0), Instant(0)
         self._journal = NavigationCounts()
 
@@ -170,16 +177,6 @@ class Navigator:
     def local_planner(self) -> LocalPlanner:
         """What chooses velocities."""
         return self._local_planner
-
-    @property
-    def goal(self) -> Goal | None:
-        """The last goal, how it stands and why; None before the first and after it was cancelled."""
-        return self._goal
-
-    @property
-    def plan(self) -> Plan | None:
-        """The way that it follows; None while there is none."""
-        return self._plan_now
 
     @property
     def backing_out(self) -> bool:
@@ -206,12 +203,12 @@ class Navigator:
             return
         self._begin_anew()
         self._journal.begins(order if isinstance(order, Point) else None)
-        self._goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
+        self.goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
         """Take in where the odometry holds the robot to be, and what it sees."""
         self._local.take(instant, here, sweep)
-        self._here, self._now = here.point, instant
+        self._here, self._now = made(Point, here[:2]), instant
         if self._withdrawal is None:
             self._trail.take(self._here)
 
@@ -230,7 +227,7 @@ class Navigator:
                 return twist
             self._withdrawal = None
             self._begin_anew()
-        if self._goal is None or self._goal.status is not GoalStatus.ACTIVE:
+        if self.goal is None or self.goal.status is not GoalStatus.ACTIVE:
             self._retreat = None
             return STILL
         if self._paused:
@@ -238,7 +235,7 @@ class Navigator:
         if self._retreats(instant, here, bumped):
             self._in_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
-        return self._pursue(self._goal.point, _Sensed(instant, here, estimate, velocity))
+        return self._pursue(self.goal.point, _Sensed(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
         """The velocity that leads back along the trail; None once that is over."""
@@ -249,7 +246,7 @@ class Navigator:
         twist = backward(here, target)
         if twist.vx < 0 and not self._local.free_behind(here, min(withdrawal.left, self._p.retreat)):
             return None
-        if self._goal is not None and self._goal.status is GoalStatus.ACTIVE:
+        if self.goal is not None and self.goal.status is GoalStatus.ACTIVE:
             self._in_phase(GoalPhase.RETREATING, instant)
         return twist
 
@@ -266,9 +263,9 @@ class Navigator:
         begins = pursuit.cycle_begins(now.instant)
         if begins:
             self._watch(pursuit, now)
-            if pursuit.drives and now.instant - pursuit.planned >= self._p.replanning:
+            if pursuit.state is _DRIVES and now.instant - pursuit.planned >= self._p.replanning:
                 self._plan(pursuit, goal, now)
-        if pursuit.drives and self._local_planner.reached(now.estimate, now.velocity):
+        if pursuit.state is _DRIVES and self._local_planner.reached(now.estimate, now.velocity):
             return self._close(GoalStatus.SUCCEEDED)
         if begins:
             pursuit.twist = self._cycle(pursuit, goal, now)
@@ -278,7 +275,7 @@ class Navigator:
         """What the state asks for (MoveBase::executeCycle: its switch)."""
         if pursuit.state is PursuitState.CLEARING:
             return self._recover(pursuit, now.instant)
-        if pursuit.drives:
+        if pursuit.state is _DRIVES:
             return self._control(pursuit, goal, now)
         if pursuit.planned < now.instant:
             self._plan(pursuit, goal, now)
@@ -293,7 +290,7 @@ class Navigator:
         instant = now.instant
         if instant - pursuit.progressed > self._p.oscillation_timeout:
             pursuit.gives_up(AbortReason.NO_PROGRESS)
-        steering = self._local_planner.steer(*now)
+        steering = self._local_planner.steer(now.instant, now.here, now.estimate, now.velocity)
         if steering.valid:
             pursuit.had_trajectory = instant
             self._stuck &= steering.twist.vx == 0.0
@@ -319,12 +316,12 @@ class Navigator:
         if way is not None:
             self._journal.plans(found=True)
             self._local_planner.follow(way)
-            self._plan_now = Plan(way)
+            self.plan = Plan(way)
             pursuit.had_plan, pursuit.state = now.instant, PursuitState.CONTROLLING
             pursuit.settles(AbortReason.NO_PLAN)
         elif pursuit.state is PursuitState.PLANNING:
             self._journal.plans(found=False)
-            self._plan_now = None
+            self.plan = None
             if now.instant - pursuit.had_plan > self._p.planner_patience:
                 pursuit.gives_up(AbortReason.NO_PLAN)
 
@@ -350,13 +347,13 @@ class Navigator:
         self._journal.recovers()
         pursuit.recoveries += 1
         pursuit.progressed = pursuit.had_plan = instant
-        pursuit.state, self._plan_now = PursuitState.PLANNING, None
+        pursuit.state, self.plan = PursuitState.PLANNING, None
         return self._in_phase(GoalPhase.PLANNING, instant)
 
     def _watch(self, pursuit: Pursuit, now: _Sensed) -> None:
         """Note whether the robot gets about (MoveBase::executeCycle, at its begin, in every state)."""
         place, distance = now.estimate.point, self._p.oscillation_distance
-        if self._anchor is None or self._anchor.distance_to(place) >= distance:
+        if self._anchor is None or not self._anchor.is_nearer(place, distance):
             self._anchor, pursuit.progressed = place, now.instant
             pursuit.settles(AbortReason.NO_PROGRESS)
 
@@ -378,22 +375,22 @@ class Navigator:
 
     def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
         """The active goal in this phase; the robot stands."""
-        assert self._goal is not None
-        if self._goal.phase is not phase:
-            self._goal = self._goal._replace(phase=phase, since=instant)
+        assert self.goal is not None
+        if self.goal.phase is not phase:
+            self.goal = self.goal._replace(phase=phase, since=instant)
             self._journal.enters(phase)
         return STILL
 
     def _begin_anew(self) -> None:
         """Forget how the present goal was pursued."""
         self._journal.interrupted()
-        self._pursuit = self._plan_now = None
+        self._pursuit = self.plan = None
         self._retreat = None
 
     def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
         """The goal ends; the robot stands."""
-        assert self._goal is not None
-        self._goal = Goal(self._goal.point, status, reason)
+        assert self.goal is not None
+        self.goal = Goal(self.goal.point, status, reason)
         self._journal.closes(status, reason)
-        self._pursuit = self._plan_now = None
+        self._pursuit = self.plan = None
         return STILL

@@ -26,12 +26,12 @@ class Trail:
 
     def take(self, here: Point) -> None:
         """The robot is here now."""
-        if not self._points or self._points[-1].distance_to(here) >= _SPACING:
+        if not self._points or not self._points[-1].is_nearer(here, _SPACING):
             self._points.append(here)
 
     def behind(self, here: Point) -> Point | None:
         """What to steer for on the way back; what has been passed is forgotten. None where the trail ends."""
-        while self._points and self._points[-1].distance_to(here) < _LOOK_BACK:
+        while self._points and self._points[-1].is_nearer(here, _LOOK_BACK):
             self._points.pop()
         return self._points[-1] if self._points else None
 
