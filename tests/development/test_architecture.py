@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -44,6 +45,7 @@ def sources() -> list[Path]:
     return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
 
 
+@cache
 def classes() -> dict[str, set[str]]:
     """The members of each class of ours, those of its bases among them."""
     own: dict[str, set[str]] = {}
@@ -76,9 +78,6 @@ def coded(text: str) -> str:
     for name in re.findall(r"\b(?:class|import) (\w+)", code):
         code = re.sub(rf"\b{name}\b", "", code)
     return code
-
-
-CLASSES = classes()
 
 
 def section(title: str) -> str:
@@ -143,11 +142,11 @@ def test_every_module_that_a_page_names_exists(page: str) -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_every_class_that_a_page_names_exists(page: str) -> None:
     """In backticks or in a block of code: a class of ours, a member of one, or a name of somebody else."""
-    wrong = []
+    wrong, ours = [], classes()
     for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
-        if name not in CLASSES and name not in ELSEWHERE:
+        if name not in ours and name not in ELSEWHERE:
             wrong.append(name)
-        elif member and member not in CLASSES.get(name, {member}):
+        elif member and member not in ours.get(name, {member}):
             wrong.append(f"{name}.{member}")
     assert wrong == []
 
