@@ -50,6 +50,12 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
 """Pages whose blocks of a language have a test of their own, which shows that they do what the page says."""
 
 
+TYPED_ELSEWHERE: Final[MappingProxyType[str, str]] = MappingProxyType({
+    "./acrc demo": "tests/pictures/test_pictures.py",
+})  # fmt: skip
+"""What takes long and stands on several pages: a test of its own types it, and looks at all that it shows."""
+
+
 class Command(NamedTuple):
     """A command as it stands on a page."""
 

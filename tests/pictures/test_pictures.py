@@ -1,5 +1,6 @@
 """Pictures have what they are for, look the same every time, and are made by commands."""
 
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -13,11 +14,13 @@ from PIL import Image
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
+from command_line.documentation import trials
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
+from tests import warm
 from tests.swarm.command import acrc
 
 
@@ -187,9 +190,10 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
 
 
 def test_the_demonstration_shows_the_problem_and_its_cure(tmp_path: Path) -> None:
-    out = tmp_path / "demo"
-    done = acrc("demo", "--out", out)
+    assert "./acrc demo" in trials.TYPED_ELSEWHERE, "this test is where"
+    done = warm.run(["demo"], tmp_path, os.environ, 100.0, finds_cwd=False)
     assert done.returncode == 0, done.stderr
+    (out,) = (tmp_path / "runs").iterdir()
     without, adapted, pictures = done.stdout.splitlines()
     assert without == (
         "Without adaptation: 0 of 6 places are clean by 150 s. One robot wants out of the office, one wants "
@@ -199,7 +203,8 @@ def test_the_demonstration_shows_the_problem_and_its_cure(tmp_path: Path) -> Non
         "With the chapter's adaptation: 6 of 6 places are clean by 99.1 s. Who is blocked tells the other by "
         "radio, and they exchange where they go: 4 places changed hands."
     )
-    assert pictures == f"Both side by side: {out / 'demo.png'}, {out / 'demo.svg'}"
+    shown = out.relative_to(tmp_path)
+    assert pictures == f"Both side by side: {shown / 'demo.png'}, {shown / 'demo.svg'}"
     assert {path.name for path in out.iterdir()} == {"none", "chapter", "demo.png", "demo.svg"}
     with Image.open(out / "demo.png") as image:
         assert image.size[0] > 1000
