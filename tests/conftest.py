@@ -3,12 +3,15 @@
 import gc
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
 
+from actors.processes import launch
 from command_line.development.suite import ALONE, says_alone
+from tests import warm
 
 LONGEST: Final = (
     "documentation/test_blocks.py",
@@ -62,6 +65,14 @@ def pytest_configure() -> None:
     gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="module")
+def forked_servers() -> Iterator[None]:
+    """A forkserver of runs that these tests make in their own process is a fork, and there at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch, "begin", warm.begin_server)
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -17,6 +17,7 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.study.study import FIRST_TUNING_SEED, Factor, Study
 from experiments.study.study_file import load_study
 
+pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 SHORT = (("robots.count", 2), ("run.duration", 3.0))
