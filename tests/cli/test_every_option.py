@@ -173,6 +173,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("verify mutations boards --bytes 1000 --seed 2 --json", r'"mutations": \{"holds": true'),
     ),
     "verify ends": (
+        Line("verify failures navigation", r"failures\s*│ holds"),
         Line("verify radio functions seal boards", r"boards\s*│ holds"),
         Line("verify attacks --full --json", r'"outcome": "held"'),
         Line("verify same-bits", r"same-bits: holds"),
@@ -196,7 +197,6 @@ STORIES: dict[str, tuple[Line, ...]] = {
             r'"robots"',
             codes=(1,),
         ),
-        Line("verify failures navigation", r"failures\s*│ holds"),
     ),
     "verify localisation": (
         Line("verify localisation --log l.zip --seed 2 --cell tracking --duration 2", r"l.zip", "l.zip"),
@@ -370,8 +370,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-NIGHTLY = {"docs", "bench swarms", "verify ends", "verify robots"}
-"""What takes minutes: run by `acrc test --nightly`."""
+NIGHTLY = {"demo", "docs", "cluster", "bench swarms", "verify ends", "verify robots"}
+"""What takes minutes, or is what another test does with the same words: run by `acrc test --nightly`."""
 MARKED = [pytest.param(name, marks=pytest.mark.nightly if name in NIGHTLY else ()) for name in STORIES]
 
 

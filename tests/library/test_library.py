@@ -11,6 +11,7 @@ import pytest
 import acrc_testbed as acrc
 from actors.installation.repository import REPOSITORY, SHIPPED
 from command_line.documentation.markdown import MarkdownPage
+from tests import warm
 
 PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
 FINDINGS = """
@@ -40,10 +41,10 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     (study,) = (block.text for block in blocks if block.language == "toml")
     (folder / "my_study.toml").write_text(study)
     program = "\n".join(block.text for block in blocks if block.language == "python") + FINDINGS
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, env=os.environ | {"MPLBACKEND": "agg"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    (folder / "cells.py").write_text(program)
+    (folder / "notebook.py").write_text("import runpy\ndef main(): runpy.run_path('cells.py')\n")
+    env = os.environ | {"MPLBACKEND": "agg"}
+    done = warm.run((), folder, env, 100.0, finds_cwd=True, program="notebook")
     assert done.returncode == 0, done.stderr
     assert (folder / "adapted.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (folder / "both.svg").read_text()
@@ -72,10 +73,7 @@ def test_a_run_is_that_of_the_command_line(told: dict[str, object], tmp_path: Pa
         "60",
         "--json",
     )
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "command_line", *words, "--bus", "memory"],
-        cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = warm.run((*words, "--bus", "memory"), tmp_path, os.environ, 100.0, finds_cwd=False)
     assert isinstance(told["digests"], list)
     assert json.loads(done.stdout)["digest"] == told["digests"][1]
 

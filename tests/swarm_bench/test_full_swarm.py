@@ -12,9 +12,11 @@ from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import benchmark
 from benchmarks.swarm.task import SwarmTask, planned
 
+pytestmark = pytest.mark.usefixtures("forked_servers")
+
 
 @pytest.fixture(scope="module")
-def measured() -> Measured:
+def measured(forked_servers: None) -> Measured:
     return benchmark.measure((1, 4), 3.0, repeat=1)
 
 
