@@ -40,12 +40,12 @@ CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 STUDY = Study(
     "short",
     str(CORRIDOR),
-    ("none", "chapter"),
-    2,
+    ("chapter",),
+    3,
     settings=(("robots.count", 2), ("run.duration", 3.0)),
 )
 WORDS = (
-    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "none,chapter", "--seeds", "2"),
+    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "chapter", "--seeds", "3"),
     *("--set", "robots.count=2", "--set", "run.duration=3.0", "--check-every", "0", "--json"),
 )
 
