@@ -19,6 +19,7 @@ LONGEST: Final = (
     "swarm/test_house.py",
     "swarm/test_failures.py",
     "onboard/test_live.py",
+    "control/test_page.py",
     "experiments/test_cluster.py",
     "experiments/test_campaign.py",
     "localisation/test_search.py",

@@ -135,7 +135,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "campaign": (
         Line(
-            "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 6 --robots 2 "
+            "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 4 --robots 2 "
             "--duration 1 --set run.step_ms=100 --tuning --check-every 0 --jobs 1 --out campaigns/a --json",
             r'"none"',
         ),

@@ -17,10 +17,7 @@ from deploy.run import orders
 from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
-pytestmark = [
-    pytest.mark.alone,
-    pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine"),
-]
+pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
 
 
 @pytest.fixture

@@ -38,6 +38,7 @@ ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 
 
+@cache
 def sources() -> list[Path]:
     """Every Python file that git knows of or would take."""
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
@@ -100,6 +101,7 @@ def files(text: str) -> list[Path]:
     return [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", text)]
 
 
+@cache
 def defined(path: Path) -> set[str]:
     """Classes, functions and methods of a file, these as `Class.method`."""
     found = set()
