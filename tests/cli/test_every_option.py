@@ -165,7 +165,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "verify floors": (
         Line("verify --list --json", r'"name": "seal"'),
         Line("verify radio --data rows --runs 1 --json", r'"points": 1\b'),
-        Line("verify radio seal --runs 1", r"seal\s*│ holds"),
+        Line("verify radio seal", r"seal\s*│ holds"),
         Line(
             "verify branches seal causes --runs 1 --seed 2 --duration 2 --json",
             r'"branches": \{"holds": true',

@@ -12,8 +12,6 @@ from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import benchmark
 from benchmarks.swarm.task import SwarmTask, planned
 
-pytestmark = pytest.mark.usefixtures("forked_servers")
-
 
 @pytest.fixture(scope="module")
 def measured(forked_servers: None) -> Measured:
