@@ -22,7 +22,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run --strategy my_study.lease:behaviour": "--duration 5",
     "./acrc run --hardware-in-the-loop": "--duration 2",
     "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
-    "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 5",
+    "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check": "--duration 5",
     "./acrc run scenarios/head_on.toml --out runs/seen": "--duration 20",
