@@ -308,6 +308,7 @@ def _become(
         os.dup2(err, 2)
         os.environ.clear()
         os.environ.update({**made, **asked["env"]})
+        serve_warm(places)  # what a trial of a campaign starts is found in its own fork
         be_server(channel, asked["server"], places)
     code: object = 1
     try:
