@@ -3,52 +3,64 @@
 import gc
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
 
+from actors.processes import launch
 from command_line.development.suite import ALONE, says_alone
+from tests import warm
 
 LONGEST: Final = (
-    "documentation/test_blocks.py",
     "cli/test_every_option.py",
+    "documentation/test_blocks.py",
     "swarm/test_house.py",
     "swarm/test_failures.py",
     "onboard/test_live.py",
+    "pictures/test_pictures.py",
     "experiments/test_cluster.py",
     "experiments/test_campaign.py",
-    "localisation/test_search.py",
-    "strategies/test_strategies.py",
+    "onboard/test_without_network.py",
+    "swarm/test_head_on.py",
+    "run/test_received_folders.py",
+    "control/test_page.py",
+    "experiments/test_repetitions.py",
+    "branches/test_branching.py",
+    "cli/test_bare.py",
+    "development/test_suite.py",
     "library/test_library.py",
+    "swarm_bench/test_full_swarm.py",
     "documentation/test_site.py",
-    "pictures/test_pictures.py",
-    "experiments/report/test_bundle.py",
-    "cli/test_tutorial.py",
+    "localisation/test_search.py",
     "localisation/test_carried.py",
+    "experiments/report/test_bundle.py",
+    "experiments/test_results.py",
+    "experiments/test_accounting.py",
+    "experiments/test_campaign_command.py",
+    "strategies/test_strategies.py",
+    "swarm_bench/test_endings.py",
+    "field_trial/test_alignment.py",
+    "run/test_kernels.py",
+    "cli/test_tutorial.py",
     "swarm/test_direct_reach.py",
     "replay/test_hostile_files.py",
     "onboard/test_hardware_in_the_loop.py",
-    "onboard/test_without_network.py",
-    "swarm_bench/test_full_swarm.py",
     "isolation/test_attacks.py",
     "swarm/test_processors.py",
-    "swarm_bench/test_endings.py",
-    "development/test_suite.py",
     "swarm/test_result.py",
     "swarm/test_out_of_reach.py",
-    "strategies/test_own_strategy.py",
     "swarm/test_orders.py",
     "swarm_bench/test_counted.py",
-    "swarm/test_head_on.py",
     "swarm/test_limits.py",
-    "cli/test_bare.py",
-    "swarm/test_alone.py",
     "swarm/test_titles.py",
     "run/test_out_folder.py",
     "run/test_scenario_copy.py",
     "cli/test_acrc.py",
     "navigation_bench/test_commands.py",
+    "strategies/test_own_strategy.py",
+    "swarm/test_alone.py",
 )
 """What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
@@ -62,6 +74,14 @@ def pytest_configure() -> None:
     gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="module")
+def forked_servers() -> Iterator[None]:
+    """A forkserver of runs that these tests make in their own process is a fork, and there at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch, "begin", warm.begin_server)
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

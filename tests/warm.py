@@ -7,24 +7,27 @@ Where the interpreter's own beginning matters, a test starts a new one.
 
 import atexit
 import json
+import math
 import os
 import pkgutil
+import select
 import selectors
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib import import_module, invalidate_caches
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from tests.warm_server import serve_warm
+from actors.processes import launch
+from tests.warm_server import BEGIN, be_server, serve_warm
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 ACRC: Final = "command_line.app"
@@ -69,8 +72,13 @@ def run(
     the only ones that it and what it starts may run on.
     """
     if heeds(env):
-        asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
-        return _waiting().run({**asked, "program": program, "cores": cores}, timeout_s)
+        begun = begin(words, cwd, env, finds_cwd=finds_cwd, program=program, cores=cores)
+        try:
+            out, err = begun.communicate(timeout_s)
+            return subprocess.CompletedProcess(words, begun.wait(), out, err)
+        finally:  # also when pytest holds that the test has taken long enough
+            begun.kill()
+            begun.close()
     assert program == ACRC and not cores
     flags = () if finds_cwd else ("-P",)
     return subprocess.run(
@@ -79,12 +87,111 @@ def run(
     )  # fmt: skip
 
 
+def begin(
+    words: Sequence[str],
+    cwd: Path,
+    env: Mapping[str, str],
+    *,
+    finds_cwd: bool,
+    program: str = ACRC,
+    cores: Sequence[int] = (),
+) -> "Begun":
+    """The same as `run` in an environment that a fork heeds, begun and left alone."""
+    assert heeds(env)
+    asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
+    return _waiting().begin({**asked, "program": program, "cores": cores})
+
+
+def begin_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
+    """Stands for `launch.begin` in a test's own process: a server that forks is a fork itself."""
+    *_, how, whose = command
+    if command[0] != sys.executable or how != "fork" or not heeds(os.environ):
+        return BEGIN(command, channel)
+    return _waiting().begin_server([how, whose], channel.fileno())
+
+
+class Begun:
+    """A command that a fork of the waiting process has become, as subprocess.Popen is one."""
+
+    def __init__(self, words: Sequence[str], out: int, err: int, told: int) -> None:
+        """`out`, `err`, `told`: what it prints, and what the waiting process says of it, to be read."""
+        self._words = words
+        self._told = os.fdopen(told)
+        self.stdout, self.stderr = os.fdopen(out), os.fdopen(err)
+        self.pid = int(self._told.readline())
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """Its exit code, or minus the signal that ended it; None as long as it runs."""
+        return self._await(0.0)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The same once it has ended; subprocess.TimeoutExpired."""
+        code = self._await(timeout)
+        if code is None:
+            raise subprocess.TimeoutExpired(self._words, timeout or 0.0)
+        return code
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """All that it still prints, on either stream, once it has ended; subprocess.TimeoutExpired."""
+        deadline = math.inf if timeout is None else time.monotonic() + timeout
+        try:
+            out, err = _read_all((self.stdout.fileno(), self.stderr.fileno()), deadline)
+        except TimeoutError:
+            raise subprocess.TimeoutExpired(self._words, timeout or 0.0) from None
+        self.wait(None if timeout is None else max(0.0, deadline - time.monotonic()))
+        return out, err
+
+    def send_signal(self, number: int) -> None:
+        """Send it, unless the command is known to have ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it."""
+        self.send_signal(signal.SIGKILL)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
+    def close(self) -> None:
+        """Nothing more will be read of it."""
+        for stream in (self._told, self.stdout, self.stderr):
+            stream.close()
+
+    def _await(self, timeout_s: float | None) -> int | None:
+        if self.returncode is None and select.select([self._told], [], [], timeout_s)[0]:
+            self.returncode = int(self._told.readline())
+        return self.returncode
+
+
+class ForkedServer:
+    """A forkserver that is a fork of the waiting process, as `actors.processes.launch` wants one."""
+
+    def __init__(self, told: int) -> None:
+        self._told = os.fdopen(told)
+        self.pid = int(self._told.readline())
+        self._code: int | None = None
+
+    def kill(self) -> None:
+        """End it."""
+        if self._code is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        """Its exit code, or minus the signal that ended it."""
+        if self._code is None:
+            with self._told:
+                self._code = int(self._told.readline())
+        return self._code
+
+
 class Waiting:
     """The process that has imported everything, and forks; it ends with the tests."""
 
     def __init__(self) -> None:
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._lock = threading.Lock()
         rest = {name: value for name, value in os.environ.items() if name not in read_at_start(os.environ)}
         own = {"PYTHONPATH": str(ROOT)}
         self._process = subprocess.Popen(
@@ -96,28 +203,30 @@ class Waiting:
         theirs.close()
         atexit.register(self.end)
 
-    def run(self, asked: dict[str, Any], timeout_s: float) -> subprocess.CompletedProcess[str]:
-        """As `run` above; subprocess.TimeoutExpired once it has taken too long and has been killed."""
-        with self._lock:
-            ours, theirs = zip(os.pipe(), os.pipe(), strict=True)
-            socket.send_fds(self._channel, [json.dumps(asked).encode()], theirs)
-            for descriptor in theirs:
-                os.close(descriptor)
-            pid = int(self._channel.recv(100))
-            try:
-                out, err = _read_all(ours, time.monotonic() + timeout_s)
-            except BaseException as error:  # also when pytest holds that the test has taken long enough
-                os.kill(pid, signal.SIGKILL)
-                self._channel.recv(100)
-                if isinstance(error, TimeoutError):
-                    raise subprocess.TimeoutExpired(asked["words"], timeout_s) from None
-                raise
-            return subprocess.CompletedProcess(asked["words"], int(self._channel.recv(100)), out, err)
+    def begin(self, asked: dict[str, Any]) -> Begun:
+        """Begin a command as asked for in `begin` below."""
+        ours, theirs = zip(os.pipe(), os.pipe(), os.pipe(), strict=True)
+        self._ask(asked, theirs)
+        for descriptor in theirs:
+            os.close(descriptor)
+        return Begun(asked["words"], *ours)
+
+    def begin_server(self, words: Sequence[str], channel: int) -> ForkedServer:
+        """Begin a forkserver with these words, which serves on the channel, and says what it says here."""
+        ours, theirs = os.pipe()
+        try:
+            self._ask({"server": words, "env": dict(os.environ)}, (channel, 2, theirs))
+        finally:
+            os.close(theirs)
+        return ForkedServer(ours)
 
     def end(self) -> None:
         """Nothing more will be asked for."""
         self._channel.close()
         self._process.wait()
+
+    def _ask(self, asked: dict[str, Any], descriptors: Sequence[int]) -> None:
+        socket.send_fds(self._channel, [json.dumps(asked).encode()], descriptors)
 
 
 @cache
@@ -128,21 +237,18 @@ def _waiting() -> Waiting:
 def _read_all(descriptors: Sequence[int], deadline: float) -> list[str]:
     """What comes until nobody can write any more; TimeoutError."""
     data = {descriptor: bytearray() for descriptor in descriptors}
-    try:
-        with selectors.DefaultSelector() as selector:
-            for descriptor in descriptors:
-                selector.register(descriptor, selectors.EVENT_READ)
-            while selector.get_map():
-                ready = selector.select(max(0.0, deadline - time.monotonic()))
-                if not ready:
-                    raise TimeoutError
-                for key, _ in ready:
-                    data[key.fd] += (piece := os.read(key.fd, 1 << 16))
-                    if not piece:
-                        selector.unregister(key.fd)
-    finally:
+    with selectors.DefaultSelector() as selector:
         for descriptor in descriptors:
-            os.close(descriptor)
+            selector.register(descriptor, selectors.EVENT_READ)
+        while selector.get_map():
+            left = deadline - time.monotonic()
+            ready = selector.select(None if left == math.inf else max(0.0, left))
+            if not ready:
+                raise TimeoutError
+            for key, _ in ready:
+                data[key.fd] += (piece := os.read(key.fd, 1 << 16))
+                if not piece:
+                    selector.unregister(key.fd)
     return [bytes(piece).decode() for piece in data.values()]
 
 
@@ -158,28 +264,52 @@ def serve(channel: socket.socket) -> None:
     ).settle()  # collecting in a fork would look at all this, and copy it
     own = [place for place in sys.path if place != str(ROOT)]
     made = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
-    while True:
-        message, descriptors, _, _ = socket.recv_fds(channel, MESSAGE_LIMIT, 2)
-        if not message:
-            return
-        pid = os.fork()
-        if pid == 0:
-            channel.close()
-            _become(json.loads(message), descriptors, own, made)
-        for descriptor in descriptors:
-            os.close(descriptor)
-        channel.send(str(pid).encode())
-        _, status = os.waitpid(pid, 0)
-        channel.send(str(os.waitstatus_to_exitcode(status)).encode())
+    with selectors.DefaultSelector() as selector:
+        selector.register(channel, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fileobj is not channel:
+                    selector.unregister(key.fd)
+                    _tell_end(key.fd, *key.data)
+                    continue
+                message, descriptors, _, _ = socket.recv_fds(channel, MESSAGE_LIMIT, 3)
+                if not message:
+                    return
+                *streams, told = descriptors
+                pid = os.fork()
+                if pid == 0:
+                    channel.close()
+                    os.close(told)
+                    _become(json.loads(message), streams, own, made)
+                for descriptor in streams:
+                    os.close(descriptor)
+                os.write(told, f"{pid}\n".encode())
+                selector.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, told))
+
+
+def _tell_end(descriptor: int, pid: int, told: int) -> None:
+    """Say how a fork has ended to whoever reads `told`; `descriptor`: of its process."""
+    _, status = os.waitpid(pid, 0)
+    with suppress(BrokenPipeError):  # nobody does any more
+        os.write(told, f"{os.waitstatus_to_exitcode(status)}\n".encode())
+    os.close(told)
+    os.close(descriptor)
 
 
 def _become(
     asked: dict[str, Any], descriptors: Sequence[int], places: Sequence[str], made: Mapping[str, str]
 ) -> NoReturn:
-    """Be the command from here on, and end as an interpreter does.
+    """Be the command, or the forkserver, from here on, and end as an interpreter does.
 
     `places`: where modules are besides the environment's; `made`: the variables that modules have set.
     """
+    if "server" in asked:
+        channel, err = descriptors
+        os.dup2(err, 2)
+        os.environ.clear()
+        os.environ.update({**made, **asked["env"]})
+        serve_warm(places)  # what a trial of a campaign starts is found in its own fork
+        be_server(channel, asked["server"], places)
     code: object = 1
     try:
         with Path(os.devnull).open() as nothing:

@@ -17,7 +17,8 @@ from actors.installation.repository import REPOSITORY
 from actors.processes import forkserver, launch
 from actors.runtime.lifecycle.environment import passed_on
 
-_BEGIN: Final = launch.begin
+BEGIN: Final = launch.begin
+"""What begins a server in an interpreter of its own."""
 
 
 class Forked:
@@ -47,24 +48,24 @@ def serve_warm(places: Sequence[str]) -> None:
         forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
         threads = len(list(Path("/proc/self/task").iterdir()))  # after a session was opened no fork would do
         if command[0] != sys.executable or not forks or threads > 1:
-            return _BEGIN(command, channel)
+            return BEGIN(command, channel)
         sys.stdout.flush()
         sys.stderr.flush()
         pid = os.fork()
         if pid == 0:
-            _become(channel.fileno(), ["fork", whose], places)
+            be_server(channel.fileno(), ["fork", whose], places)
         return Forked(pid)
 
     launch.begin = begin
 
 
-def _become(channel: int, words: Sequence[str], places: Sequence[str]) -> NoReturn:
+def be_server(channel: int, words: Sequence[str], places: Sequence[str]) -> NoReturn:
     """Be the server from here on, with no more of the command's than a new interpreter would have."""
     code = 1
     try:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # no loop: strategies of tests look at frames' values
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
         os.setsid()
         with Path(os.devnull).open("r+b", buffering=0) as nothing:
             for stream in (0, 1):

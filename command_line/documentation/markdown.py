@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Final
 
@@ -87,7 +87,8 @@ class MarkdownPage:
         return found
 
 
-def pages() -> list[MarkdownPage]:
+@cache
+def pages() -> tuple[MarkdownPage, ...]:
     """The pages of the root, and everything in docs/, by name."""
     root = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
-    return [*map(MarkdownPage, root), *map(MarkdownPage, sorted((REPOSITORY / "docs").rglob("*.md")))]
+    return (*map(MarkdownPage, root), *map(MarkdownPage, sorted((REPOSITORY / "docs").rglob("*.md"))))

@@ -20,15 +20,17 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run --robots 8 --seed 3 --duration 300": "--duration 5",
     "./acrc run --bus memory --json": "--duration 5",
     "./acrc run --strategy my_study.lease:behaviour": "--duration 5",
-    "./acrc run --hardware-in-the-loop": "--duration 5",
-    "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 5",
+    "./acrc run --hardware-in-the-loop": "--duration 2",
+    "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
+    "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check": "--duration 5",
     "./acrc run scenarios/head_on.toml --out runs/seen": "--duration 20",
     "./acrc run scenarios/head_on.toml --log r2 --out runs/said": "--duration 20",
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
-    "./acrc campaign --preset chapter": "--seeds 1 --duration 2",
-    "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
+    "./acrc campaign --preset chapter": "--robots 2 --seeds 1 --duration 2",
+    "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
+        "--robots 2 --seeds 2 --duration 2",
     "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
     "./acrc verify navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",
     "./acrc verify localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 9",
@@ -48,6 +50,12 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip
 """Pages whose blocks of a language have a test of their own, which shows that they do what the page says."""
+
+
+TYPED_ELSEWHERE: Final[MappingProxyType[str, str]] = MappingProxyType({
+    "./acrc demo": "tests/pictures/test_pictures.py",
+})  # fmt: skip
+"""What takes long and stands on several pages: a test of its own types it, and looks at all that it shows."""
 
 
 class Command(NamedTuple):

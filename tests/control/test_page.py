@@ -14,20 +14,17 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.recording import Entry, read_recording
 from deploy.run import orders
-from tests.swarm.command import leftovers, processes_of, start
+from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
-pytestmark = [
-    pytest.mark.alone,
-    pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine"),
-]
+pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Iterator[tuple[Any, Path]]:
     out = tmp_path / "out"
     scenario = REPOSITORY / "scenarios" / "head_on.toml"
-    process = start("run", scenario, "--control", "--speed", 3, "--duration", 1000, "--out", out, "--json")
+    process = begin("run", scenario, "--control", "--speed", 3, "--duration", 1000, "--out", out, "--json")
     try:
         browser.until((out / "control.url").exists, 90)
         yield process, out

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -37,6 +38,7 @@ ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 
 
+@cache
 def sources() -> list[Path]:
     """Every Python file that git knows of or would take."""
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
@@ -44,6 +46,7 @@ def sources() -> list[Path]:
     return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
 
 
+@cache
 def classes() -> dict[str, set[str]]:
     """The members of each class of ours, those of its bases among them."""
     own: dict[str, set[str]] = {}
@@ -78,9 +81,6 @@ def coded(text: str) -> str:
     return code
 
 
-CLASSES = classes()
-
-
 def section(title: str) -> str:
     """The text below a heading, to the next one."""
     return PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
@@ -101,6 +101,7 @@ def files(text: str) -> list[Path]:
     return [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", text)]
 
 
+@cache
 def defined(path: Path) -> set[str]:
     """Classes, functions and methods of a file, these as `Class.method`."""
     found = set()
@@ -143,11 +144,11 @@ def test_every_module_that_a_page_names_exists(page: str) -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_every_class_that_a_page_names_exists(page: str) -> None:
     """In backticks or in a block of code: a class of ours, a member of one, or a name of somebody else."""
-    wrong = []
+    wrong, ours = [], classes()
     for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
-        if name not in CLASSES and name not in ELSEWHERE:
+        if name not in ours and name not in ELSEWHERE:
             wrong.append(name)
-        elif member and member not in CLASSES.get(name, {member}):
+        elif member and member not in ours.get(name, {member}):
             wrong.append(f"{name}.{member}")
     assert wrong == []
 

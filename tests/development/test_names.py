@@ -17,6 +17,7 @@ def trees() -> dict[Path, ast.Module]:
     return {file.relative_to(REPOSITORY): ast.parse(file.read_text()) for file in files}
 
 
+@cache
 def classes() -> dict[str, list[str]]:
     """Where each class is defined, by its name."""
     found = defaultdict[str, list[str]](list)

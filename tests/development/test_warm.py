@@ -2,12 +2,14 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from actors.processes.launch import launcher
 from tests import warm
 
 TOLD = {"bus", "deeco", "digest", "frames", "isolation", "per_robot", "undelivered", "unread"}
@@ -77,6 +79,26 @@ def test_what_an_interpreter_reads_at_its_beginning_needs_a_new_one() -> None:
     assert warm.heeds(dict(os.environ)) and warm.heeds({"COLUMNS": "60", "PYTHONPATH": "/nowhere"})
     for name in ("NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES", "NUMBA_DISABLE_JIT", "PYTHONHASHSEED"):
         assert not warm.heeds({**os.environ, name: "7"})
+
+
+def test_what_is_begun_goes_on_beside_others_until_it_is_ended(tmp_path: Path) -> None:
+    words = ["run", "--bus", "memory", "--duration", "100000", "--out", str(tmp_path / "out")]
+    begun = warm.begin(words, tmp_path, os.environ, finds_cwd=True)
+    assert forked(("--version",), tmp_path, dict(os.environ))[0] == 0
+    assert begun.poll() is None and os.getpgid(begun.pid) > 0
+    with pytest.raises(subprocess.TimeoutExpired):
+        begun.wait(0.1)
+    begun.kill()
+    assert begun.communicate(20)[0] == "" and begun.wait() == begun.poll() == -signal.SIGKILL
+
+
+@pytest.mark.usefixtures("forked_servers")
+@pytest.mark.parametrize(("spawn", "kind"), [("forkserver", warm.ForkedServer), ("exec", subprocess.Popen)])
+def test_a_server_that_forks_is_a_fork_and_ends_with_its_launcher(spawn: str, kind: type) -> None:
+    with launcher(spawn) as launched:
+        server = launched._server
+        assert isinstance(server, kind)
+    assert server.wait() == 0
 
 
 def test_a_command_that_takes_too_long_is_killed(tmp_path: Path) -> None:

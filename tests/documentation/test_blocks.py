@@ -21,7 +21,7 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from command_line.documentation.markdown import Block, pages
 from command_line.documentation.trials import PAGES as PAGES_OF_THEIR_OWN
-from command_line.documentation.trials import SHORTENED, Command, commands, shortened
+from command_line.documentation.trials import SHORTENED, TYPED_ELSEWHERE, Command, commands, shortened
 from deploy.scenario.scenario_file import parse
 from experiments.study.study_file import load_study
 from tests import warm
@@ -72,11 +72,15 @@ def type_in(clone: Path, command: str, timeout_s: float) -> str:
 
 
 def typed(name: str) -> list[Command]:
-    """The commands of a page that tests run, and no test of the page's own does."""
+    """The commands of a page that tests run, and no test of the page's or of their own does."""
     if (name, "sh") in PAGES_OF_THEIR_OWN:
         return []
     blocks = [block for block in PAGES[name].blocks() if block.language == "sh"]
-    return [command for block in blocks for command in commands(block) if not command.untried]
+    return [command for block in blocks for command in commands(block) if is_typed(command)]
+
+
+def is_typed(command: Command) -> bool:
+    return not command.untried and command.words not in TYPED_ELSEWHERE
 
 
 def test_every_block_has_a_language_that_is_looked_at() -> None:

@@ -9,7 +9,7 @@ from actors.installation.repository import REPOSITORY
 from command_line.documentation import commands
 from command_line.documentation.markdown import Block, pages
 from command_line.documentation.trials import PAGES as PAGES_OF_THEIR_OWN
-from command_line.documentation.trials import SHORTENED, Command, mark, shortened
+from command_line.documentation.trials import SHORTENED, TYPED_ELSEWHERE, Command, mark, shortened
 from command_line.documentation.trials import commands as commands_of
 from experiments.comparison.metrics import NAMES
 
@@ -94,6 +94,11 @@ def test_what_is_shortened_is_on_a_page_and_run() -> None:
     assert sorted(set(SHORTENED) - {command.words for command in TYPED if not command.untried}) == []
     for (page, _), test in PAGES_OF_THEIR_OWN.items():
         assert page.rpartition("/")[2] in (REPOSITORY / test).read_text(), f"{test} does not read {page}"
+
+
+def test_what_is_typed_elsewhere_is_on_a_page_and_in_its_test() -> None:
+    for words, test in TYPED_ELSEWHERE.items():
+        assert Command(words, "") in TYPED and words in (REPOSITORY / test).read_text()
 
 
 def test_a_command_is_left_out_only_where_the_page_says_so_beside_it() -> None:

@@ -213,6 +213,7 @@ def test_nothing_is_invented() -> None:
     assert not verdict.named, verdict.says
 
 
+@pytest.mark.usefixtures("forked_servers")
 def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: Path) -> None:
     scenario = replace(situations.wedged(1), duration=4.1).scenario()
     spent = []

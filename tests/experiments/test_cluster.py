@@ -34,17 +34,18 @@ from experiments.campaign.trial_order import MOST_BYTES
 from experiments.study.study import Study
 from tests import warm
 
+pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 STUDY = Study(
     "short",
     str(CORRIDOR),
-    ("none", "chapter"),
-    2,
+    ("chapter",),
+    3,
     settings=(("robots.count", 2), ("run.duration", 3.0)),
 )
 WORDS = (
-    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "none,chapter", "--seeds", "2"),
+    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "chapter", "--seeds", "3"),
     *("--set", "robots.count=2", "--set", "run.duration=3.0", "--check-every", "0", "--json"),
 )
 
@@ -106,10 +107,10 @@ class Cluster:
             time.sleep(0.1)
         raise AssertionError((self._folder / f"{name}.log").read_text())
 
-    def campaign(self, *words: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "command_line", *WORDS, "--on", self.address, *words]
-        pipe = subprocess.PIPE
-        return subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True, env=self._environment)
+    def campaign(self, *words: str) -> warm.Begun:
+        begun = warm.begin([*WORDS, "--on", self.address, *words], ROOT, self._environment, finds_cwd=True)
+        self._stack.callback(begun.kill)
+        return begun
 
 
 @pytest.fixture
@@ -129,11 +130,11 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
 def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
     alone, there = tmp_path / "alone", tmp_path / "there"
     carry_out(store.create(alone, STUDY), CampaignOptions(jobs=2))
-    with cluster.campaign("--out", str(there)) as process:
-        while process.poll() is None and not list(there.glob("trials/*.json")):
-            time.sleep(0.05)
-        os.kill(cluster.workers[0].pid, signal.SIGKILL)
-        out, err = process.communicate()
+    process = cluster.campaign("--out", str(there))
+    while process.poll() is None and not list(there.glob("trials/*.json")):
+        time.sleep(0.05)
+    os.kill(cluster.workers[0].pid, signal.SIGKILL)
+    out, err = process.communicate()
     assert process.returncode == 0, err
     assert '"failed": 0' in out
     assert digests(there) == digests(alone)

@@ -102,6 +102,7 @@ def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
         assert "r1" not in [event["kill"] for event in found[1:]]
 
 
+@pytest.mark.usefixtures("forked_servers")
 def test_one_run_of_a_campaign_can_be_repeated_from_what_was_kept(tmp_path: Path) -> None:
     short = (("robots.count", 2), ("run.duration", 3.0))
     study = Study(

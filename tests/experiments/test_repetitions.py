@@ -97,7 +97,7 @@ def adaptive(start):
 
 
 @pytest.fixture(scope="module")
-def cheated(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def cheated(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Store:
     """Two cheats beside an honest strategy, with three seeds each; one run in 20 of each is repeated."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "cheat.py").write_text(CHEAT.format(seen=str(folder / "seed-")))

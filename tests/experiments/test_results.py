@@ -31,7 +31,7 @@ STUDY = Study(
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Store:
     """A campaign of four runs, all of which were repeated."""
     kept = store.create(tmp_path_factory.mktemp("campaign") / "out", STUDY)
     carry_out(kept, CampaignOptions(jobs=2, check_every=1))

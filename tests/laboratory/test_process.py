@@ -23,13 +23,12 @@ from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.serial_port import PortError
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
 
-pytestmark = pytest.mark.alone
-
 
 def millimetres(scan: Scan) -> NDArray[np.int64]:
     return np.frombuffer(scan.ranges_mm, "<u2").astype(np.int64)
 
 
+@pytest.mark.alone
 def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tmp_path: Path) -> None:
     built_from = setup(2)
     with Running(tmp_path, built_from) as laboratory:
@@ -72,6 +71,7 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
     assert sum(result.behind_ms.values()) == round(100 * result.simulated_s)
 
 
+@pytest.mark.alone
 def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: Path) -> None:
     with Running(tmp_path, setup(2)) as laboratory:
         path = laboratory.path("r2", "radio")
@@ -113,6 +113,7 @@ def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: 
     assert result.frames["frames_sent"] == 4
 
 
+@pytest.mark.alone
 def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
     with Running(tmp_path, setup(1), "--duration", "2") as laboratory:
         laboratory.pause(1.5)

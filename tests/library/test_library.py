@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 import acrc_testbed as acrc
 from actors.installation.repository import REPOSITORY, SHIPPED
 from command_line.documentation.markdown import MarkdownPage
+from tests import warm
 
 PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
 FINDINGS = """
@@ -30,16 +32,25 @@ sys.stderr.write(json.dumps(told))
 """
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+SHORT = (("duration=60", "duration=20"), ('"run.duration" = 20', '"run.duration" = 5'))
+"""What the page has, and what it has by day."""
+
+
+@pytest.fixture(scope="module", params=[SHORT, pytest.param((), marks=pytest.mark.nightly)])
+def told(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, object]:
     """What the blocks of the page have come to, one after the other in one program, as in a notebook."""
     folder = tmp_path_factory.mktemp("notebook")
     (folder / "scenarios").symlink_to(REPOSITORY / "scenarios")
     (folder / "maps").symlink_to(REPOSITORY / "maps")
     blocks = list(PAGE.blocks())
     (study,) = (block.text for block in blocks if block.language == "toml")
+    program = "\n".join(block.text for block in blocks if block.language == "python")
+    for page, day in request.param:
+        assert page in program + study
+        program, study = program.replace(page, day), study.replace(page, day)
+    program += FINDINGS
+    seconds = re.findall(r"duration=(\d+)", program)[0]
     (folder / "my_study.toml").write_text(study)
-    program = "\n".join(block.text for block in blocks if block.language == "python") + FINDINGS
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=folder, env=os.environ | {"MPLBACKEND": "agg"},
         capture_output=True, text=True, check=False,
@@ -49,17 +60,19 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     assert "<svg" in (folder / "both.svg").read_text()
     assert done.stdout.endswith("nowhere: no run's folder: there is no */*.mcap in it\n")
     found: dict[str, object] = json.loads(done.stderr.splitlines()[-1])
-    return found | {"folder": str(folder)}
+    return found | {"seconds": int(seconds)}
 
 
 def test_the_page_does_what_it_shows(told: dict[str, object]) -> None:
     assert told["robots"] == ["r1", "r2"]
-    assert told["shape"] == [600, 2, 3]
+    seconds = told["seconds"]
+    assert isinstance(seconds, int)
+    assert told["shape"] == [10 * seconds, 2, 3]
     assert told["rows"] == 12
     assert told["again"] is True
     tables = told["tables"]
     assert isinstance(tables, dict)
-    assert (tables["poses"], tables["places"]) == (1200, 6)
+    assert (tables["poses"], tables["places"]) == (20 * seconds, 6)
 
 
 def test_a_run_is_that_of_the_command_line(told: dict[str, object], tmp_path: Path) -> None:
@@ -69,13 +82,10 @@ def test_a_run_is_that_of_the_command_line(told: dict[str, object], tmp_path: Pa
         "--seed",
         "3",
         "--duration",
-        "60",
+        str(told["seconds"]),
         "--json",
     )
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "command_line", *words, "--bus", "memory"],
-        cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = warm.run((*words, "--bus", "memory"), tmp_path, os.environ, 100.0, finds_cwd=False)
     assert isinstance(told["digests"], list)
     assert json.loads(done.stdout)["digest"] == told["digests"][1]
 

@@ -34,8 +34,8 @@ ELSEWHERE = Pose(6.5, 1.0, 2.0)
 TWINS = twins()
 TWIN_FIELD = likelihood_field(TWINS, 2.0)
 WEST = Pose(3.0, 1.0, 0.5)
-SAMPLE = (0, 1)
-"""The seeds of every day, of searches that each come to the same."""
+SAMPLE = (0,)
+"""The seed of every day, of searches that each come to the same."""
 Scans = list[tuple[Pose, NDArray[np.float64], Pose]]
 
 

@@ -18,7 +18,8 @@ from actors.messages import SENSES, Senses
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, read_notes, read_recording
 from tests.small_disk import on_small_disk
-from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
+from tests.swarm.command import ACRC, ROOT, acrc, begin, leftovers, processes_of
+from tests.warm import Begun
 
 pytestmark = pytest.mark.timeout(300)  # all in real time, beside whatever else there is to do
 
@@ -67,14 +68,8 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             device.wait(10)
 
 
-def onboard(folder: Path, out: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*ACRC, "fleet", "onboard", str(folder), "--robot", "r1", "--out", str(out)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
+def onboard(folder: Path, out: Path) -> Begun:
+    return begin("fleet", "onboard", folder, "--robot", "r1", "--out", out)
 
 
 def until(path: Path, steps: int, speed: float = 0.0, patience_s: float = 100.0) -> None:
@@ -157,13 +152,7 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
     watcher = None
     try:
         until(out / "r1" / "r1.mcap", steps=5)
-        watcher = subprocess.Popen(
-            [*ACRC, "fleet", "watch", endpoint, "--keys", str(keys)],
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
-        assert watcher.stdout is not None
+        watcher = begin("fleet", "watch", endpoint, "--keys", keys)
         line = next(line for line in watcher.stdout if "places left" in line)
         # on a busy computer the emulated lidar is late, and then the robot says so
         assert re.fullmatch(

@@ -36,10 +36,10 @@ TOMLS = {
     "a binary number": "a = 0b" + "1" * 900_000,
     "an open text": 'a = """' + "\\" * 900_000,
     "many lines of it": 'a = "' + '""" ' * 200_000,
-    "keys that nobody knows": "".join(f"k{number} = 1\n" for number in range(70_000)),
-    "the same in a table": "[deeco]\n" + "".join(f"k{number} = 1\n" for number in range(70_000)),
-    "settings that are none": "[strategy]\n" + "".join(f"k{number} = [[]]\n" for number in range(60_000)),
-    "places that are none": "[[robot]]\nplaces = [" + "3, " * 300_000 + "]",
+    "keys that nobody knows": "".join(f"k{number} = 1\n" for number in range(30_000)),
+    "the same in a table": "[deeco]\n" + "".join(f"k{number} = 1\n" for number in range(30_000)),
+    "settings that are none": "[strategy]\n" + "".join(f"k{number} = [[]]\n" for number in range(30_000)),
+    "places that are none": "[[robot]]\nplaces = [" + "3, " * 100_000 + "]",
 }
 READERS: dict[str, Callable[[Path], object]] = {
     "scenario": load_scenario,

@@ -1,13 +1,12 @@
 """A strategy of one's own is one file in the folder where one stands."""
 
 import json
-import subprocess
-import sys
+import os
 from pathlib import Path
 
 import pytest
 
-from tests.swarm.command import ROOT
+from tests import warm
 
 OWN = """
 from actors.instant import Instant
@@ -32,16 +31,7 @@ def behaviour(start: Start) -> Behaviour:
 def test_a_file_in_the_working_directory(tmp_path: Path, words: list[str]) -> None:
     (tmp_path / "my_study").mkdir()
     (tmp_path / "my_study" / "lazy.py").write_text(OWN)
-    command = "import sys; sys.path[0] = sys.argv.pop(1); from command_line.app import main; main()"
-    done = subprocess.run(
-        [
-            *(sys.executable, "-c", command, str(ROOT), "run", "--strategy", "my_study.lazy:behaviour"),
-            *("--out", "out", "--json", *words),
-        ],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    asked = ["run", "--strategy", "my_study.lazy:behaviour", "--out", "out", "--json", *words]
+    done = warm.run(asked, tmp_path, os.environ, 100.0, finds_cwd=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["simulated_s"] == 0.1  # everybody gives everything up at once

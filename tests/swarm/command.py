@@ -29,8 +29,13 @@ def run(out: Path, *words: object, cores: Sequence[int] = ()) -> dict[str, Any]:
     return result
 
 
+def begin(*words: object) -> warm.Begun:
+    """`acrc WORDS…`, begun and left alone."""
+    return warm.begin([*map(str, words)], ROOT, os.environ, finds_cwd=True)
+
+
 def start(*words: object) -> subprocess.Popen[str]:
-    """`acrc WORDS…`, started and left alone."""
+    """The same in an interpreter of its own, for those who look at how one begins and ends."""
     return subprocess.Popen(
         [*ACRC, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )

@@ -10,8 +10,8 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.seeds import sampled
 
-SAMPLE = (3, 4, 10)
-"""The seeds of every day, of which 3 and 4 take the longest; the others are left to the night."""
+SAMPLE = (4,)
+"""The seed of every day, one of those that take the longest; the others are left to the night."""
 
 
 @pytest.mark.parametrize("seed", sampled(range(1, 11), SAMPLE))

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import pytest
@@ -30,8 +30,9 @@ from observation.replay.record_replay import replay_actor
 from tests import warm
 from tests.run.doomed import Doom, sentence
 from tests.swarm import saboteur
-from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run, start
+from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of, run, start
 
+pytestmark = pytest.mark.usefixtures("forked_servers")
 SPAWNS = ("forkserver", "exec")
 
 
@@ -76,10 +77,13 @@ def gone(out: Path) -> bool:
     return processes_of(out) == [] and leftovers(out) == []
 
 
-def started(out: Path, *words: object) -> subprocess.Popen[str]:
+Acrc = TypeVar("Acrc", warm.Begun, subprocess.Popen[str])
+
+
+def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:
     """A long run that has begun to step."""
     corridor = ROOT / "scenarios" / "corridor.toml"
-    process = start("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
+    process = begins("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 
@@ -94,11 +98,11 @@ class Death(NamedTuple):
 
 
 def killed(out: Path, actor: str, spawn: str) -> Death:
-    process = started(out, "--spawn", spawn)
+    process = started(begin, out, "--spawn", spawn)
     os.kill(process_of(out, actor), signal.SIGKILL)
     died = time.monotonic()
     _, said = process.communicate(timeout=20)
-    return Death(out, process.returncode, said, time.monotonic() - died)
+    return Death(out, process.wait(), said, time.monotonic() - died)
 
 
 @pytest.fixture(scope="module")
@@ -206,10 +210,10 @@ def test_who_waits_in_the_kernel_for_a_process_of_its_own_is_named(tmp_path: Pat
     assert failure(tmp_path / "out", "vforks", bus, step_s=1.0) == "step 20 (2 s): no Drive from r2 for 1 s"
 
 
-def in_memory(out: Path, behaviour: str, timeout_s: int) -> subprocess.Popen[str]:
+def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.Begun:
     """A run in memory whose r2 behaves like that after two seconds."""
     words = ("--bus", "memory", "--robots", 2, "--duration", 4, "--timeout", timeout_s)
-    return start("run", "--strategy", f"tests.swarm.saboteur:{behaviour}", *words, "--out", out)
+    return begin("run", "--strategy", f"tests.swarm.saboteur:{behaviour}", *words, "--out", out)
 
 
 def in_step_20(out: Path) -> bool:
@@ -349,7 +353,7 @@ def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.Cap
 @pytest.mark.parametrize("spawn", ["forkserver", pytest.param("exec", marks=pytest.mark.nightly)])
 def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
     out = tmp_path / "out"
-    process = started(out, "--spawn", spawn)
+    process = started(start, out, "--spawn", spawn)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
@@ -361,7 +365,7 @@ def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
 @pytest.mark.parametrize("spawn", SPAWNS)
 def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) -> None:
     out = tmp_path / "out"
-    process = started(out, "--spawn", spawn)
+    process = started(start, out, "--spawn", spawn)
     process.kill()
     process.wait()
     until(lambda: gone(out), timeout_s=5.0)
@@ -370,7 +374,7 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) 
 @pytest.mark.parametrize("spawn", SPAWNS)
 def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path, spawn: str) -> None:
     out = tmp_path / "out"
-    process = started(out, "--spawn", spawn)
+    process = started(begin, out, "--spawn", spawn)
     process.send_signal(signal.SIGSTOP)  # else it might tidy up after the world
     os.kill(process_of(out, "world"), signal.SIGKILL)
     process.kill()

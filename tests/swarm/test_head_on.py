@@ -14,7 +14,7 @@ from tests.seeds import sampled
 
 IN_THE_WAY = 26
 """The seed from which a robot that is done stands in the way of the other one for good."""
-SAMPLE = (1, 7, 13, 20)
+SAMPLE = (1, 13)
 """The seeds of every day; the others are left to the night."""
 HEAD_ON = REPOSITORY / "scenarios" / "head_on.toml"
 
@@ -40,7 +40,7 @@ def test_who_is_done_may_have_to_make_way(make_way: bool, done: int, tmp_path: P
     assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", sampled((1, 2), (1,)))
 def test_without_adaptation_they_stand_until_the_limit(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("none", seed, 60.0), tmp_path / "out")
     assert (result.places_done, result.places_lost, result.simulated_s) == (0, 0, 60.0)

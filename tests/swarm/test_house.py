@@ -117,7 +117,7 @@ def test_all_its_events_tell(eventful: Run) -> None:
     [
         (("--bus", "memory"), ONE_CORE),
         (("--isolate",), ONE_CORE),
-        (("--speed", "20"), ()),
+        pytest.param(("--speed", "20"), (), marks=pytest.mark.nightly),  # by day: at four times real time
         (("--view",), ()),
     ],
     ids=lambda words: " ".join(map(str, words)) or "-",
@@ -150,7 +150,7 @@ def restarted(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return Run(scenario, run(folder / "memory", scenario, "--bus", "memory"))
 
 
-@pytest.mark.parametrize("isolation", ["--isolate", "--no-isolate"])
+@pytest.mark.parametrize("isolation", ["--isolate", pytest.param("--no-isolate", marks=pytest.mark.nightly)])
 def test_one_digest_where_every_process_is_started_anew(
     restarted: Run, tmp_path: Path, isolation: str
 ) -> None:

@@ -26,7 +26,7 @@ from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import orders
 from observation.replay.record_replay import replay_actor
-from tests.swarm.command import ROOT, acrc, leftovers, processes_of, start
+from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of
 from tests.swarm.test_failures import stepping, until
 
 
@@ -90,7 +90,7 @@ def test_what_is_no_order(words: str, sentence: str) -> None:
 def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     corridor = ROOT / "scenarios" / "corridor.toml"
-    process = start("run", corridor, "--duration", 100_000, "--speed", 5, "--out", out, "--json")
+    process = begin("run", corridor, "--duration", 100_000, "--speed", 5, "--out", out, "--json")
     until(lambda: stepping(out))
 
     def order(*words: object) -> None:

@@ -12,7 +12,7 @@ from actors.runtime.recording import read_notes
 from benchmarks.processors.computer import NO_FMA, no_avx512
 from tests.swarm.command import run
 
-TASK = (REPOSITORY / "scenarios" / "corridor.toml", "--bus", "memory", "--robots", 6, "--duration", 10)
+TASK = (REPOSITORY / "scenarios" / "corridor.toml", "--bus", "memory", "--robots", 3, "--duration", 6)
 """Robots that see, localise, drive and talk; where they touch, the fingerprints must do."""
 
 

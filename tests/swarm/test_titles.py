@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.swarm.command import ROOT, processes_of, start
+from tests.swarm.command import ROOT, begin, processes_of
 from tests.swarm.test_failures import stepping, until
 
 
@@ -12,7 +12,7 @@ from tests.swarm.test_failures import stepping, until
 def test_every_process_is_called_by_what_it_is(tmp_path: Path, isolation: str) -> None:
     out = tmp_path / "out"
     corridor = ROOT / "scenarios" / "corridor.toml"
-    process = start("run", corridor, "--robots", 2, "--duration", 100_000, isolation, "--out", out)
+    process = begin("run", corridor, "--robots", 2, "--duration", 100_000, isolation, "--out", out)
     try:
         until(lambda: stepping(out), timeout_s=90.0)
         about = [Path(f"/proc/{pid}") for pid in processes_of(out) if pid != process.pid]

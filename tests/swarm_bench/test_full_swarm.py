@@ -14,7 +14,7 @@ from benchmarks.swarm.task import SwarmTask, planned
 
 
 @pytest.fixture(scope="module")
-def measured() -> Measured:
+def measured(forked_servers: None) -> Measured:
     return benchmark.measure((1, 4), 3.0, repeat=1)
 
 
