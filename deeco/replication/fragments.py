@@ -49,7 +49,7 @@ class Fragmenter:
         wholes = [self._checked(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
         first, source = self._next, self._source
-        if sum(sizes) + len(sizes) * HEADER.size <= self._limits.frame_data:  # as mostly: all in one
+        if wholes and sum(sizes) + len(sizes) * HEADER.size <= self._limits.frame_data:  # as mostly
             self._next = (first + len(wholes)) % _IDS
             heads = [
                 HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
