@@ -98,6 +98,7 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
         "actors.robot.cost_maps.footprint",
         "actors.robot.cost_maps.inflation",
         "actors.robot.cost_maps.ray_tracing",
+        "actors.robot.local_planning.control_cycle",
         "actors.robot.local_planning.disc_dwa",
         "actors.robot.local_planning.dwa",
         "actors.robot.local_planning.local_plan",
