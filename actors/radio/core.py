@@ -33,7 +33,8 @@ class Host:
     def __init__(self, buffer: int, outcomes: FrameOutcomes) -> None:
         self._buffer = buffer
         self._outcomes = outcomes
-        self._held: list[RadioEvent] = []
+        self.held: list[RadioEvent] = []
+        """What waits until the robot steps."""
         self._epoch: int | None = None
 
     def deliver(
@@ -45,17 +46,17 @@ class Host:
         new epoch what was held for the one before.
         """
         if epoch != self._epoch:
-            self._outcomes.events("discarded", len(self._held))
-            self._held, self._epoch = [], epoch
+            self._outcomes.events("discarded", len(self.held))
+            self.held, self._epoch = [], epoch
         if not powered:
-            self._outcomes.events("discarded", len(self._held) + len(events))
-            self._held = []
+            self._outcomes.events("discarded", len(self.held) + len(events))
+            self.held = []
             return []
         if stepping:
-            held, self._held = self._held, []
+            held, self.held = self.held, []
             return held + events if held else events
-        room = self._buffer - len(self._held)
-        self._held += events[:room]
+        room = self._buffer - len(self.held)
+        self.held += events[:room]
         self._outcomes.events("dropped", len(events) - min(room, len(events)))
         return []
 
@@ -109,7 +110,7 @@ class RadioCore:
         truth = read(have, TRUTH)
         if truth.halt:
             return ()
-        return [at(TRANSMIT, r.id) for r in truth.robots if _sends(r) and TRANSMIT.key(r.id) not in have]
+        return [at(TRANSMIT, r.id) for r in _senders(truth) if TRANSMIT.key(r.id) not in have]
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Compute the medium over the step."""
@@ -120,14 +121,24 @@ class RadioCore:
         if wrong := truth_fault(truth, self._step):
             raise AcrcError(f"Step {self._step}: the world {wrong}.")
         events = self._events(truth, inputs)
-        outputs = []
-        counts = []
+        given: dict[str, list[RadioEvent]] = {}
         for robot in truth.robots:
-            received = self._delivered(robot, events.get(robot.id, []))
+            if robot.id in events:
+                received = events[robot.id]
+            elif robot.id in self._hosts and self._hosts[robot.id].held:
+                received = []
+            else:
+                continue
+            if robot.id in self._hosts:  # one without a transceiver hears of refusals alone
+                host = self._hosts[robot.id]
+                received = host.deliver(received, robot.powered, robot.stepping, robot.epoch)
             if received:
-                outputs.append(to(RECEIVED, Received(self._step + 1, tuple(received)), robot.id))
-                counts.append(EventCount(robot.id, len(received)))
-        outputs.append(to(AIRED, Aired(self._step, tuple(counts))))
+                given[robot.id] = received
+        outputs = [
+            to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
+        ]
+        counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
+        outputs.append(to(AIRED, Aired(self._step, counts)))
         self._step += 1
         return outputs
 
@@ -149,8 +160,11 @@ class RadioCore:
     def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:
         """The step's events by robot, in order of their instants."""
         requests, refusals = self._requests(truth, inputs)
-        by_id = {robot.id: robot for robot in truth.robots}
-        transceivers = TransceiverTruth(truth.instant, [by_id.get(robot) for robot in self._ids])
+        robots: Sequence[RobotTruth | None] = truth.robots
+        if [robot.id for robot in truth.robots] != self._ids:
+            by_id = {robot.id: robot for robot in truth.robots}
+            robots = [by_id.get(robot) for robot in self._ids]
+        transceivers = TransceiverTruth(truth.instant, robots)
         if self._reach.due(truth.instant):
             self._reach.see(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
@@ -169,9 +183,7 @@ class RadioCore:
         """The frames for the medium, and those that it is not given."""
         requests: list[Handed] = []
         refusals: list[tuple[str, Refused]] = []
-        for robot in truth.robots:
-            if not _sends(robot):
-                continue
+        for robot in _senders(truth):
             transmit = read(inputs, TRANSMIT, robot.id)
             if wrong := transmit_fault(transmit, self._step, robot.transmits):
                 raise AcrcError(f"Step {self._step}: {robot.id} {wrong}.")
@@ -198,13 +210,6 @@ class RadioCore:
             )
         return size_fault(len(frame.data))
 
-    def _delivered(self, robot: RobotTruth, events: list[RadioEvent]) -> list[RadioEvent]:
-        """What the robot is given now."""
-        host = self._hosts.get(robot.id)
-        if host is None:  # a robot without a transceiver: all it hears of are refusals
-            return events
-        return host.deliver(events, robot.powered, robot.stepping, robot.epoch)
 
-
-def _sends(robot: RobotTruth) -> bool:
-    return robot.stepping and robot.transmits > 0
+def _senders(truth: Truth) -> list[RobotTruth]:
+    return [robot for robot in truth.robots if robot.stepping and robot.transmits > 0]

@@ -18,6 +18,8 @@ from actors.radio.signal_codes import link_qualities, rssi_codes, strengths_dbm
 from actors.radio.transceiver_truth import TransceiverTruth
 
 _HEARD: Final = int(Kind.HEARD)
+_SENT: Final = int(Kind.SENT)
+_NEVER_CLEAR: Final = int(Kind.ACCESS_FAILURE)
 
 
 class Handed(NamedTuple):
@@ -66,13 +68,14 @@ class RobotMedium:
 
         The transceivers of `handed` must be on. One in a new epoch says nothing of the one before.
         """
-        restarted = self._restarted(truth.epochs)
         notices: Notices = [[] for _ in self._addresses]
-        self._note(self.medium.finish_frames(), notices)
-        for number in restarted:
-            self.discarded += len(notices[number])
-            notices[number].clear()
-        self._switch(truth.powered, restarted)
+        if truth.powered != self._powered or truth.epochs != self._epochs:
+            restarted = self._restarted(truth.epochs)
+            self._note(self.medium.finish_frames(), notices)
+            for number in restarted:
+                self.discarded += len(notices[number])
+                notices[number].clear()
+            self._switch(truth.powered, restarted)
         self._move(truth)
         now_ns = self.medium.now_ns
         for jam in jams:
@@ -100,10 +103,11 @@ class RobotMedium:
     def _switch(self, powered: tuple[bool, ...], restarted: frozenset[int]) -> None:
         """Switch on and off; what was restarted was off in between, and has forgotten everything."""
         for number, (was, on) in enumerate(zip(self._powered, powered, strict=True)):
-            if was and (not on or number in restarted):
+            off = was and (not on or number in restarted)
+            if off:
                 self.medium.switch(number, False)
                 self._frames[number].clear()
-            if on:
+            if on and (off or not was):
                 self.medium.switch(number, True)
         self._powered = powered
 
@@ -118,27 +122,17 @@ class RobotMedium:
     def _note(self, events: NDArray[np.void], notices: Notices) -> None:
         if not events.size:
             return
-        columns = (
-            *(events[name] for name in ("kind", "transceiver", "tag", "other")),
-            events["instant_ns"] // 1000,
-            *self._quality(events["power_mw"], events["sinr"]),
-        )
-        rows = zip(*(column.tolist() for column in columns), strict=True)  # whole columns, for there are many
+        strengths, qualities = self._quality(events["power_mw"], events["sinr"])
         addresses, frames = self._addresses, self._frames
-        for kind, number, serial, sender, instant, strength, quality in rows:
+        rows = zip(events.tolist(), strengths.tolist(), qualities.tolist(), strict=True)
+        for (instant_ns, kind, number, sender, _, _, serial, *_), strength, quality in rows:
+            instant = instant_ns // 1000
             if kind == _HEARD:
                 data = frames[sender][serial].data
-                notices[number].append(Heard(instant, addresses[sender], strength, quality, data))
+                notices[number] += (Heard(instant, addresses[sender], strength, quality, data),)
             else:
-                notices[number].append(self._own(kind, number, serial, instant))
-
-    def _own(self, kind: int, number: int, serial: int, instant: int) -> RadioEvent:
-        """What became of a transceiver's own frame."""
-        tag = self._frames[number].pop(serial).tag
-        if kind == Kind.SENT:
-            return Sent(instant, tag)
-        says = AccessFailure if kind == Kind.ACCESS_FAILURE else Overflow
-        return says(instant, tag)
+                says = Sent if kind == _SENT else AccessFailure if kind == _NEVER_CLEAR else Overflow
+                notices[number] += (says(instant, frames[number].pop(serial).tag),)
 
     def _quality(
         self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]

@@ -20,36 +20,37 @@ class TransceiverTruth:
 
     def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
         self._start_ns = start_us * 1000
-        self.powered = tuple(robot is not None and robot.powered for robot in robots)
-        self.epochs = tuple(robot.epoch if robot is not None else 0 for robot in robots)
+        # Lists, not generators: a call less for each robot.
+        self.powered = tuple([robot is not None and robot.powered for robot in robots])
+        self.epochs = tuple([robot.epoch if robot is not None else 0 for robot in robots])
         truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
         table = np.array(truths, dtype=np.float64).reshape(-1, 5)
         self.places: Floats = table[:, :2].copy()
         """(transceivers, 2), m, at the step's start."""
-        self._velocities = table[:, 2:4].copy()
-        self._omega = table[:, 4].copy()
-        self.still = not self._velocities.any()
+        self._truths = table
+        self.still = not table[:, 2:4].any()
 
     def positions(self, instant_ns: int) -> NDArray[np.float64]:
         """Positions at the instant: (transceivers, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
-        moved: Floats = _moved(self.places, self._velocities, self._omega, elapsed)
+        moved: Floats = _moved(self._truths, elapsed)
         return moved
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _moved(places: Floats, velocities: Floats, omega: Floats, elapsed: float) -> Floats:
-    """Places, (n, 2) m, after so many seconds at velocities, (n, 2) m/s, that turn with omega, (n,) rad/s."""
-    moved = np.empty_like(places)
-    for i in range(omega.size):
-        half_angle = omega[i] * (elapsed / 2)
+def _moved(truths: Floats, elapsed: float) -> Floats:
+    """Places, (n, 2) m, after so many seconds: truths (n, 5), place, m, velocity, m/s, its turning, rad/s."""
+    moved = np.empty((truths.shape[0], 2))
+    for i in range(truths.shape[0]):
+        x, y, omega = truths[i, 0], truths[i, 1], truths[i, 4]
+        vx, vy = truths[i, 2], truths[i, 3]
+        half_angle = omega * (elapsed / 2)
         cosine, sine = cos(half_angle), sin(half_angle)
         # the chord of an arc: as long as sin(h)/h of the way driven, turned by the half angle h
         driven = elapsed * (sine / half_angle if half_angle != 0 else 1.0)
         cosine, sine = driven * cosine, driven * sine
-        vx, vy = velocities[i, 0], velocities[i, 1]
-        moved[i, 0] = places[i, 0] + (vx * cosine - vy * sine)
-        moved[i, 1] = places[i, 1] + (vx * sine + vy * cosine)
+        moved[i, 0] = x + (vx * cosine - vy * sine)
+        moved[i, 1] = y + (vx * sine + vy * cosine)
     return moved
 
 

@@ -272,6 +272,23 @@ def test_a_frame_among_many_is_followed_further_than_one_alone() -> None:
     assert np.count_nonzero(medium.fates(10)[1]) < reached[10]  # alone now
 
 
+def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
+    """By whether it had power when the frame began, and kept it."""
+    medium = Medium([Transceiver(1 + k, min_be=0) for k in range(4)], LINE_OF_SIGHT, PhyParameters())
+    medium.place(np.array([[4000.0 * k, 0.0] for k in range(4)]))
+    medium.switch(2, False)
+    medium.submit([Request(0, 0, 120)])
+    medium.run(2_000_000)  # it is in the air
+    medium.switch(1, False)
+    medium.switch(2, True)
+    medium.run(SECOND)
+    became = [Outcome.NOT_COUNTED, Outcome.POWERED_OFF, Outcome.NOT_COUNTED, Outcome.BELOW_SENSITIVITY]
+    assert medium.fates(0)[0].tolist() == became
+    assert [counts.tolist() for counts in medium.outcomes()] == np.eye(len(Outcome), dtype=int)[
+        became
+    ].tolist()
+
+
 def test_the_fingerprint_compiles_all_that_a_run_calls() -> None:
     """A variant that only a run would need is compiled while the swarm waits."""
     assert fingerprint() == fingerprint()

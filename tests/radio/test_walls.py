@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.floor.traversal import equal_squares
 from actors.geometry import Point
 from actors.radio.propagation.materials import MATERIALS, material
-from actors.radio.propagation.walls import WallPatch, Walls, add_walls, build
+from actors.radio.propagation.tiles import TILE, tiles_of
+from actors.radio.propagation.walls import WallPatch, Walls, between, build
 from actors.runtime.errors import AcrcError
 
 BRICK = MATERIALS["brick"]
@@ -22,13 +22,9 @@ BRICK = MATERIALS["brick"]
 def loss(
     walls: Walls, one: tuple[float, float], other: tuple[float, float], most_db: float = math.inf
 ) -> float:
-    found = np.zeros((1, 1))
-    w = walls
-    add_walls(
-        w.squares, w.kinds, w.resolution, w.west, w.south, w.crossing_db, w.per_metre_db,
-        np.array([one]), np.array([other]), most_db, found,
-    )  # fmt: skip
-    return float(found[0, 0])
+    side = TILE * walls.resolution
+    (x0, y0), (x1, y1) = (((x - walls.west) / side, (y - walls.south) / side) for x, y in (one, other))
+    return float(between(*walls.tiles, walls.crossing_db, walls.per_metre_db * side, x0, y0, x1, y1, most_db))
 
 
 def room(middle: int = OCCUPIED) -> OccupancyGrid:
@@ -100,16 +96,15 @@ spots = st.tuples(st.floats(-0.5, 3.6), st.floats(-0.5, 2.8))
 
 
 def walls_of(kinds: NDArray[np.uint8]) -> Walls:
-    return Walls(
-        equal_squares(kinds), kinds, 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0])
-    )
+    return Walls(tiles_of(kinds), 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0]))
 
 
 def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float]) -> list[float]:
     """Length, m, in each material: the plain way, cell border by cell border."""
     (x0, y0), (x1, y1) = one, other
+    rows, columns = kinds.shape
     cuts = {0.0, 1.0}
-    for start, end, lines in ((x0, x1, 32), (y0, y1, 24)):
+    for start, end, lines in ((x0, x1, columns + 1), (y0, y1, rows + 1)):
         if start != end:
             cuts |= {t for k in range(lines) if 0 < (t := (0.1 * k - start) / (end - start)) < 1}
     lengths = [0.0, 0.0, 0.0]
@@ -118,7 +113,7 @@ def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[flo
         middle = (a + b) / 2
         column = math.floor((x0 + middle * (x1 - x0)) / 0.1)
         row = math.floor((y0 + middle * (y1 - y0)) / 0.1)
-        kind = kinds[row, column] if 0 <= row < 23 and 0 <= column < 31 else 0
+        kind = kinds[row, column] if 0 <= row < rows and 0 <= column < columns else 0
         lengths[kind] += (b - a) * math.hypot(x1 - x0, y1 - y0)
     return lengths
 
@@ -133,8 +128,48 @@ def test_the_way_through_every_material_is_exact(
     for kind, length in enumerate(crossed(kinds, one, other)):
         rate = np.zeros(3)
         rate[kind] = 1.0 if kind else 0.0
-        only = Walls(walls.squares, kinds, 0.1, 0.0, 0.0, nothing, rate)
+        only = Walls(walls.tiles, 0.1, 0.0, 0.0, nothing, rate)
         assert loss(only, one, other) == pytest.approx(length if kind else 0.0, abs=1e-7)
+
+
+def rooms() -> NDArray[np.uint8]:
+    """20 m by 15 m in cells of 0.1 m: long walls, two doors, a pillar; most tiles are nothing but air."""
+    kinds = np.zeros((150, 200), np.uint8)
+    kinds[40:42, :], kinds[:, 90:93], kinds[101:109, 30:37] = 1, 2, 1
+    kinds[40:42, 60:70] = kinds[120:130, 90:93] = 0
+    return kinds
+
+
+def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_once() -> None:
+    kinds, rng = rooms(), np.random.default_rng(5)
+    rates, entered = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
+    lengths = Walls(tiles_of(kinds), 0.1, 0.0, 0.0, np.zeros(3), rates)
+    entries = Walls(lengths.tiles, 0.1, 0.0, 0.0, entered, np.zeros(3))
+    for one, other in rng.uniform([-1.0, -1.0], [21.0, 16.0], (300, 2, 2)):
+        ends = (float(one[0]), float(one[1])), (float(other[0]), float(other[1]))
+        assert loss(lengths, *ends) == pytest.approx(sum(crossed(kinds, *ends)[1:]), abs=1e-7)
+    assert loss(entries, (3.2, 2.0), (3.4, 14.0)) == 2.0  # a wall, the pillar
+    assert loss(entries, (2.0, 4.05), (6.5, 4.1)) == 1.0  # along a wall, into its door
+    assert loss(entries, (2.0, 4.05), (17.0, 4.1)) == 4.0  # beyond the door, and through the other wall
+    assert loss(entries, (6.5, 2.0), (6.6, 14.0)) == 0.0  # through the door
+
+
+@pytest.mark.parametrize("kinds", [rooms(), np.random.default_rng(1).choice(3, (45, 67)).astype(np.uint8)])
+def test_blocks_have_every_cell_of_a_wall_once(kinds: NDArray[np.uint8]) -> None:
+    tiles = tiles_of(kinds)
+    rows, columns = tiles.leaps.shape[1:]
+    found = np.zeros((rows * TILE, columns * TILE), np.uint8)
+    for row in range(rows):
+        for column in range(columns):
+            tile = row * columns + column
+            part = found[row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE]
+            for west, south, east, north, kind in tiles.blocks[tiles.begins[tile] : tiles.begins[tile + 1]]:
+                assert not part[south:north, west:east].any()
+                part[south:north, west:east] = kind
+            assert (tiles.leaps[:, row, column] == 0).all() == part.any()
+    height, width = kinds.shape
+    assert np.array_equal(found[:height, :width], kinds)
+    assert not found[height:].any() and not found[:, width:].any()
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)

@@ -12,7 +12,7 @@ from actors.kernels import njit
 from actors.portable.compiled import log
 from actors.radio.medium.agenda import push
 from actors.radio.medium.draws import ARRIVAL, BACKOFF, drawn
-from actors.radio.medium.reception import begin, judge, leave, let_go, sense
+from actors.radio.medium.reception import begin, count, judge, leave, let_go, sense
 from actors.radio.medium.state import (
     BROADCAST,
     NEVER,
@@ -275,13 +275,13 @@ def _deliver(st: MediumState, sender: int) -> None:
     """Give the frame to those who received it, and count what became of it at all others."""
     medium, flight, outcomes = st.medium, st.transceivers[sender].flight, st.outcomes[sender]
     to, busies = flight.to, flight.ack or medium.dead_ns + medium.dead_octet_ns > 0
-    for i in range(outcomes.size):
+    for i in st.reached[sender, : st.transceivers[sender].reached]:
         if outcomes[i] == Outcome.HEARD.value:
             if to not in (BROADCAST, i):
                 outcomes[i] = Outcome.FILTERED.value
             elif busies or st.transceivers[i].settings.watched:
                 _receive(st, sender, i)
-        st.transceivers[i].counters.outcomes[outcomes[i]] += 1
+    count(st, sender)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

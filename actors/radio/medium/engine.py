@@ -9,23 +9,32 @@ from actors.kernels import njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
-from actors.radio.medium.reception import change_outside, free_share, leave, let_go
+from actors.radio.medium.reception import change_outside, count, free_share, leave, let_go
 from actors.radio.medium.state import NEVER, Due, MacState, MediumState, OfferKind, Outcome, Outside
 
 DONE: Final = 0
 """All that was due has happened."""
 ROW: Final = 1
-"""The frame that is first on the agenda needs its sender's row of gains."""
+"""The frame that is first on the agenda needs the losses from its sender, `medium.sender`."""
 FULL: Final = 2
 """The events must be taken away first."""
 
 _KINDS: Final = 1 << 32
 
 
+_HALF_DB: Final = 3.0103
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
-    """Let everything happen before `until`, and the ends of frames at `until` itself if `ends_too`."""
+def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: NDArray[np.float64]) -> int:
+    """Let everything happen before `until`, and the ends of frames at `until` itself if `ends_too`.
+
+    `loss_db`: (n,) dB, those that the call before has asked for with ROW, where above `medium.most_db` any
+    value above; otherwise (0,).
+    """
     medium = st.medium
+    if loss_db.size > 0:
+        _take_row(st, loss_db)
     while st.events.size - medium.events > st.transceivers.size + 8:
         at = st.agenda[0].instant_ns if medium.due > 0 else NEVER
         switched = _next_switch(st, outside)
@@ -49,14 +58,20 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def take_row(
-    st: MediumState, sender: int, tx_dbm: float, loss_db: NDArray[np.float64], most_db: float
-) -> None:
-    """How strong the sender's frames arrive: loss_db, (n,) dB, less than tx_dbm; not at all above most_db."""
+def _take_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
+    """How strong the frames of `medium.sender` arrive, and at whom."""
+    sender, most_db, reached = st.medium.sender, st.medium.most_db, 0
+    transceiver = st.transceivers[sender]
+    tx_dbm = transceiver.settings.tx_dbm
+    st.gains_mw[sender, :] = 0.0
     for other in range(loss_db.size):
-        near = loss_db[other] <= most_db
-        st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0) if near else 0.0
-    st.transceivers[sender].row = st.medium.share
+        if loss_db[other] <= most_db:
+            st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0)
+            if other != sender:
+                st.reached[sender, reached] = other
+                reached += 1
+    transceiver.reached = reached
+    transceiver.row = st.medium.share
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -88,13 +103,17 @@ def _switch(st: MediumState, outside: Outside) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _needs_row(st: MediumState) -> bool:
-    order = st.agenda[0].order
-    due = order // _KINDS
+    medium, order = st.medium, st.agenda[0].order
+    due, number = order // _KINDS, order % _KINDS
     if due not in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value):
         return False
-    st.medium.share = free_share(st)
-    known = st.transceivers[order % _KINDS].row >= st.medium.share
-    return not known and _is_valid(st, due, order % _KINDS, st.agenda[0].ticket)
+    medium.share = free_share(st)
+    if st.transceivers[number].row >= medium.share or not _is_valid(st, due, number, st.agenda[0].ticket):
+        return False
+    medium.sender = number
+    faintest_dbm = medium.faintest_dbm - _HALF_DB * medium.share
+    medium.most_db = st.transceivers[number].settings.tx_dbm - faintest_dbm
+    return True
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -156,7 +175,12 @@ def _forget_row(st: MediumState, number: int) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def switch_on(st: MediumState, number: int) -> None:
     """A transceiver gets power: it can receive at once."""
-    transceiver = st.transceivers[number]
+    medium, transceiver = st.medium, st.transceivers[number]
+    place = 0
+    while st.rosters[place].off != number:
+        place += 1
+    medium.off -= 1
+    st.rosters[place].off = st.rosters[medium.off].off
     receiver = transceiver.receiver
     transceiver.mac.powered = True
     receiver.ready_ns = receiver.dead_until_ns = 0
@@ -187,6 +211,8 @@ def switch_off(st: MediumState, number: int) -> None:
     mac.ticket += 1
     mac.epoch += 1
     mac.powered = False
+    st.rosters[medium.off].off = number
+    medium.off += 1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -198,8 +224,8 @@ def _cut(st: MediumState, sender: int) -> None:
             let_go(st, i, Outcome.POWERED_OFF.value)
         if st.outcomes[sender, i] != Outcome.NOT_COUNTED.value:
             st.outcomes[sender, i] = Outcome.POWERED_OFF.value
-        if not st.transceivers[sender].flight.is_ack:
-            st.transceivers[i].counters.outcomes[st.outcomes[sender, i]] += 1
+    if not st.transceivers[sender].flight.is_ack:
+        count(st, sender)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -1,7 +1,7 @@
 """The medium that transceivers share: whose frame is in the air when, and who hears it.
 
 A library of its own: transceivers, where they are, what they send, and how far the time is to go. Every
-instant is a whole number of nanoseconds. A frame is followed as far as it counts (`_faintest_dbm`). Nothing
+instant is a whole number of nanoseconds. A frame is followed as far as it counts (`initial_state`). Nothing
 depends on how the time is cut into calls of `run`, nor on transceivers that are silent: all random numbers
 are functions of a seed and of what they are for (`actors.radio.medium.draws`).
 """
@@ -18,13 +18,12 @@ from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
 from actors.radio.medium.initial_state import initial_state
 from actors.radio.medium.interference import Interference
-from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outside
+from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outcome, Outside
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
-_LEFT_OUT_DB: Final = -26.38
-"""So far below noise a power is that raises it by 0.01 dB: 10 log10(10^0.001 - 1)."""
-_HALF_DB: Final = 3.0103
+_NOT_ASKED: Final = np.zeros(0)
+_NO_SWITCHES: Final = np.zeros(0, SWITCH)
 
 
 class Request(NamedTuple):
@@ -54,13 +53,10 @@ class Medium:
         watched: Sequence[int] | None = None,
     ) -> None:
         """`watched`: those for which `run` gives what they hear; all by default. The counters know of all."""
-        self._transceivers = tuple(transceivers)
         self._propagation = propagation
         self._state = initial_state(transceivers, phy or PhyParameters(), seed)
         none = np.zeros((0, len(transceivers)))
-        self._outside = Outside(np.zeros(0, REQUEST), np.zeros(0, SWITCH), none, none)
-        self._tx_dbm = np.array([t.tx_power_dbm for t in transceivers])
-        self._faintest_dbm = _faintest_dbm(self._transceivers, phy or PhyParameters())
+        self._outside = Outside(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
         self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
         self._interference = Interference()
         for interferer in interferers:
@@ -101,14 +97,15 @@ class Medium:
         self._interference.add(interferer)
         now_mw = self._outside.now_mw
         if len(self._interference) > len(now_mw):
-            silent = np.zeros((1, len(self._transceivers)))
+            silent = np.zeros((1, now_mw.shape[1]))
             self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
 
     def set_power(self, transceiver: int, tx_power_dbm: float) -> None:
         """It sends its next frames with that power."""
-        if self._tx_dbm[transceiver] != tx_power_dbm:
-            self._tx_dbm[transceiver] = tx_power_dbm
-            self._state.transceivers["row"][transceiver] = 0
+        record = self._state.transceivers[transceiver]
+        if record["settings"]["tx_dbm"] != tx_power_dbm:
+            record["settings"]["tx_dbm"] = tx_power_dbm
+            record["row"] = 0
 
     def offer(self, transceiver: int, traffic: Traffic) -> None:
         """From now on the medium hands the transceiver frames by itself; their tag is -1."""
@@ -151,18 +148,22 @@ class Medium:
 
     def run(self, until_ns: int) -> NDArray[np.void]:
         """Let everything happen before `until_ns`: the events, (events,) of EVENT, in order of time."""
-        switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
-        self._outside = self._outside._replace(switches=switches, rows_mw=rows)
-        self._state.medium["next_switch"] = 0
+        if self._interference:
+            switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
+            self._outside = self._outside._replace(switches=switches, rows_mw=rows)
+            self._state.medium["next_switch"] = 0
         return self._advance(until_ns, False)
 
     def counters(self) -> NDArray[np.void]:
         """(n,) of COUNTERS: what has become of each transceiver's frames, and of others' at it; a copy."""
-        return self._state.transceivers["counters"].copy()
+        counters = self._state.transceivers["counters"].copy()
+        outcomes = counters["outcomes"]
+        outcomes[:, Outcome.BELOW_SENSITIVITY] = self._state.medium["ended"] - outcomes.sum(axis=1)
+        return counters
 
     def outcomes(self) -> NDArray[np.int64]:
         """(n, outcomes): what became of others' frames at each transceiver, by Outcome; a copy."""
-        return self._state.transceivers["counters"]["outcomes"].copy()
+        return self.counters()["outcomes"]
 
     def fates(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """Of the last frame that the sender has sent, until its next one begins, at every transceiver: (n,)
@@ -185,36 +186,21 @@ class Medium:
     def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
         state, medium = self._state, self._state.medium
         parts: list[NDArray[np.void]] = []
+        loss_db = _NOT_ASKED
         while True:
-            code = engine.run(state, self._outside, until_ns, ends_too)
+            code = engine.run(state, self._outside, until_ns, ends_too, loss_db)
             if code == engine.ROW:
-                self._find_row()
+                sender, positions = medium["sender"], self._where(int(medium["now_ns"]))
+                loss_db = self._propagation.loss_db(
+                    positions[sender : sender + 1], positions, float(medium["most_db"])
+                )[0]
                 continue
+            loss_db = _NOT_ASKED
             if medium["events"]:
                 parts.append(state.events[: medium["events"]].copy())
                 medium["events"] = 0
             if code == engine.DONE:
                 return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
-
-    def _find_row(self) -> None:
-        """How strong the frame that begins now arrives, wherever it is followed to."""
-        sender = int(self._state.agenda["order"][0] & 0xFFFFFFFF)
-        positions = self._where(self.now_ns)
-        faintest_dbm = self._faintest_dbm - _HALF_DB * int(self._state.medium["share"])
-        most_db = float(self._tx_dbm[sender] - faintest_dbm)
-        loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions, most_db)[0]
-        engine.take_row(self._state, sender, self._tx_dbm[sender], loss_db, most_db)
-
-
-def _faintest_dbm(transceivers: Sequence[Transceiver], phy: PhyParameters) -> float:
-    """All that is not followed of the frames in the air may be as strong as this at a receiver, together.
-
-    It adds 0.01 dB to the noise, or to the least energy that makes the channel busy, and nobody could
-    lock onto it.
-    """
-    least_dbm = min([phy.noise_dbm, *(one.cca_threshold_dbm for one in transceivers)])
-    together_dbm = least_dbm + _LEFT_OUT_DB - max(phy.cochannel_penalty_db, 0.0)
-    return min(together_dbm, phy.noise_dbm + phy.lock_sinr_db)
 
 
 class _Line:

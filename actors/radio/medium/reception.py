@@ -45,11 +45,12 @@ def _close(medium: Record, receiver: Record, signal: float) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def settle(st: MediumState) -> None:
     """Close all segments and let those who assess the channel sense what was on it until now."""
-    medium, transceivers, gains_mw = st.medium, st.transceivers, st.gains_mw
-    for i in range(transceivers.size):
-        receiver = transceivers[i].receiver
-        if receiver.lock >= 0:
-            _close(medium, receiver, gains_mw[receiver.lock, i])
+    medium, transceivers = st.medium, st.transceivers
+    for k in range(medium.in_air):
+        sender = st.rosters[k].in_air
+        for i in st.reached[sender, : transceivers[sender].reached]:
+            if transceivers[i].receiver.lock == sender:
+                _close(medium, transceivers[i].receiver, st.gains_mw[sender, i])
     for k in range(medium.assessing):
         sense(medium, transceivers[st.rosters[k].assessing])
 
@@ -136,18 +137,20 @@ def begin(st: MediumState, sender: int) -> None:
     settle(st)
     st.transceivers[sender].flight.share = medium.share
     transceivers, gains_mw, outcomes = st.transceivers, st.gains_mw, st.outcomes
-    for i in range(transceivers.size):
+    outcomes[sender, :] = _BELOW
+    outcomes[sender, sender] = _NOT_COUNTED
+    for k in range(medium.off):
+        outcomes[sender, st.rosters[k].off] = _NOT_COUNTED
+    for i in st.reached[sender, : transceivers[sender].reached]:
         receiver, power = transceivers[i].receiver, gains_mw[sender, i]
-        if i == sender or not transceivers[i].mac.powered:
-            outcomes[sender, i] = _NOT_COUNTED
-        else:
+        if transceivers[i].mac.powered:
             locked = receiver.lock
             locked_mw = gains_mw[locked, i] if locked >= 0 else 0.0
             outcomes[sender, i] = _meet(medium, transceivers[i], sender, power, locked_mw)
             if locked >= 0 and receiver.lock == sender:
                 outcomes[locked, i] = _COLLISION
-        if i != sender:
-            receiver.total_mw += power
+        receiver.total_mw += power
+        receiver.arriving += 1
     note_peaks(st)
     if medium.in_air == 0:
         medium.busy_since_ns = medium.now_ns
@@ -167,12 +170,11 @@ def leave(st: MediumState, sender: int) -> None:
     st.rosters[place].in_air = st.rosters[medium.in_air].in_air
     if medium.in_air == 0:
         medium.busy_ns += medium.now_ns - medium.busy_since_ns
-        for i in range(transceivers.size):
-            transceivers[i].receiver.total_mw = 0.0  # exactly, not but for what sums and differences leave
-        return
-    for i in range(transceivers.size):
-        if i != sender:
-            transceivers[i].receiver.total_mw -= gains_mw[sender, i]
+    for i in st.reached[sender, : transceivers[sender].reached]:
+        receiver = transceivers[i].receiver
+        receiver.arriving -= 1
+        left_mw = receiver.total_mw - gains_mw[sender, i]
+        receiver.total_mw = left_mw if receiver.arriving > 0 else 0.0  # without what rounding has left
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -182,7 +184,7 @@ def judge(st: MediumState, sender: int) -> None:
     flight = transceivers[sender].flight
     purpose = ACK_RECEPTION if flight.is_ack else RECEPTION
     key = transceivers[flight.to if flight.is_ack else sender].settings.key
-    for i in range(transceivers.size):
+    for i in st.reached[sender, : transceivers[sender].reached]:
         receiver = transceivers[i].receiver
         if receiver.lock != sender:
             continue
@@ -196,6 +198,15 @@ def judge(st: MediumState, sender: int) -> None:
         if not flight.is_ack and st.withheld[sender, i] > 0:
             st.withheld[sender, i] -= 1
             st.outcomes[sender, i] = _WITHHELD
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def count(st: MediumState, sender: int) -> None:
+    """Count what has become of the sender's frame, no acknowledgement, at everybody."""
+    st.medium.ended += 1
+    for i in range(st.transceivers.size):
+        if st.outcomes[sender, i] != _BELOW:
+            st.transceivers[i].counters.outcomes[st.outcomes[sender, i]] += 1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -114,10 +114,11 @@ def _dtype(**kinds: str | np.dtype[np.void]) -> np.dtype[np.void]:
 
 SETTINGS: Final = _dtype(
     key="i8", min_be="i8", max_be="i8", max_backoffs="i8", max_retries="i8", cca="i8", cca_mw="f8",
-    floor_mw="f8", capacity="i8", watched="b1",
+    floor_mw="f8", tx_dbm="f8", capacity="i8", watched="b1",
 )  # fmt: skip
-"""What a transceiver is set to; it does not change. `key`: of its random numbers; `floor_mw`: weaker frames
-are not received; `capacity`: of its queue; `watched`: what it hears becomes events."""
+"""What a transceiver is set to; `tx_dbm`, its power, alone may change. `key`: of its random numbers;
+`floor_mw`: weaker frames are not received; `capacity`: of its queue; `watched`: what it hears becomes
+events."""
 
 TRAFFIC: Final = _dtype(
     kind="i8", ticket="i8", octets="i8", to="i8", ack="b1", interval_ns="f8", arrivals="i8"
@@ -144,23 +145,27 @@ COUNTERS: Final = _dtype(
     cut_off="i8", discarded="i8", octets_sent="i8", on_air_ns="i8", overlapping="i8", retries="i8",
     outcomes=f"{len(Outcome)}i8",
 )  # fmt: skip
-"""What has become of a transceiver's frames; `outcomes`: of the frames of others at it, by Outcome."""
+"""What has become of a transceiver's frames; `outcomes`: of all frames at it, by Outcome. Those below the
+sensitivity, most of them in a large swarm, are what the others leave of `medium.ended`: found when read."""
 
 RECEIVER: Final = _dtype(
-    total_mw="f8", external_mw="f8", lock="i8", lock_ns="i8", unlock_ns="i8", ready_ns="i8",
+    total_mw="f8", arriving="i8", external_mw="f8", lock="i8", lock_ns="i8", unlock_ns="i8", ready_ns="i8",
     dead_until_ns="i8", segment_ns="i8", log_right="f8", log_alone="f8", worst_sinr="f8",
 )  # fmt: skip
-"""What arrives at a transceiver, and the frame that it is locked onto (number of its sender)."""
+"""What arrives at a transceiver, of how many frames, and the one that it is locked onto (number of its
+sender)."""
 
 TRANSCEIVER: Final = _dtype(
     settings=SETTINGS, traffic=TRAFFIC, mac=MAC, receiver=RECEIVER, flight=FLIGHT, counters=COUNTERS,
-    row="i8",
+    row="i8", reached="i8",
 )  # fmt: skip
 """One record, not an array for each part: every array that kernels pass on to one another costs time.
-`row`: the share for which its row of gains was computed, 0: it does not hold for the next frame."""
+`row`: the share for which its row of gains was computed, 0: it does not hold for the next frame; `reached`:
+how many that row reaches."""
 
-ROSTER: Final = _dtype(in_air="i8", assessing="i8")
-"""Two lists side by side: who has a frame in the air, and who assesses the channel, by number."""
+ROSTER: Final = _dtype(in_air="i8", assessing="i8", off="i8")
+"""Three lists side by side: who has a frame in the air, who assesses the channel, and who has no power, by
+number."""
 
 FRAME: Final = _dtype(octets="i8", to="i8", ack="b1", number="i8", tag="i8", asked_ns="i8")
 """A frame in a transmit queue."""
@@ -184,12 +189,15 @@ given with the request; `sinr`: the worst during the frame, linear."""
 
 MEDIUM: Final = _dtype(
     seed="i8", noise_mw="f8", lock_sinr="f8", capture="f8", capture_ns="i8", penalty="f8",
-    peak_cca="b1", dead_ns="i8", dead_octet_ns="i8", dead_octets="i8",
-    now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", events="i8", next_request="i8",
-    next_switch="i8", busy_since_ns="i8", busy_ns="i8", share="i8",
+    peak_cca="b1", dead_ns="i8", dead_octet_ns="i8", dead_octets="i8", faintest_dbm="f8",
+    now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", off="i8", events="i8",
+    next_request="i8", next_switch="i8", busy_since_ns="i8", busy_ns="i8", ended="i8",
+    share="i8", sender="i8", most_db="f8",
 )  # fmt: skip
-"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are;
-`share`: of what may be left out, for the frame that begins next, see `reception.free_share`."""
+"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), how weak all that is left
+out of the air may be together (`faintest_dbm`), and where we are. `ended`: frames, without acknowledgements.
+Of the frame that begins next: its `share` of what may be left out, see `reception.free_share`, its `sender`,
+and the loss from which on it is left out, `most_db`."""
 
 
 class MediumState(NamedTuple):
@@ -204,9 +212,11 @@ class MediumState(NamedTuple):
     agenda: NDArray[np.void]
     """A binary heap of AGENDA; the first `medium.due` count."""
     rosters: NDArray[np.void]
-    """(n,) of ROSTER; the first `medium.in_air`, and `medium.assessing`, count."""
+    """(n,) of ROSTER; the first `medium.in_air`, `medium.assessing` and `medium.off` count."""
     gains_mw: NDArray[np.float64]
-    """(n, n): power of a sender's frame (row) at a receiver (column)."""
+    """(n, n): power of a sender's frame (row) at a receiver (column); 0: it does not get there."""
+    reached: NDArray[np.int64]
+    """(n, n): those whom a sender's frame (row) gets to, by number, upward; the first `reached` count."""
     outcomes: NDArray[np.uint8]
     """(n, n): what becomes of the frame in the air of a sender (row) at a receiver (column), so far."""
     withheld: NDArray[np.int64]

@@ -2,20 +2,23 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor.traversal import equal_squares
 from actors.kernels import njit
 from actors.portable import arrays
 from actors.radio.propagation import path_loss, shadowing, walls
 from actors.radio.propagation.path_loss import PathLossParameters
 from actors.radio.propagation.shadowing import ShadowingParameters, Waves
+from actors.radio.propagation.tiles import TILE, tiles_of
 from actors.radio.propagation.walls import Walls
 
 Floats = NDArray[np.float64]
+_ROUNDING_DB: Final = 1e-9
+"""More than sums in another order can differ by."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,6 @@ class IndoorPropagation:
         if parameters.shadowing.sigma_db > 0:
             assert rng is not None, "shadowing is drawn"
             self._waves = shadowing.waves(parameters.shadowing, rng)
-        # No sum of sinusoids is below this, however they meet: what shadowing can take off a loss at most.
-        self._most_gained_db = 2.0 * parameters.shadowing.sigma_db * math.sqrt(parameters.shadowing.sinusoids)
         self._cells: NDArray[np.int64] = np.empty((0, 2), np.int64)
         self._phasors: Floats = np.empty((4, parameters.shadowing.sinusoids, 0))
 
@@ -57,18 +58,20 @@ class IndoorPropagation:
 
         A loss above `most_db` may be any value above it: behind so many walls the rest is not looked at.
         """
-        senders, receivers = np.array(senders), np.array(receivers)  # one kind of array for the kernels
-        loss = np.empty((len(senders), len(receivers)))
-        _path_losses(senders, receivers, self._coefficients, loss)
-        floor = self._floor
-        if floor is not None:
-            walls.add_walls(
-                floor.squares, floor.kinds, floor.resolution, floor.west, floor.south,
-                floor.crossing_db, floor.per_metre_db, senders, receivers,
-                most_db + self._most_gained_db, loss,
-            )  # fmt: skip
-        if self._waves is not None:
+        if not (senders.flags.carray and receivers.flags.carray):  # one kind of array for the kernels
+            senders, receivers = np.array(senders), np.array(receivers)
+        loss = np.zeros((senders.shape[0], receivers.shape[0]))
+        if self._waves is not None:  # first: no line is followed to where shadowing takes the frame away
             self._add_shadowing(self._waves, senders, receivers, loss)
+        floor = self._floor
+        if floor is None:
+            _path_losses(senders, receivers, self._coefficients, loss)
+        else:
+            _losses(
+                senders, receivers, self._coefficients, *floor.tiles,
+                floor.resolution, floor.west, floor.south, floor.crossing_db, floor.per_metre_db,
+                most_db, loss,
+            )  # fmt: skip
         return loss
 
     def _add_shadowing(self, waves: Waves, senders: Floats, receivers: Floats, loss: Floats) -> None:
@@ -84,22 +87,63 @@ class IndoorPropagation:
             senders, receivers, p.sigma_db, p.correlation_distance, p.grain,
             waves.first, waves.second, waves.phase, self._cells, self._phasors, loss,
         )  # fmt: skip
-        np.maximum(loss, 0.0, out=loss)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _over(senders: Floats, i: int, receivers: Floats, j: int, coefficients: Floats) -> float:
+    dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
+    loss: float = max(path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
+    return loss
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_db: Floats) -> None:
+    """Add the loss by distance to loss_db, (s, r) dB; 0 at least."""
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
-            dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
-            loss_db[i, j] = max(path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
+            loss_db[i, j] = max(_over(senders, i, receivers, j, coefficients) + loss_db[i, j], 0.0)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _losses(
+    senders: Floats,
+    receivers: Floats,
+    coefficients: Floats,
+    leaps: NDArray[np.uint8],
+    begins: NDArray[np.int32],
+    blocks: NDArray[np.uint8],
+    resolution: float,
+    west: float,
+    south: float,
+    crossing_db: Floats,
+    per_metre_db: Floats,
+    most_db: float,
+    loss_db: Floats,
+) -> None:
+    """Add the loss by distance and walls to loss_db, (s, r) dB; 0 at least.
+
+    What comes to more than most_db may be any value above it.
+    """
+    side = TILE * resolution
+    per_tile_db = per_metre_db * side
+    for i in range(senders.shape[0]):
+        x, y = (senders[i, 0] - west) / side, (senders[i, 1] - south) / side
+        for j in range(receivers.shape[0]):
+            loss = _over(senders, i, receivers, j, coefficients)
+            left_db = most_db - (loss + loss_db[i, j])
+            if left_db >= 0.0:
+                loss += walls.between(
+                    leaps, begins, blocks, crossing_db, per_tile_db, x, y,
+                    (receivers[j, 0] - west) / side, (receivers[j, 1] - south) / side, left_db + _ROUNDING_DB,
+                )  # fmt: skip
+            loss_db[i, j] = max(loss + loss_db[i, j], 0.0)
 
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     kinds = (arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.8).astype(np.uint8)
-    floor = Walls(equal_squares(kinds), kinds, 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
+    floor = Walls(tiles_of(kinds), 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)
     parameters = PropagationParameters(shadowing=ShadowingParameters(4.0))
     propagation = IndoorPropagation(parameters, floor, np.random.default_rng(1))
-    return floor.squares.tobytes() + propagation.loss_db(places, places).tobytes()
+    return b"".join(part.tobytes() for part in floor.tiles) + propagation.loss_db(places, places).tobytes()

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
-from actors.floor.traversal import cell_after, equal_squares, ray, square_at
+from actors.floor.traversal import Ray, cell_after, ray, square_at
 from actors.kernels import njit
 from actors.radio.propagation.materials import Material, material
+from actors.radio.propagation.tiles import TILE, Tiles, tiles_of
 
 Floats = NDArray[np.float64]
 _AIR: Final = 0
@@ -33,10 +34,8 @@ class WallPatch:
 class Walls:
     """The floor plan as the wave sees it; made by `build`."""
 
-    squares: NDArray[np.uint8]
-    """`equal_squares` of `kinds`."""
-    kinds: NDArray[np.uint8]
-    """(rows, columns): which material; 0 is air."""
+    tiles: Tiles
+    """Where which material is; 0 is air."""
     resolution: float
     """Side of a cell, m."""
     west: float
@@ -61,8 +60,7 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     for patch in patches:
         kinds[inside(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
     return Walls(
-        equal_squares(kinds),
-        kinds,
+        tiles_of(kinds),
         grid.resolution,
         grid.origin.x,
         grid.origin.y,
@@ -93,11 +91,23 @@ def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def _within(line: Ray, block: NDArray[np.uint8], left: int, bottom: int) -> tuple[float, float]:
+    """Where a ray that goes east enters and leaves a block of the tile with that corner; all in tiles."""
+    low, high = bottom + block[1] / TILE, bottom + block[3] / TILE
+    if line.dy < 0:
+        low, high = high, low
+    enters = max((left + block[0] / TILE - line.x) * line.per_x, (low - line.y) * line.per_y)
+    leaves = min((left + block[2] / TILE - line.x) * line.per_x, (high - line.y) * line.per_y)
+    return enters, leaves
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _along(
-    squares: NDArray[np.uint8],
-    kinds: NDArray[np.uint8],
+    leaps: NDArray[np.uint8],
+    begins: NDArray[np.int32],
+    blocks: NDArray[np.uint8],
     crossing_db: Floats,
-    per_cell_db: Floats,
+    per_tile_db: Floats,
     x: float,
     y: float,
     dx: float,
@@ -105,61 +115,64 @@ def _along(
     length: float,
     most_db: float,
 ) -> float:
-    """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells; inf if above most_db."""
-    rows, columns = kinds.shape
+    """The loss, dB, from (x, y) along the unit vector (dx, dy), dx ≥ 0, in tiles; inf if above most_db."""
+    squares = leaps[0 if dy >= 0 else 1]
+    rows, columns = squares.shape
     at, last = _clipped(x, dx, columns, 0.0, length)
     at, last = _clipped(y, dy, rows, at, last)
     line = ray(x, y, dx, dy)
     column = min(max(math.floor(x + at * dx), 0), columns - 1)
     row = min(max(math.floor(y + at * dy), 0), rows - 1)
-    loss, before = 0.0, 0
+    loss, before, until = 0.0, 0, at
     while at < last and 0 <= column < columns and 0 <= row < rows:
-        square = square_at(line, column, row, int(squares[line.quadrant, row, column]))
-        kind = int(kinds[row, column])
+        side = int(squares[row, column])
+        square = square_at(line, column, row, max(side, 1))
         border = min(square.to_x, square.to_y, last)
-        if kind != before:
-            loss += crossing_db[kind]
-            before = kind
-        loss += max(border - at, 0.0) * per_cell_db[kind]
-        if loss > most_db:
-            return math.inf
+        tile = row * columns + column
+        while side == 0:
+            first, end, kind = border, border, 0
+            for k in range(begins[tile], begins[tile + 1]):
+                enters, leaves = _within(line, blocks[k], column, row)
+                enters, leaves = max(enters, at), min(leaves, border)
+                if enters < leaves and enters < first:
+                    first, end, kind = enters, leaves, int(blocks[k, 4])
+            if kind == 0:
+                break
+            if kind != before or first > until:
+                loss += crossing_db[kind]
+            loss += (end - first) * per_tile_db[kind]
+            if loss > most_db:
+                return math.inf
+            before, until, at = kind, end, end
         at = max(border, at)
         column, row = cell_after(line, square, at)
     return loss
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def add_walls(
-    squares: NDArray[np.uint8],
-    kinds: NDArray[np.uint8],
-    resolution: float,
-    west: float,
-    south: float,
+def between(
+    leaps: NDArray[np.uint8],
+    begins: NDArray[np.int32],
+    blocks: NDArray[np.uint8],
     crossing_db: Floats,
-    per_metre_db: Floats,
-    senders: Floats,
-    receivers: Floats,
+    per_tile_db: Floats,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
     most_db: float,
-    loss_db: Floats,
-) -> None:
-    """Add the loss by walls between senders, (s, 2) m, and receivers, (r, 2) m, to loss_db, (s, r) dB.
+) -> float:
+    """The loss by walls, dB, between two places, in tiles from the map's corner; inf if above most_db.
 
-    The same, to the last bit, in both directions; what comes to more than most_db may be any value above it.
-    squares … per_metre_db: the fields of `Walls`.
+    The same, to the last bit, in both directions. leaps … blocks: the fields of `Tiles`.
     """
-    per_cell_db = per_metre_db * resolution
-    for i in range(senders.shape[0]):
-        for j in range(receivers.shape[0]):
-            if loss_db[i, j] > most_db:
-                continue
-            x0, y0 = (senders[i, 0] - west) / resolution, (senders[i, 1] - south) / resolution
-            x1, y1 = (receivers[j, 0] - west) / resolution, (receivers[j, 1] - south) / resolution
-            if x1 < x0 or (x1 == x0 and y1 < y0):
-                x0, y0, x1, y1 = x1, y1, x0, y0
-            dx, dy = x1 - x0, y1 - y0
-            length = math.sqrt(dx * dx + dy * dy)
-            if length > 0.0:
-                loss_db[i, j] += _along(
-                    squares, kinds, crossing_db, per_cell_db, x0, y0, dx / length, dy / length, length,
-                    most_db - loss_db[i, j],
-                )  # fmt: skip
+    if x1 < x0 or (x1 == x0 and y1 < y0):
+        x0, y0, x1, y1 = x1, y1, x0, y0
+    dx, dy = x1 - x0, y1 - y0
+    length = math.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
+        return 0.0
+    loss: float = _along(
+        leaps, begins, blocks, crossing_db, per_tile_db, x0, y0, dx / length, dy / length, length, most_db
+    )
+    return loss
