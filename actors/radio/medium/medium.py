@@ -158,7 +158,8 @@ class Medium:
         """(n,) of COUNTERS: what has become of each transceiver's frames, and of others' at it; a copy."""
         counters = self._state.transceivers["counters"].copy()
         outcomes = counters["outcomes"]
-        outcomes[:, Outcome.BELOW_SENSITIVITY] = self._state.medium["ended"] - outcomes.sum(axis=1)
+        others = outcomes.sum(axis=1, dtype=np.int64)
+        outcomes[:, Outcome.BELOW_SENSITIVITY] = self._state.medium["ended"] - others
         return counters
 
     def outcomes(self) -> NDArray[np.int64]:

@@ -91,13 +91,13 @@ def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _within(line: Ray, block: NDArray[np.uint8], left: int, bottom: int) -> tuple[float, float]:
+def _within(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int) -> tuple[float, float]:
     """Where a ray that goes east enters and leaves a block of the tile with that corner; all in tiles."""
-    low, high = bottom + block[1] / TILE, bottom + block[3] / TILE
+    low, high = bottom + blocks[k, 1] / TILE, bottom + blocks[k, 3] / TILE
     if line.dy < 0:
         low, high = high, low
-    enters = max((left + block[0] / TILE - line.x) * line.per_x, (low - line.y) * line.per_y)
-    leaves = min((left + block[2] / TILE - line.x) * line.per_x, (high - line.y) * line.per_y)
+    enters = max((left + blocks[k, 0] / TILE - line.x) * line.per_x, (low - line.y) * line.per_y)
+    leaves = min((left + blocks[k, 2] / TILE - line.x) * line.per_x, (high - line.y) * line.per_y)
     return enters, leaves
 
 
@@ -116,8 +116,8 @@ def _along(
     most_db: float,
 ) -> float:
     """The loss, dB, from (x, y) along the unit vector (dx, dy), dx ≥ 0, in tiles; inf if above most_db."""
-    squares = leaps[0 if dy >= 0 else 1]
-    rows, columns = squares.shape
+    southward = 0 if dy >= 0 else 1
+    rows, columns = leaps.shape[1:]
     at, last = _clipped(x, dx, columns, 0.0, length)
     at, last = _clipped(y, dy, rows, at, last)
     line = ray(x, y, dx, dy)
@@ -125,18 +125,19 @@ def _along(
     row = min(max(math.floor(y + at * dy), 0), rows - 1)
     loss, before, until = 0.0, 0, at
     while at < last and 0 <= column < columns and 0 <= row < rows:
-        side = int(squares[row, column])
+        side = int(leaps[southward, row, column])
         square = square_at(line, column, row, max(side, 1))
         border = min(square.to_x, square.to_y, last)
         tile = row * columns + column
         while side == 0:
-            first, end, kind = border, border, 0
+            first, end, kind, met = border, border, 0, 0
             for k in range(begins[tile], begins[tile + 1]):
-                enters, leaves = _within(line, blocks[k], column, row)
+                enters, leaves = _within(line, blocks, k, column, row)
                 enters, leaves = max(enters, at), min(leaves, border)
+                met += enters < leaves
                 if enters < leaves and enters < first:
                     first, end, kind = enters, leaves, int(blocks[k, 4])
-            if kind == 0:
+            if met == 0:
                 break
             if kind != before or first > until:
                 loss += crossing_db[kind]
@@ -144,6 +145,8 @@ def _along(
             if loss > most_db:
                 return math.inf
             before, until, at = kind, end, end
+            if met == 1:
+                break
         at = max(border, at)
         column, row = cell_after(line, square, at)
     return loss
