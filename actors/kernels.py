@@ -27,18 +27,34 @@ _COMPILED: Final = re.compile(r"import (?:\(\s*)?njit\b|(?:from|import) numba\b"
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
 _TAUGHT: Final = "actors.portable.compiled"
 """What numba is taught for all kernels, whoever imports it."""
+_PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""How a kernel is compiled for another one: without ways in from Python and C, which unpack arguments."""
 _KEPT: Final = 2
 """States of one module that are kept: this one, and the last before it, to which one may go back."""
 
 
 def njit(**options: Any) -> Any:
-    """`numba.njit` for a function of this package; `cache=True` keeps what is compiled as said above."""
+    """`numba.njit` for a function of this package; `cache=True` keeps what is compiled as said above.
+
+    What Python calls and what kernels call is compiled separately, each once it is called: most are only
+    called by kernels, and ways in from Python take a tenth of all compiling.
+    """
     cached = options.pop("cache", False)
 
     def decorated(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
-        if cached:
-            kernel._cache = _Cache(function)
+        def compiled(kind: str, **more: bool) -> Any:
+            kernel = numba.njit(**options, **more)(function)
+            if cached:
+                kernel._cache = _Cache(function, kind)
+            return kernel
+
+        @remembered  # made for the first kernel that asks: a loaded one needs none
+        def part() -> Any:
+            return compiled("part", **_PART)
+
+        kernel = compiled("whole")
+        kernel.get_call_template = lambda *asked: part().get_call_template(*asked)
+        kernel.get_overload = lambda *asked: part().get_overload(*asked)
         return kernel
 
     return decorated
@@ -133,9 +149,10 @@ class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
 class _Cache(FunctionCache):  # type: ignore[misc]
     _impl_class = _Impl
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], kind: str) -> None:
         super().__init__(function)
-        self._cache_file = _Files(f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}")
+        base = f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}"
+        self._cache_file = _Files(f"{base}.{kind}")
 
 
 class _Files:

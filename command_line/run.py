@@ -1,5 +1,6 @@
 """`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -188,8 +189,8 @@ def run(
     options = replace(options, modules=folders)
 
     from actors.processes.kernels import compile_kernels
-    from deploy.run import out_folder, swarm
-    from observation.results import deliveries, summary
+    from actors.processes.launch import launcher
+    from deploy.run import out_folder
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
@@ -201,7 +202,13 @@ def run(
 
             trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
             return
-        result = swarm.run(chosen, options)
+        # the server imports what all processes need while this one imports what a run needs
+        with launcher(spawn) if bus == "zenoh" else nullcontext() as launched:
+            from deploy.run import swarm
+
+            result = swarm.run(chosen, options, launched)
+    from observation.results import deliveries, summary
+
     summary.print_result(result, json=json)
     if not json:
         summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")

@@ -111,24 +111,22 @@ class Launcher:
         self._ended: dict[int, tuple[int, int, float]] = {}
         """Exit code, strays and CPU time of children whose start has not been answered yet."""
         self._lost = False
+        self._ready = False
+        """The server has imported and compiled all."""
 
     def __enter__(self) -> Self:
+        """Begin the server; only the first start waits until it is ready."""
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             whose = "reap" if self._reap else "spare"
             self._server = begin([*self._command, str(theirs.fileno()), self._how, whose], theirs)
-        try:
-            while "ready" not in self._hear():
-                pass
-        except BaseException:  # ended from outside while it was importing and compiling
-            self._server.kill()
-            self.__exit__(None, None, None)
-            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if not self._ready:  # it is importing and compiling, for a run that will not be
+            self._server.kill()
         self._channel.close()
         self._server.wait()
         if self._lost and self._reap:  # it has reaped nobody
@@ -198,6 +196,7 @@ class Launcher:
         if not text:
             raise self._loss()
         message: dict[str, Any] = json.loads(text)
+        self._ready = self._ready or "ready" in message
         if "ended" in message:
             end = (message["code"], message["strays"], message["cpu_s"])
             child = self._children.get(message["ended"])

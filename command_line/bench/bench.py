@@ -42,6 +42,10 @@ BENCHMARKS: Final = {
         "benchmarks.beside.command", "this state and another COMMIT in turn: wall and CPU time, digests",
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
     ),
+    "start": Benchmark(
+        "benchmarks.swarm.start", "from Enter to a command's first word, and to a run's first step",
+        ("robots", "repeat"),
+    ),
     "radio": Benchmark(
         "benchmarks.radio.benchmark", "the medium; with --out the figures of docs/radio.md",
         ("out", "data", "map_file"),
@@ -72,7 +76,7 @@ def bench(
             metavar="N",
             min=1,
             max=1000,
-            help="swarm, recordings, relays, beside: number of robots. Repeatable.",
+            help="swarm, start, recordings, relays, beside: number of robots. Repeatable.",
         ),
     ] = None,
     duration: Annotated[
@@ -83,7 +87,7 @@ def bench(
     ] = None,
     repeat: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=100, help="swarm: number of runs whose median counts."),
+        typer.Option(metavar="N", min=1, max=100, help="swarm, start: number of runs whose median counts."),
     ] = None,
     timeline: Annotated[
         Path | None,

@@ -62,10 +62,11 @@ OPERATOR: Final = "operator"
 OnProgress = Callable[[Progress], None]
 
 
-def run(scenario: Scenario, options: RunOptions) -> RunResult:
+def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
     """Run the scenario; AcrcError if it cannot be run to its end.
 
-    The result also stands in run.json, and what became of every place in places.csv; the folder is sealed.
+    `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
+    what became of every place in places.csv; the folder is sealed.
     """
     prepared = plan(scenario, options)
     warn(prepared.warning)
@@ -86,7 +87,7 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
         if options.bus == "memory":
             result = run_in_memory(prepared, on_progress)
         else:
-            result = run_processes(prepared, options.spawn, on_progress)
+            result = run_processes(prepared, options.spawn, on_progress, launched)
     seal(options.out)
     return result
 
@@ -153,14 +154,19 @@ def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None 
     return _finish(plan, swarm.programs, about)
 
 
-def run_processes(plan: RunPlan, spawn: str, on_progress: OnProgress) -> RunResult:
-    """Run every actor as a process of its own; none is left when this returns or raises."""
+def run_processes(
+    plan: RunPlan, spawn: str, on_progress: OnProgress, launched: Launcher | None = None
+) -> RunResult:
+    """Run every actor as a process of its own; none is left when this returns or raises.
+
+    `launched`: what starts them, if that has begun already; else it begins here.
+    """
     began = time.time()
     check_new(plan.out)
-    with signals_as_interrupts(), launcher(spawn) as launched:
-        preflight(plan, launched)
+    with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
+        preflight(plan, starting)
         lay_out(plan)
-        supervisor = _supervise(plan, launched, on_progress)
+        supervisor = _supervise(plan, starting, on_progress)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
     about = replace(about, held_up=supervisor.held_up)

@@ -228,6 +228,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "bench swarms": (
         Line("bench swarm --robots 1 --duration 2 --repeat 1 --json", r'"forkserver"'),
+        Line("bench start --robots 1 --repeat 1 --json", r'"first step"'),
         Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
         Line("bench recordings --robots 1 --duration 1 --json", r'"replayed"', codes=(0, 1)),
         Line(

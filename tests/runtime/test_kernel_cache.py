@@ -74,6 +74,17 @@ def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(packag
     assert python(package, CALL) == "8 0", "the state before is kept"
 
 
+def test_a_kernel_is_compiled_with_a_way_in_from_python_once_python_calls_it(package: Path) -> None:
+    imports = "from actors.kernels import njit\nfrom actors.deep.kernel import twice\n\n\n"
+    calls = "@njit(cache=True)\ndef four_times(x):\n    return twice(twice(x))\n"
+    (package / "deep" / "calls.py").write_text(imports + calls)
+    kept = package / "__pycache__" / "kernels"
+    assert python(package, "from actors.deep import calls; print(calls.four_times(2))") == "8"
+    assert sorted(file.name.split(".")[-3] for file in kept.rglob("*.nbc")) == ["part", "whole"]
+    assert python(package, CALL) == "8 1"
+    assert sorted(file.name.split(".")[-3] for file in kept.rglob("*.nbc")) == ["part", "whole", "whole"]
+
+
 def test_a_file_that_is_no_kernel_is_compiled_anew(package: Path) -> None:
     python(package, CALL)
     (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")

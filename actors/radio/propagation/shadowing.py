@@ -127,7 +127,9 @@ def add_shadowing(
             if cells[j, 0] == column and cells[j, 1] == row:
                 known = j
         if known >= 0:
-            own[:, :] = phasors[:, :, known]
+            for end in range(4):  # not as one slice: its message of sizes that differ compiles for seconds
+                for k in range(phase.size):
+                    own[end, k] = phasors[end, k, known]
         else:
             _phasors(column, row, grain, first, second, phase, own)
         total[:] = 0.0

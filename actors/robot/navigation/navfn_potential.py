@@ -224,9 +224,9 @@ def _way_down(
     while True:
         nearest = cell + _rounded(right) + columns * _rounded(up)
         if field[nearest] < neutral:
-            points[count] = nearest // columns, nearest % columns
+            points[count, 0], points[count, 1] = nearest // columns, nearest % columns
             return points[: count + 1].copy()
-        points[count] = cell // columns + up, cell % columns + right
+        points[count, 0], points[count, 1] = cell // columns + up, cell % columns + right
         count += 1
         back_and_forth = (
             count > 2
