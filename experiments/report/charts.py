@@ -153,7 +153,7 @@ def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
             )  # fmt: skip
             panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
         panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        panel.set_xlim(0.0, 1.05 * max(mean.high for _, mean, _ in known) or 1.0)
+        panel.set_xlim(0.0, 1.05 * max(float(np.fmax(mean.value, mean.high)) for _, mean, _ in known) or 1.0)
     _label_rows_once(axes)
     return figure
 
