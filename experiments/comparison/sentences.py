@@ -92,8 +92,8 @@ def family(verdicts: Sequence[Verdict], study: Study) -> list[str]:
     able = sum(step.tested for step in steps)
     rest = len(steps) - able
     return [
-        f"Declared: {_counted(len(verdicts), 'comparison')}, {_counted(len(steps), 'test')}; {able} can decide,"
-        " with 5 % in all by Holm's correction"
+        f"Declared: {_counted(len(verdicts), 'comparison')}, {_counted(len(steps), 'test')}; "
+        f"{able} can decide, with 5 % in all by Holm's correction"
         + (f"; {rest} cannot, because too few pairs differ." if rest else ".")
     ]
 
