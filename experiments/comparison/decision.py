@@ -58,17 +58,20 @@ def rules_for(study: Study) -> LookRules:
     return LookRules(plan(looks, ALPHA / tests_of(study)), halved)
 
 
-def look(sample: PairedSample, study: Study, rules: LookRules) -> LookedAt:
+def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = False) -> LookedAt:
     """Look at the first pairs of a sample, until a look settles the comparison or pairs are missing.
 
-    What a look has shown stays.
+    What a look has shown stays. `ended`: no pair will come any more, so the last look takes what there are;
+    fewer than planned, where failed runs are left out.
     """
     shown: dict[str, Step] = {}
     asked: list[Step] = []
     verdict = Verdict(sample, ())
-    for place, pairs in enumerate(rules.differ.looks):
-        if pairs > len(sample.pairs):
-            break
+    due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
+    if ended and len(due) < len(rules.differ.looks) and sample.pairs:
+        due.append(len(sample.pairs))
+    for number, pairs in enumerate(due):
+        place = -1 if ended and pairs == len(sample.pairs) else number
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [shown.get(name) or _at_look(first, name, study, rules, place) for name in step_names(study)]
         shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
@@ -76,7 +79,7 @@ def look(sample: PairedSample, study: Study, rules: LookRules) -> LookedAt:
         asked.append(next((one for one in steps if not one.equivalent or one.differs), steps[-1]))
         if verdict.settled:
             break
-    return LookedAt(verdict, tuple(asked), len(sample.pairs) >= study.seeds)
+    return LookedAt(verdict, tuple(asked), ended)
 
 
 def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> Step:
@@ -117,8 +120,9 @@ class Watch:
         study = self._store.study
         seeds = self._seeds()
         records = [self._record(trial) for seed in seeds for trial in study.trials_of(seed)]
-        found = [look(sample, study, self.rules) for sample in primary(samples(records, study), study)]
-        return [one._replace(at_cap=len(seeds) >= study.seeds) for one in found]
+        ended = len(seeds) >= study.seeds
+        found = primary(samples(records, study), study)
+        return [look(sample, study, self.rules, ended=ended) for sample in found]
 
     def _record(self, trial: Trial) -> TrialRecord:
         """Read once: nothing changes a record."""
