@@ -48,8 +48,8 @@ def check(runs: int = 5000, draws: int = 4000, campaigns: int = 300, seed: int =
     rng = np.random.default_rng(seed)
     errors = _errors(runs, rng)
     powers = _powers(campaigns, rng)
-    coverage = _coverage(draws, rng)
-    means = _coverage_of_means(draws, rng)
+    coverage = _coverage(draws, np.random.default_rng([seed, 1]))
+    means = _coverage_of_means(draws, np.random.default_rng([seed, 2]))
     worst = min(
         float(str(row[str(share)]))
         for row in coverage
