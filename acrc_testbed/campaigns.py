@@ -34,26 +34,23 @@ class Campaign:
 
     @extras_named()
     def compare(self, metric: str | None = None) -> "list[Comparison]":
-        """Compare every pair of strategies by effect, interval and test; p-values also after Holm.
+        """Estimate how much every pair of strategies differs, with intervals; the declared pairs first.
 
         `metric`: only this one. Warns where a repeated run had another digest.
         """
-        from experiments.comparison import comparison, metrics
+        from experiments.comparison import metrics
+        from experiments.comparison.judgement import judge
 
         if metric is not None and metric not in metrics.NAMES:
             raise wrong_value("metric", metric, f"one of {', '.join(metrics.NAMES)}")
-        kept = self._kept()
-        return comparison.compare(comparison.samples(kept.records(), kept.study.primary_pairs), metric)
+        return list(judge(self._kept(), metric).estimates)
 
     @extras_named()
     def sentences(self) -> list[str]:
-        """Say what the comparisons show, the chapter's order first: places decide, then time."""
-        from experiments.comparison.comparison import compare, samples
-        from experiments.comparison.sentences import chapter_order, too_few
+        """Say which runs failed, and what the declared comparisons come to: places decide, then time."""
+        from experiments.comparison.judgement import judge
 
-        kept = self._kept()
-        found = samples(kept.records(), kept.study.primary_pairs)
-        return [*too_few(found), *chapter_order(compare(found))]
+        return judge(self._kept()).sentences()
 
     def _kept(self) -> "Store":
         from experiments.campaign import store

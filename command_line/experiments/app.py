@@ -152,11 +152,12 @@ def plan_study(
         typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
     ] = 0.0,
     comparisons: Annotated[
-        int, typer.Option(metavar="N", min=1, max=1000, help="Number of tests that share the 5 %.")
+        int,
+        typer.Option(metavar="N", min=1, max=1000, help="Number of declared comparisons that share the 5 %."),
     ] = 1,
     pilot: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Take effect and correlation from this campaign."),
+        typer.Option(metavar="DIR", help="Draw campaigns from this one, and judge them."),
     ] = None,
     metric: Annotated[
         str | None,

@@ -22,6 +22,7 @@ from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
+from experiments.comparison.family import foreseen
 from experiments.comparison.sentences import summaries
 from experiments.study.study_wishes import StudyWishes, check, path_of, study_of
 from observation.results.seal import seal
@@ -50,8 +51,8 @@ def run(
     if watch is not None:
         kept.declare_looks()
     say = Console(stderr=True, soft_wrap=True, highlight=False)
-    for line in [] if json_output else hints:
-        say.print(line)
+    for line in [] if json_output else (*hints, *foreseen(study)):
+        say.print(line, markup=False)
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
@@ -82,7 +83,7 @@ def _lines(
     yield from summaries(kept.records())
     yield from coincidences_told(coincidences(kept.records()))
     if watch is not None:
-        yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
+        yield from decision.told(watch.looked_at(), watch.rules)
     yield (
         f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
         f" results.csv and results.parquet; acrc compare {folder} says what they show"

@@ -14,11 +14,12 @@ from rich.table import Table
 from actors.installation.usage import wrong_value
 from experiments.campaign import store
 from experiments.campaign.trust import differing, protection
-from experiments.comparison import decision, metrics
+from experiments.comparison import decision, metrics, sentences
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
-from experiments.comparison.sentences import chapter_order, sentence, too_few
+from experiments.comparison.comparison import Comparison
+from experiments.comparison.judgement import Judgement, judge
+from experiments.statistics.effect_size import Interval
 
 
 def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
@@ -29,14 +30,13 @@ def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
     if metric is not None and metric not in metrics.NAMES:
         raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
     kept = store.load(folder)
-    found = samples(kept.records(), kept.study.primary_pairs)
-    made = compare(found, metric)
+    found = judge(kept, metric)
     different = differing(kept)
     _warn(different)
     if json_output:
-        sys.stdout.write(json.dumps([dataclasses.asdict(one) for one in made]) + "\n")
+        sys.stdout.write(json.dumps(_told(found)) + "\n")
     else:
-        _print(kept, found, made, metric)
+        _print(kept, found)
         _warn(different)
     if different:
         raise typer.Exit(1)
@@ -48,50 +48,72 @@ def _warn(different: Sequence[str]) -> None:
         console.print(f"acrc: {line}", style="bold red", markup=False)
 
 
-def _print(
-    kept: store.Store, found: Sequence[PairedSample], made: Sequence[Comparison], metric: str | None
-) -> None:
+def _told(found: Judgement) -> dict[str, object]:
+    return {
+        "failures": found.failures,
+        "verdicts": [
+            {
+                "one": one.sample.one,
+                "other": one.sample.other,
+                "variant": one.sample.variant,
+                "says": sentences.verdict(one),
+                "decided_by": one.deciding.metric if one.deciding is not None else None,
+                "steps": [
+                    {
+                        "metric": step.metric, "pairs": len(step.sample.pairs),
+                        **step.test._asdict(), "tested": step.tested, "adjusted": step.adjusted,
+                        "threshold": step.threshold, "differs": step.differs, "margin": step.margin,
+                        "equivalence_p": step.equivalence_p, "equivalent": step.equivalent,
+                    }
+                    for step in one.steps
+                ],
+            }
+            for one in found.verdicts
+        ],
+        "estimates": [dataclasses.asdict(one) for one in found.estimates],
+    }  # fmt: skip
+
+
+def _print(kept: store.Store, found: Judgement) -> None:
     console = Console(soft_wrap=True, highlight=False)
-    for line in protection(kept):
+    for line in (*found.failures, *protection(kept), *found.too_few, *found.family):
         console.print(line, markup=False)
-    for line in too_few(found):
-        console.print(line, markup=False)
-    declared = set(kept.study.primary_pairs)
-    primary = [one for one in made if (one.one, one.other) in declared]
-    others = [one for one in made if (one.one, one.other) not in declared]
-    if kept.study.primary and primary:
-        console.print("Declared beforehand:")
-    for part in (primary, others):
-        if part is others and primary and others:
-            console.print("All other pairs:")
-        for table in _tables(part):
-            console.print(table)
-        for line in chapter_order(part) if metric is None else map(sentence, part):
-            console.print(line, markup=False)
-    for line in _about(kept):
+    for one in found.verdicts:
+        console.print(sentences.verdict(one), markup=False)
+    if found.estimates:
+        console.print("Estimates with 95 % intervals, of which none is a test:")
+    for table in _tables(found.estimates):
+        console.print(table)
+    for line in _about(kept, found):
         console.print(line, markup=False)
 
 
-def _about(kept: store.Store) -> Iterator[str]:
+def _about(kept: store.Store, found: Judgement) -> Iterator[str]:
     """What is to be known beside the tests."""
     if kept.looks is not None:
-        watch = decision.Watch(kept)
-        yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
-        yield "The p-values above are of all runs; the interim looks decide the primary comparisons."
+        yield from decision.told(found.looks, decision.rules_for(kept.study))
     yield from coincidences_told(coincidences(kept.records()))
     if kept.study.tuning:
         yield "These are tuning seeds: test what was chosen with them on other seeds."
 
 
-def _tables(made: list[Comparison]) -> Iterator[Table]:
-    """One for each pair of strategies in each variant; a row for each test."""
+def _tables(made: Sequence[Comparison]) -> Iterator[Table]:
+    """One for each pair of strategies in each variant; a row for each metric."""
     for (one, other, variant), group in groupby(made, key=lambda c: (c.one, c.other, c.variant)):
         title = ", ".join([f"{one} and {other}", *(f"{key} = {value}" for key, value in variant)])
-        table = Table("metric", one, other, "A12", "test", "p", "Holm", title=title)
+        table = Table("metric", one, other, "difference", "better", "worse", "A12", title=title)
         for each in group:
-            effect = f"{each.effect.value:.2f} [{each.effect.low:.2f}, {each.effect.high:.2f}]"
-            first = (each.metric, f"{each.ones:.4g}", f"{each.others:.4g}", effect)
-            for test, adjusted in zip(each.tests, each.adjusted, strict=True):
-                table.add_row(*first, test.name, f"{test.p:.2g}", f"{adjusted:.2g}")
-                first = ("", "", "", "")
+            table.add_row(
+                each.metric,
+                "" if each.ones is None else f"{each.ones:.4g}",
+                "" if each.others is None else f"{each.others:.4g}",
+                "" if each.difference is None else f"{_interval(each.difference, '+.3g')} {each.unit}",
+                str(each.better),
+                str(each.worse),
+                _interval(each.effect, ".2f"),
+            )
         yield table
+
+
+def _interval(found: Interval, form: str) -> str:
+    return f"{found.value:{form}} [{found.low:{form}}, {found.high:{form}}]"

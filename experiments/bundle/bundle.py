@@ -19,8 +19,7 @@ from experiments.bundle.inputs import inputs
 from experiments.bundle.papers import BundleFacts, citation, readme
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import compare, samples
-from experiments.comparison.sentences import chapter_order, too_few
+from experiments.comparison.judgement import judge
 from experiments.report import report
 from observation.results.seal import SUMS, lines
 
@@ -45,7 +44,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
     there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
     about = BundleFacts(
-        study, read.scenario, commit, software is not None, records, _found(records), authors or [UNNAMED]
+        study, read.scenario, commit, software is not None, records, _found(kept), authors or [UNNAMED]
     )
     files = {
         "README.md": readme(about).encode(),
@@ -70,7 +69,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     trials = list(kept.study.trials())
     records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
-    for path in (kept.about_file, kept.draws_file, *records):
+    for path in (kept.about_file, kept.draws_file, kept.looks_file, *records):
         if path.exists():
             yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.content(path)
 
@@ -82,11 +81,8 @@ def _report(folder: Path) -> Iterator[tuple[str, bytes]]:
             yield f"report/{path.name}", path.read_bytes()
 
 
-def _found(records: Sequence[TrialRecord]) -> list[str]:
-    pairs = samples(records)
-    return [*chapter_order(compare(pairs)), *too_few(pairs)] or [
-        "There is one strategy, so nothing was compared."
-    ]
+def _found(kept: store.Store) -> list[str]:
+    return judge(kept).sentences() or ["There is one strategy, so nothing was compared."]
 
 
 def _digests(records: Sequence[TrialRecord]) -> bytes:

@@ -155,13 +155,18 @@ class Store:
                 f"{self.folder}: was looked at on the way to {before.cap} pairs; with {here.cap} the error"
                 " rate would not hold, so it must stay as it is, or be another campaign"
             )
-        keep(self.folder / _LOOKS, here)
+        keep(self.looks_file, here)
 
     @property
     def looks(self) -> Looks | None:
         """None if nobody looks before the end."""
-        path = self.folder / _LOOKS
+        path = self.looks_file
         return typed_json.read(path, Looks, "looks at a campaign") if path.exists() else None
+
+    @property
+    def looks_file(self) -> Path:
+        """Where it is kept that somebody looks before the end."""
+        return self.folder / _LOOKS
 
     @property
     def commit(self) -> str:

@@ -1,33 +1,24 @@
-"""Every pair of strategies by every metric, over the seeds that both have ended, in one variant."""
+"""Every pair of strategies by every metric: estimates with intervals, over the seeds that both have ended."""
 
 import itertools
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
-from experiments.comparison.metrics import Metric, TimeMetric
-from experiments.statistics.effect_size import Interval, a12, difference_of, interval
-from experiments.statistics.hypothesis_tests import Significance, holm, rank_sum, signed_rank
-from experiments.statistics.survival import Completion, log_rank, restricted_mean, restricted_means
-from observation.results.result import RunResult
+from experiments.comparison.metrics import JudgedRun, Metric, TimeMetric, horizon, judged
+from experiments.statistics.effect_size import Interval, a12_interval, mean_interval
+from experiments.study.study import Study
 
 Floats = NDArray[np.float64]
-FEWEST: Final = 6
-"""Pairs below which no signed-rank test can reach 5 %, two-sided: 2 / 2^5 is more."""
-_LEXICOGRAPHIC_SAYS: Final = "more places done, and of as many the earlier completion (rank)"
-_SUMMARIES: Final = {
-    "mean": lambda values: np.mean(values, axis=-1),
-    "median": lambda values: np.median(values, axis=-1),
-    "90 % quantile": lambda values: np.quantile(values, 0.9, axis=-1),
-}
+Variant = tuple[tuple[str, Any], ...]
+LEAST: int = 6
+"""Pairs below which no estimate is shown."""
+_LEXICOGRAPHIC_SAYS = "places done, then running time"
 
 
 class PairedSample(NamedTuple):
@@ -35,48 +26,68 @@ class PairedSample(NamedTuple):
 
     one: str
     other: str
-    variant: tuple[tuple[str, Any], ...]
-    pairs: tuple[tuple[RunResult, RunResult], ...]
+    variant: Variant
+    pairs: tuple[tuple[JudgedRun, JudgedRun], ...]
+
+    @property
+    def where(self) -> str:
+        """The variant in words; empty if there is but one."""
+        return f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
+
+
+class Scores(NamedTuple):
+    """A metric of both runs of each pair in which it is known."""
+
+    ones: Floats
+    others: Floats
+    sign: int
+    """1: more is better; -1: less is."""
+    happened: bool
+    """False: a time at which nothing happened in any run."""
+
+    @property
+    def gains(self) -> Floats:
+        """How much better the first run of each pair is."""
+        return self.sign * (self.ones - self.others)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One metric of one pair of strategies."""
+    """One metric of one pair of strategies, without any claim."""
 
     one: str
     other: str
-    variant: tuple[tuple[str, Any], ...]
+    variant: Variant
     metric: str
     says: str
+    unit: str
     pairs: int
-    ones: float
-    """Median of `one`; for times the restricted mean over the run's length."""
-    others: float
+    better: int
+    """Pairs in which `one` is better."""
+    worse: int
+    ones: float | None
+    """Mean of `one`, of times restricted to the run's length; None for the lexicographic order."""
+    others: float | None
+    difference: Interval | None
+    """The mean over pairs of `one` less `other`, with its 95 % interval."""
     effect: Interval
     """A12: the probability that `one` is better than `other`, ties counted half, with its 95 % interval."""
-    differences: Mapping[str, Interval]
-    """Of `one` less `other`, by what summarizes them."""
-    tests: tuple[Significance, ...]
-    """The first is the one that counts."""
-    adjusted: tuple[float, ...] = ()
-    """The tests' p-values after Holm, over all tests of the same report."""
-
-    @property
-    def differ(self) -> bool:
-        """True if the test that counts says so, all others considered."""
-        return bool(self.adjusted) and self.adjusted[0] < 0.05
 
 
-def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[PairedSample]:
-    """Every pair of strategies in every variant, with the seeds that both have a result for.
+def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[PairedSample]:
+    """Every pair of strategies in every variant, with the seeds that both have ended.
 
-    The `primary` pairs come first, in their own order and each the way round that it was declared.
+    The primary pairs of the study come first, in their own order and each the way round that it was declared.
+    A run that failed has done nothing, or makes no pair, as the study declares.
     """
-    runs: dict[tuple[tuple[str, Any], ...], dict[str, dict[int, RunResult]]] = {}
+    primary: Sequence[tuple[str, str]] = () if study is None else study.primary_pairs
+    counts = study is None or study.failed_runs == "worst"
+    runs: dict[Variant, dict[str, dict[int, JudgedRun]]] = {}
     for record in records:
-        if record.result is not None:
-            variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
-            runs.setdefault(variant, {}).setdefault(record.strategy, {})[record.seed] = record.result
+        variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
+        of_strategy = runs.setdefault(variant, {}).setdefault(record.strategy, {})
+        if record.result is not None or counts:
+            of_strategy[record.seed] = judged(record.result)
     names = dict.fromkeys(name for strategies in runs.values() for name in strategies)
     declared = {frozenset(pair) for pair in primary}
     others = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in declared]
@@ -90,132 +101,67 @@ def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] =
 
 
 def _sample(
-    one: str,
-    other: str,
-    variant: tuple[tuple[str, Any], ...],
-    mine: Mapping[int, RunResult],
-    theirs: Mapping[int, RunResult],
+    one: str, other: str, variant: Variant, mine: Mapping[int, JudgedRun], theirs: Mapping[int, JudgedRun]
 ) -> PairedSample:
-    return PairedSample(
-        one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs)
-    )
+    pairs = tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs)
+    return PairedSample(one, other, variant, pairs)
 
 
 def compare(found: Sequence[PairedSample], only: str | None = None) -> list[Comparison]:
-    """All comparisons of samples with enough pairs, adjusted for there being so many.
-
-    `only`: the metric of that name alone.
-    """
-    made = [
-        comparison
+    """All estimates of samples with at least LEAST pairs; `only`: of the metric of that name alone."""
+    return [
+        one
         for sample in found
-        if len(sample.pairs) >= FEWEST
-        for comparison in _comparisons(sample, only)
+        if len(sample.pairs) >= LEAST
+        for one in _comparisons(sample, [only] if only is not None else metrics.ORDER)
     ]
-    adjusted = iter(holm([test.p for comparison in made for test in comparison.tests]))
-    return [replace(one, adjusted=tuple(itertools.islice(adjusted, len(one.tests)))) for one in made]
 
 
-def _comparisons(sample: PairedSample, only: str | None) -> Iterator[Comparison]:
-    """By every metric, or by that name only; the chapter's first, then ours, then what it costs."""
-    ways: dict[str, Callable[[], Comparison]] = {
-        metrics.PLACES.name: lambda: _of_values(sample, metrics.PLACES),
-        **{time.name: partial(_of_times, sample, time) for time in metrics.TIMES},
-        metrics.LEXICOGRAPHIC: lambda: _lexicographic(sample),
-    }
-    for metric in metrics.METRICS:
-        if any(math.isnan(metric.value(run)) for pair in sample.pairs for run in pair):
-            continue
-        ways.setdefault(metric.name, partial(_of_values, sample, metric))
-    for name, way in ways.items():
-        if only is None or name == only:
-            yield way()
+def _comparisons(sample: PairedSample, names: Sequence[str]) -> Iterator[Comparison]:
+    for name in names:
+        made = estimate(sample, name)
+        if made is not None:
+            yield made
 
 
-def _of_values(sample: PairedSample, metric: Metric) -> Comparison:
-    ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
-    good, bad = scores(metric.name, sample.pairs)
+def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[JudgedRun, JudgedRun]]) -> Scores:
+    """A metric of the pairs in which it is known of both runs."""
+    runs = [run for pair in pairs for run in pair]
+    found = np.array(metrics.values(metric, runs, horizon(runs))).reshape(-1, 2)
+    known = found[~np.isnan(found).any(axis=1)]
+    if isinstance(metric, Metric):
+        return Scores(known[:, 0], known[:, 1], 1 if metric.more_is_better else -1, True)
+    return Scores(known[:, 0], known[:, 1], -1, any(metric.at(run) is not None for run in runs))
+
+
+def estimate(sample: PairedSample, name: str) -> Comparison | None:
+    """One metric of a sample; None if it is known of fewer than two pairs."""
+    about = sample.one, sample.other, sample.variant
+    if name == metrics.LEXICOGRAPHIC:
+        order = metrics.ranks([run for pair in sample.pairs for run in pair])
+        ones, others = np.array(order[::2]), np.array(order[1::2])
+        better, worse = int((ones > others).sum()), int((ones < others).sum())
+        effect = a12_interval(ones, others)
+        return Comparison(
+            *about, name, _LEXICOGRAPHIC_SAYS, "", len(ones), better, worse, None, None, None, effect
+        )
+    metric = metrics.BY_NAME[name]
+    found = scores(metric, sample.pairs)
+    if found.ones.size < 2:
+        return None
     return Comparison(
-        one=sample.one, other=sample.other, variant=sample.variant,
-        metric=metric.name, says=metric.says, pairs=len(ones),
-        ones=float(np.median(ones)), others=float(np.median(others)),
-        effect=interval(good, bad, a12, paired=True),
-        differences={
-            name: interval(ones, others, difference_of(summary), paired=True)
-            for name, summary in _SUMMARIES.items()
-        },
-        tests=(signed_rank(ones, others), rank_sum(ones, others)),
-    )  # fmt: skip
-
-
-def _of_times(sample: PairedSample, metric: TimeMetric) -> Comparison:
-    """Runs that were not done by their end count as done later than all that were."""
-    horizon = max(run.simulated_s for pair in sample.pairs for run in pair)
-    ones, others = ([_completion(pair[side], metric) for pair in sample.pairs] for side in (0, 1))
-    early, late = scores(metric.name, sample.pairs)
-
-    def mean(places: Floats, runs: Sequence[Completion]) -> Floats:
-        """Restricted means of samples of `runs`, given by their places along the last axis."""
-        return restricted_means(runs, horizon, places.astype(np.int64))
-
-    places = np.arange(len(ones), dtype=np.float64)
-    return Comparison(
-        one=sample.one, other=sample.other, variant=sample.variant,
-        metric=metric.name, says=metric.says, pairs=len(ones),
-        ones=restricted_mean(ones, horizon), others=restricted_mean(others, horizon),
-        effect=interval(early, late, a12, paired=True),
-        differences={
-            "restricted mean": interval(
-                places, places, lambda a, b: mean(a, ones) - mean(b, others), paired=True, resamples=500
-            )
-        },
-        tests=(log_rank(ones, others), signed_rank(early, late)),
-    )  # fmt: skip
-
-
-def scores(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> tuple[list[float], list[float]]:
-    """A number for each run of the pairs, greater for a better one, by the metric of this name.
-
-    For times and the lexicographic order these are ranks. ValueError for a metric that there is not.
-    """
-    for one in metrics.METRICS:
-        if one.name == metric:
-            sign = 1.0 if one.more_is_better else -1.0
-            ones, others = ([sign * one.value(pair[side]) for pair in pairs] for side in (0, 1))
-            return ones, others
-    for time in metrics.TIMES:
-        if time.name == metric:
-            done = [[_completion(pair[side], time) for pair in pairs] for side in (0, 1)]
-            early, late = ([-run.at if run.done else -np.inf for run in runs] for runs in done)
-            return _ranked(early, late)
-    if metric == metrics.LEXICOGRAPHIC:
-        keys = [[metrics.lexicographic_key(pair[side]) for pair in pairs] for side in (0, 1)]
-        order = {key: place for place, key in enumerate(sorted({*keys[0], *keys[1]}))}
-        ones, others = ([float(order[key]) for key in side] for side in keys)
-        return ones, others
-    raise ValueError(f"there is no metric {metric!r}")
-
-
-def _lexicographic(sample: PairedSample) -> Comparison:
-    ones, others = scores(metrics.LEXICOGRAPHIC, sample.pairs)
-    return Comparison(
-        one=sample.one, other=sample.other, variant=sample.variant,
-        metric=metrics.LEXICOGRAPHIC, says=_LEXICOGRAPHIC_SAYS, pairs=len(ones),
-        ones=float(np.median(ones)), others=float(np.median(others)),
-        effect=interval(ones, others, a12, paired=True), differences={},
-        tests=(signed_rank(ones, others), rank_sum(ones, others)),
-    )  # fmt: skip
-
-
-def _completion(run: RunResult, metric: TimeMetric) -> Completion:
-    at = metric.at(run)
-    return Completion(run.simulated_s, False) if at is None else Completion(at, True)
-
-
-def _ranked(one: Sequence[float], other: Sequence[float]) -> tuple[list[float], list[float]]:
-    """The values' ranks among all of them, which are finite."""
-    ranks = rankdata([*one, *other]).tolist()
-    return ranks[: len(one)], ranks[len(one) :]
+        *about,
+        name,
+        metric.says,
+        metric.unit,
+        found.ones.size,
+        int((found.gains > 0).sum()),
+        int((found.gains < 0).sum()),
+        float(found.ones.mean()),
+        float(found.others.mean()),
+        mean_interval(found.ones - found.others),
+        a12_interval(found.sign * found.ones, found.sign * found.others),
+    )
 
 
 def _frozen(value: Any) -> Any:

@@ -1,40 +1,99 @@
 """When a campaign may stop: it is looked at on its way, and yet errs no more often than if it were not."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from actors.runtime.errors import AcrcError
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison import metrics
-from experiments.comparison.comparison import scores
-from experiments.statistics.hypothesis_tests import signed_rank
-from experiments.statistics.sequential import InterimLook, SequentialPlan, last_look, plan
-from observation.results.result import RunResult
+from experiments.comparison.comparison import PairedSample, samples
+from experiments.comparison.family import Step, Verdict, primary, step, step_names, tests_of
+from experiments.statistics.paired_tests import ALPHA
+from experiments.statistics.sequential import SequentialPlan, plan
+from experiments.study.study import Study, Trial
 
 _FIRST_LOOK: Final = 10
 """Pairs; fewer could hardly decide."""
 _MOST_LOOKS: Final = 10
-ALPHA: Final = 0.05
 
 
-class PrimaryVerdict(NamedTuple):
-    """How a primary comparison in one variant stands."""
+class LookedAt(NamedTuple):
+    """How a primary comparison in one variant stands after the last look that was due."""
 
-    one: str
-    other: str
-    variant: tuple[tuple[str, object], ...]
-    pairs: int
-    """There are."""
-    look: InterimLook | None
-    """The one that decided, or the last; None: none has come."""
+    verdict: Verdict
+    """Without steps if none of the looks has come."""
+    looks: tuple[Step, ...]
+    """At each look the step that was asked."""
     at_cap: bool
     """True if there will be no more pairs."""
 
     @property
     def settled(self) -> bool:
         """True if nothing more is to be looked at."""
-        return self.at_cap or (self.look is not None and self.look.decides)
+        return self.at_cap or (bool(self.looks) and self.verdict.settled)
+
+
+@dataclass(frozen=True)
+class LookRules:
+    """What p-values are enough at each look."""
+
+    differ: SequentialPlan
+    """For a difference, two-sided; each test of the family has its part of the 5 %."""
+    equivalent: SequentialPlan
+    """For equivalence, one-sided."""
+
+
+def rules_for(study: Study) -> LookRules:
+    """Looks after every tenth pair, or ten of them, up to the cap. AcrcError if nothing is declared."""
+    if not study.primary_pairs:
+        raise AcrcError(
+            "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
+        )
+    cap = study.seeds
+    between = max(_FIRST_LOOK, -(-cap // _MOST_LOOKS))
+    looks = [*range(between, cap, between), cap]
+    one_sided = plan(looks, 2 * ALPHA)
+    halved = replace(one_sided, thresholds=tuple(one / 2 for one in one_sided.thresholds))
+    return LookRules(plan(looks, ALPHA / tests_of(study)), halved)
+
+
+def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = False) -> LookedAt:
+    """Look at the first pairs of a sample, until a look settles the comparison or pairs are missing.
+
+    What a look has shown stays. `ended`: no pair will come any more, so the last look takes what there are;
+    fewer than planned, where failed runs are left out.
+    """
+    shown: dict[str, Step] = {}
+    asked: list[Step] = []
+    verdict = Verdict(sample, ())
+    due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
+    if ended and len(due) < len(rules.differ.looks) and sample.pairs:
+        due.append(len(sample.pairs))
+    for number, pairs in enumerate(due):
+        place = -1 if ended and pairs == len(sample.pairs) else number
+        first = sample._replace(pairs=sample.pairs[:pairs])
+        steps = [shown.get(name) or _at_look(first, name, study, rules, place) for name in step_names(study)]
+        shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
+        verdict = Verdict(first, tuple(steps))
+        asked.append(next((one for one in steps if not one.equivalent or one.differs), steps[-1]))
+        if verdict.settled:
+            break
+    return LookedAt(verdict, tuple(asked), ended)
+
+
+def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> Step:
+    raw = step(sample, name, study)
+    threshold = rules.differ.thresholds[place]
+    return replace(
+        raw,
+        tests=tests_of(study),
+        tested=2.0 ** (1 - raw.test.differing) <= threshold,
+        adjusted=raw.test.p,
+        differs=raw.test.p <= threshold,
+        equivalent=raw.equivalence_p <= rules.equivalent.thresholds[place],
+        threshold=threshold,
+    )
 
 
 class Watch:
@@ -42,47 +101,37 @@ class Watch:
 
     def __init__(self, store: Store) -> None:
         """Raises AcrcError for a study without one primary comparison at least."""
-        study = store.study
-        self._pairs = study.primary_pairs
-        if not self._pairs:
-            raise AcrcError(
-                "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
-            )
-        if study.primary_metric not in metrics.NAMES:
-            raise AcrcError(
-                f"primary_metric is {study.primary_metric!r}; must be one of {', '.join(metrics.NAMES)}"
-            )
         self._store = store
-        self._variants = study.variants()
-        self.rule = rule_for(study.seeds, ALPHA / (len(self._pairs) * len(self._variants)))
+        self.rules = rules_for(store.study)
+        step_names(store.study)
         self._records: dict[str, TrialRecord] = {}
         self._looked = 0
 
     def enough(self) -> bool:
         """True once every primary comparison is decided, or has had its last look."""
-        ended = self._ended()
-        if not any(self._looked < look <= ended for look in self.rule.looks):
+        ended = len(self._seeds())
+        if not any(self._looked < due <= ended for due in self.rules.differ.looks):
             return False
         self._looked = ended
-        return all(verdict.settled for verdict in self.verdicts())
+        return all(one.settled for one in self.looked_at())
 
-    def verdicts(self) -> list[PrimaryVerdict]:
+    def looked_at(self) -> list[LookedAt]:
         """How every primary comparison stands, after the last look that was due."""
-        return [self._verdict(*pair, variant) for pair in self._pairs for variant in self._variants]
+        study = self._store.study
+        seeds = self._seeds()
+        records = [self._record(trial) for seed in seeds for trial in study.trials_of(seed)]
+        ended = len(seeds) >= study.seeds
+        found = primary(samples(records, study), study)
+        return [look(sample, study, self.rules, ended=ended) for sample in found]
 
-    def _verdict(self, one: str, other: str, variant: tuple[tuple[str, object], ...]) -> PrimaryVerdict:
-        """Seeds of which one run failed make no pair."""
-        metric = self._store.study.primary_metric
-        chosen = [self._records_of(seed, variant, (one, other)) for seed in self._seeds()]
-        runs = [(a.result, b.result) for a, b in chosen if a.result is not None and b.result is not None]
-        look = last_look(lambda pairs: p_of(metric, runs[:pairs]), len(runs), self.rule)
-        return PrimaryVerdict(one, other, variant, len(runs), look, len(chosen) >= self._store.study.seeds)
-
-    def _ended(self) -> int:
-        """How many seeds, from the first on, have ended for every strategy and variant."""
-        return len(self._seeds())
+    def _record(self, trial: Trial) -> TrialRecord:
+        """Read once: nothing changes a record."""
+        if trial.name not in self._records:
+            self._records[trial.name] = self._store.record(trial)
+        return self._records[trial.name]
 
     def _seeds(self) -> list[int]:
+        """Those, from the first on, that have ended for every strategy and variant."""
         seeds: list[int] = []
         complete = True
         for trial in self._store.study.trials():
@@ -94,45 +143,42 @@ class Watch:
             complete = complete and self._store.path(trial).exists()
         return seeds if complete else seeds[:-1]
 
-    def _records_of(
-        self, seed: int, variant: tuple[tuple[str, object], ...], strategies: Sequence[str]
-    ) -> list[TrialRecord]:
-        found = {}
-        for trial in self._store.study.trials_of(seed):
-            if trial.variant == variant and trial.strategy in strategies:
-                record = self._records.get(trial.name) or self._store.record(trial)
-                found[trial.strategy] = self._records[trial.name] = record
-        return [found[strategy] for strategy in strategies]
 
-
-def rule_for(cap: int, alpha: float = ALPHA) -> SequentialPlan:
-    """Looks after every tenth pair, or so that there are ten, up to the cap."""
-    step = max(_FIRST_LOOK, -(-cap // _MOST_LOOKS))
-    return plan([*range(step, cap, step), cap], alpha)
-
-
-def told(verdicts: Sequence[PrimaryVerdict], rule: SequentialPlan, metric: str) -> list[str]:
+def told(found: Sequence[LookedAt], rules: LookRules) -> list[str]:
     """What has been looked at, and what came of it."""
+    rule = rules.differ
     lines = [
-        f"looks after {', '.join(map(str, rule.looks))} pairs, at most {rule.looks[-1]}, by {metric};"
-        f" p must be at most {', '.join(f'{threshold:.2g}' for threshold in rule.thresholds)}"
+        f"looks after {', '.join(map(str, rule.looks))} pairs, at most {rule.looks[-1]};"
+        f" for a difference p must be at most {_listed(rule.thresholds)},"
+        f" for equivalence {_listed(rules.equivalent.thresholds)}"
     ]
-    for one in verdicts:
-        where = "".join(f", {key} = {value}" for key, value in one.variant)
-        name, look = f"{one.one} and {one.other}{where}", one.look
-        if look is None:
-            lines.append(f"{name}: {one.pairs} pairs, none of the looks has come")
-        elif look.decides:
-            lines.append(f"{name}: decided after {look.pairs} pairs, p = {look.p:.2g} ≤ {look.threshold:.2g}")
-        else:
-            when = "by the cap" if one.at_cap else "yet"
-            lines.append(
-                f"{name}: not decided {when},"
-                f" after {look.pairs} pairs p = {look.p:.2g} > {look.threshold:.2g}"
-            )
+    for one in found:
+        sample = one.verdict.sample
+        name = f"{sample.one} and {sample.other}{sample.where}"
+        if not one.looks:
+            lines.append(f"{name}: {len(sample.pairs)} pairs, none of the looks has come")
+            continue
+        lines.append(f"{name}: {_outcome(one)}; {'; '.join(map(_at, one.looks))}")
     return lines
 
 
-def p_of(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> float:
-    """The signed-rank test's p-value of these pairs."""
-    return signed_rank(*scores(metric, pairs)).p
+def _outcome(one: LookedAt) -> str:
+    after = f"after {len(one.looks[-1].sample.pairs)} pairs"
+    if one.verdict.deciding is not None:
+        return f"decided {after}"
+    if one.verdict.equivalent:
+        return f"equivalent {after}"
+    return f"not decided {'by the cap' if one.at_cap else 'yet'}, {after}"
+
+
+def _at(asked: Step) -> str:
+    ahead = {1: f"{asked.sample.one} ahead", -1: f"{asked.sample.other} ahead", 0: "level"}
+    sign = "≤" if asked.differs else ">"
+    return (
+        f"at {len(asked.sample.pairs)} {ahead[asked.test.direction]} by {asked.metric},"
+        f" p = {asked.test.p:.2g} {sign} {asked.threshold:.2g}"
+    )
+
+
+def _listed(thresholds: Sequence[float]) -> str:
+    return ", ".join(f"{one:.2g}" for one in thresholds)

@@ -1,91 +1,84 @@
 """What a small campaign says about how large the next one must be, and whether it asks for too little."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import quantiles
 from typing import Any, Final
 
-from scipy.stats import spearmanr
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import FEWEST, PairedSample, scores
-from experiments.statistics.effect_size import Interval, a12, interval
-from experiments.statistics.sample_size import Effect, pairs_needed
+from experiments.comparison.comparison import PairedSample
+from experiments.comparison.family import primary, verdicts
+from experiments.study.study import Study
 from observation.results.result import RunResult
 
-_MOST: Final = 1000
-"""Pairs that somebody might run."""
+_CAMPAIGNS: Final = 200
+"""Drawn for each size."""
+_SIZES: Final = (6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
+"""Numbers of pairs that somebody might run."""
 _HARDER_ROBOTS: Final = 8
 _HARDER_S: Final = (300.0, 400.0)
 """Within which a shorter run still lets the robots do most of their places."""
 
 
 @dataclass(frozen=True)
-class PilotEstimate:
-    """One pair of strategies in a pilot."""
+class Promise:
+    """How often campaigns of one size tell the declared comparisons apart."""
 
-    one: str
-    other: str
-    variant: tuple[tuple[str, Any], ...]
-    metric: str
     pairs: int
-    effect: Interval | None
-    """A12 of `one`; None with too few pairs."""
-    correlation: float
-    """Spearman's, of the two runs of a pair; 0 where one of them never changes."""
-    needed: int | None
-    """Pairs for that effect; None: more than anybody would run."""
-    needed_at_least: int | None
-    """Pairs for the end of the interval that is nearer to no difference; None: the interval holds 0.5."""
-    power: float
-    comparisons: int
+    shares: tuple[float, ...]
+    """For each comparison in each variant, if all seeds are as those of the pilot."""
+    cautious: tuple[float, ...]
+    """The same if the pilot's seeds are themselves drawn."""
 
 
-def estimate(sample: PairedSample, metric: str, power: float, comparisons: int) -> PilotEstimate:
-    """Effect and correlation as the pilot has them, and the pairs that they ask for."""
-    ones, others = scores(metric, sample.pairs)
-    found = (sample.one, sample.other, sample.variant, metric, len(sample.pairs))
-    if len(sample.pairs) < FEWEST:
-        return PilotEstimate(*found, None, 0.0, None, None, power, comparisons)
-    effect = interval(ones, others, a12, paired=True)
-    constant = len(set(ones)) == 1 or len(set(others)) == 1
-    correlation = 0.0 if constant else float(spearmanr(ones, others).statistic)
-    weaker = effect.low if effect.value > 0.5 else effect.high
-    same_side = (weaker - 0.5) * (effect.value - 0.5) > 0
-    return PilotEstimate(
-        *found,
-        effect,
-        correlation,
-        _needed(effect.value, correlation, power, comparisons),
-        _needed(weaker, correlation, power, comparisons) if same_side else None,
-        power,
-        comparisons,
-    )
+def promises(found: Sequence[PairedSample], study: Study, power: float) -> Iterator[Promise]:
+    """Larger and larger campaigns, until each declared comparison is told apart with the power.
+
+    Seeds are drawn from the pilot's, each with all its runs, and judged as `acrc compare` judges. The same
+    pilot gives the same. Ends at 200 pairs. A pilot must have a pair of each comparison.
+    """
+    declared = primary(found, study)
+    for pairs in _SIZES:
+        made = Promise(
+            pairs,
+            told_apart(declared, study, pairs, np.random.default_rng(1), cautious=False),
+            told_apart(declared, study, pairs, np.random.default_rng(1), cautious=True),
+        )
+        yield made
+        if min(made.shares) >= power:
+            return
 
 
-def _needed(share: float, correlation: float, power: float, comparisons: int) -> int | None:
-    within = min(max(share, 0.001), 0.999), min(max(correlation, -0.95), 0.95)
-    try:
-        return pairs_needed(Effect(*within, power=power, comparisons=comparisons), most=_MOST)
-    except ValueError:
-        return None
+def told_apart(
+    declared: Sequence[PairedSample],
+    study: Study,
+    pairs: int,
+    rng: Generator,
+    campaigns: int = _CAMPAIGNS,
+    *,
+    cautious: bool = False,
+) -> tuple[float, ...]:
+    """The share of drawn campaigns of so many pairs that tell each of these declared samples apart.
+
+    `cautious`: each is drawn from a pilot that is itself drawn from this one.
+    """
+    known = min(len(sample.pairs) for sample in declared)
+    counts = np.zeros(len(declared))
+    for _ in range(campaigns):
+        seeds = rng.integers(known, size=known) if cautious else np.arange(known)
+        drawn = redrawn(declared, seeds[rng.integers(known, size=pairs)])
+        counts += [one.deciding is not None for one in verdicts(drawn, study)]
+    return tuple((counts / campaigns).tolist())
 
 
-def told(one: PilotEstimate) -> str:
-    """The estimate in a sentence."""
-    where = "".join(f", {key} = {value}" for key, value in one.variant)
-    name = f"{one.one} and {one.other}{where} by {one.metric}"
-    if one.effect is None:
-        return f"{name}: {one.pairs} pairs; at least {FEWEST} are needed before they say anything."
-    effect = f"A12 = {one.effect.value:.2f} [{one.effect.low:.2f}, {one.effect.high:.2f}]"
-    begin = f"{name}: {effect}, correlation {one.correlation:.2f} in {one.pairs} pairs; "
-    if one.needed is None:
-        return begin + f"more than {_MOST} pairs would be needed to show an effect so small."
-    shared = f" shared by {one.comparisons} comparisons" if one.comparisons > 1 else ""
-    seen = f"{one.needed} pairs show it with probability {one.power:g} at 5 %{shared}"
-    if one.needed_at_least is None:
-        return f"{begin}{seen}, if it is there: the pilot does not tell whether it is."
-    return f"{begin}{seen}, {one.needed_at_least} if it is as small as its interval allows."
+def redrawn(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
+    """The samples with the pairs at these places, the same in each of them."""
+    chosen = places.tolist()
+    return [one._replace(pairs=tuple(one.pairs[place] for place in chosen)) for one in samples]
 
 
 def ceilings(records: Iterable[TrialRecord]) -> Iterator[str]:

@@ -1,10 +1,21 @@
-"""A comparison in words that can be quoted."""
+"""Comparisons in words that can be quoted."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
 
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import FEWEST, Comparison, PairedSample
+from experiments.comparison import metrics
+from experiments.comparison.comparison import LEAST, Comparison, PairedSample, scores
+from experiments.comparison.family import Step, Verdict, tests_of
+from experiments.comparison.metrics import TimeMetric, horizon
+from experiments.study.study import Study
 from observation.results.result import RunResult
+
+_MOST_SEEDS: Final = 10
+_MUCH: Final = 2.0
+"""So many times as large as the typical gain makes a typical loss a large one."""
 
 
 def summaries(records: Iterable[TrialRecord]) -> Iterator[str]:
@@ -32,48 +43,165 @@ def _half(runs: Sequence[RunResult]) -> str:
     return f", half of them settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
 
 
-def sentence(comparison: Comparison) -> str:
-    """What the test that counts says, with the effect and its interval."""
-    c = comparison
-    verdict = (
-        "cannot be told from"
-        if not c.differ
-        else "is better than"
-        if c.effect.value > 0.5
-        else "is worse than"
-    )
-    p, adjusted = c.tests[0].p, c.adjusted[0]
-    return (
-        f"{c.one} {verdict} {c.other} by {c.says}{_where(c.variant)}: {c.ones:.4g} against {c.others:.4g}, "
-        f"A12 = {c.effect.value:.2f} [{c.effect.low:.2f}, {c.effect.high:.2f}], {c.tests[0].name} test of "
-        f"{c.pairs} pairs p = {p:.2g}, after Holm {adjusted:.2g}."
-    )
-
-
-def chapter_order(comparisons: Sequence[Comparison]) -> list[str]:
-    """The chapter's order (7.2.2) for each pair: places decide; only if they do not differ, time does."""
-    by_pair: dict[tuple[object, ...], dict[str, Comparison]] = {}
-    for one in comparisons:
-        by_pair.setdefault((one.one, one.other, one.variant), {})[one.metric] = one
-    said = []
-    for metrics in by_pair.values():
-        places, time = metrics.get("places"), metrics.get("completion")
-        if places is not None and (places.differ or time is None):
-            said.append(sentence(places))
-        elif places is not None and time is not None:
-            said.append(f"{sentence(places)} So time decides: {sentence(time)}")
-    return said
-
-
-def too_few(samples: Sequence[PairedSample]) -> list[str]:
-    """One sentence for each pair of strategies of which nothing can be said yet."""
+def failures(records: Iterable[TrialRecord], study: Study) -> list[str]:
+    """How many runs of each strategy failed, and what they count as."""
+    runs: dict[str, int] = {}
+    failed: dict[str, list[int]] = {}
+    for record in records:
+        runs[record.strategy] = runs.get(record.strategy, 0) + 1
+        if record.result is None:
+            failed.setdefault(record.strategy, []).append(record.seed)
+    counts = "each counts as a run that did no place and was never settled"
+    if study.failed_runs == "left out":
+        counts = (
+            "each is left out with its pair, as the study declares, "
+            "which favours strategies that fail on hard seeds"
+        )
     return [
-        f"{one.one} and {one.other}{_where(one.variant)}: {len(one.pairs)} pairs of runs; "
-        f"at least {FEWEST} are needed before any test could tell them apart."
-        for one in samples
-        if len(one.pairs) < FEWEST
+        f"{strategy} failed in {len(seeds)} of {runs[strategy]} runs ({_seeds(seeds)}); {counts}"
+        for strategy, seeds in failed.items()
     ]
 
 
-def _where(variant: tuple[tuple[str, object], ...]) -> str:
-    return f" with {', '.join(f'{key} = {value}' for key, value in variant)}" if variant else ""
+def _seeds(seeds: Sequence[int]) -> str:
+    several = sorted(set(seeds))
+    more = ", …" if len(several) > _MOST_SEEDS else ""
+    return f"seed{'s' if len(several) > 1 else ''} {', '.join(map(str, several[:_MOST_SEEDS]))}{more}"
+
+
+def too_few(samples: Sequence[PairedSample]) -> list[str]:
+    """One sentence for each pair of strategies of which no estimate is shown."""
+    return [
+        f"{one.one} and {one.other}{one.where}: {len(one.pairs)} pairs of runs; "
+        f"at least {LEAST} are needed before anything is estimated."
+        for one in samples
+        if len(one.pairs) < LEAST
+    ]
+
+
+def family(verdicts: Sequence[Verdict], study: Study) -> list[str]:
+    """How the primary comparisons are tested; nothing where there is none."""
+    if not verdicts:
+        return ["No comparison was declared, so nothing is tested; all that follows is exploration."]
+    if any(step.threshold is not None for one in verdicts for step in one.steps):
+        return [
+            f"Declared: {_counted(len(verdicts), 'comparison')}, looked at on the way; "
+            f"{_counted(tests_of(study), 'test')} share the 5 %."
+        ]
+    steps = [step for one in verdicts for step in one.steps]
+    able = sum(step.tested for step in steps)
+    rest = len(steps) - able
+    return [
+        f"Declared: {_counted(len(verdicts), 'comparison')}, {_counted(len(steps), 'test')}; "
+        f"{able} can decide, with 5 % in all by Holm's correction"
+        + (f"; {rest} cannot, because too few pairs differ." if rest else ".")
+    ]
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count != 1 else ''}"
+
+
+def verdict(one: Verdict) -> str:
+    """What a primary comparison comes to, step by step, with estimates, intervals and p-values."""
+    if not one.steps:
+        name = f"{one.sample.one} and {one.sample.other}{one.sample.where}"
+        return f"{name}: none of the looks has come, so nothing is said yet."
+    said: list[str] = []
+    for place, step in enumerate(one.steps):
+        said.append(_step(step))
+        if step.differs:
+            break
+        after = one.steps[place + 1 :]
+        if after and not step.equivalent:
+            margin = "" if step.margin is None else f" within {_amount(step.margin, step)}"
+            said.append(f"They are not shown to be equal{margin}, so time does not decide.")
+            break
+        if after and not after[0].happened:
+            said.append(f"Time decides nothing: {_nothing(after[0])}.")
+            break
+        said += ["So time decides:"] * bool(after)
+    return " ".join(said)
+
+
+def _amount(value: float, step: Step) -> str:
+    unit = metrics.BY_NAME[step.metric].unit
+    return f"{value:.4g} {'place' if value == 1 and unit == 'places' else unit}"
+
+
+def _step(step: Step) -> str:
+    sample, metric = step.sample, metrics.BY_NAME[step.metric]
+    by = f"by {metric.says}{sample.where}"
+    if not step.happened:
+        return f"{sample.one} and {sample.other} cannot be compared {by}: {_nothing(step)}."
+    numbers = _numbers(step)
+    if step.differs:
+        return f"{_difference(step, by)}: {numbers}, {_p(step)}."
+    if step.equivalent:
+        return (
+            f"{sample.one} is as good as {sample.other} {by}, within {_amount(step.margin or 0.0, step)}: "
+            f"{numbers}, p = {step.equivalence_p:.2g} for equivalence."
+        )
+    if not step.tested:
+        differing = f"{step.test.differing} of {len(sample.pairs)} pairs differ"
+        return (
+            f"{sample.one} cannot be told from {sample.other} {by}, whatever the effect, as {differing} and "
+            f"a test needs {step.fewest}: {numbers}."
+        )
+    return f"{sample.one} cannot be told from {sample.other} {by}: {numbers}, {_p(step)}."
+
+
+def _nothing(step: Step) -> str:
+    metric = metrics.BY_NAME[step.metric]
+    if not isinstance(metric, TimeMetric):
+        return "it is unknown of every pair"
+    until = horizon([run for pair in step.sample.pairs for run in pair])
+    return f"no run was {metric.event} by {until:g} s"
+
+
+def _difference(step: Step, by: str) -> str:
+    """Who is better, by the test that decided; where the mean or A12 speaks for the other one, both sides."""
+    sample, side = step.sample, step.test.direction
+    found = step.estimated()
+    assert found is not None and found.difference is not None
+    gains = side * scores(metrics.BY_NAME[step.metric], sample.pairs).gains
+    for_it, against = gains[gains > 0], -gains[gains < 0]
+    better, worse = ("better", "worse") if side > 0 else ("worse", "better")
+    if gains.mean() > 0 and side * (found.effect.value - 0.5) > 0:
+        return f"{sample.one} is {better} than {sample.other} {by}"
+    typical, counter = (float(np.median(one)) if one.size else 0.0 for one in (for_it, against))
+    much = "much " if counter >= _MUCH * typical else ""
+    most, rest = _amount(typical, step), _amount(counter, step)
+    return (
+        f"{sample.one} beside {sample.other} {by}: {better} on {for_it.size} of {gains.size} seeds"
+        f" (median {most}), {much}{worse} on {against.size} (median {rest}); "
+        "test and effect disagree"
+    )
+
+
+def _numbers(step: Step) -> str:
+    found = step.estimated()
+    if found is None:
+        return f"{len(step.sample.pairs)} pairs"
+    return numbers(found)
+
+
+def numbers(one: Comparison) -> str:
+    """Means, their difference, on how many seeds which is better, and A12, with intervals."""
+    equal = one.pairs - one.better - one.worse
+    seeds = f"better on {one.better} of {one.pairs} seeds, worse on {one.worse}, equal on {equal}"
+    effect = f"A12 = {one.effect.value:.2f} [{one.effect.low:.2f}, {one.effect.high:.2f}]"
+    if one.difference is None:
+        return f"{seeds}, {effect}"
+    value, low, high = one.difference
+    return (
+        f"{one.ones:.4g} against {one.others:.4g}, difference {value:+.3g} {one.unit} "
+        f"[{low:+.3g}, {high:+.3g}], {seeds}, {effect}"
+    )
+
+
+def _p(step: Step) -> str:
+    if step.threshold is not None:
+        sign = "at most" if step.differs else "above"
+        return f"p = {step.test.p:.2g}, {sign} {step.threshold:.2g}, after {len(step.sample.pairs)} pairs"
+    return f"p = {step.test.p:.2g}, after Holm {step.adjusted:.2g}"

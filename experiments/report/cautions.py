@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from experiments.comparison.comparison import FEWEST
-from experiments.comparison.sentences import too_few
+from experiments.comparison.comparison import LEAST
 from experiments.report import quantities
 from experiments.report.cases import CaseSource
 from experiments.report.findings import Findings
@@ -22,7 +21,7 @@ def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: 
     return [
         *_unfit(sources),
         *_told_by_robots(sources),
-        *(line for one in findings for line in too_few(one.samples)),
+        *(line for one in findings for line in one.judgement.too_few),
         *_alone(sources, findings),
         *_incomplete(sources),
         *_bounds(view),
@@ -64,7 +63,7 @@ def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Itera
     if singles:
         yield (
             f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
-            f"a comparison needs at least {FEWEST} pairs of runs from one campaign."
+            f"a comparison needs at least {LEAST} pairs of runs from one campaign."
         )
     campaigns = len(findings)
     if campaigns > 1:
@@ -84,8 +83,8 @@ def _incomplete(sources: Sequence[CaseSource]) -> Iterator[str]:
             )
         if failed:
             yield (
-                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture; a strategy "
-                "that fails where it would do badly looks better than it is. Their causes stand below."
+                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture, so a strategy "
+                "that fails where it would do badly looks better there than it is. Their causes stand below."
             )
 
 

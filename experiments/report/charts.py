@@ -1,5 +1,6 @@
 """The kinds of pictures: boxes, curves of completion, stacked bars. They draw what they are given."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -153,7 +154,8 @@ def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
             )  # fmt: skip
             panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
         panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        panel.set_xlim(0.0, 1.05 * max(mean.high for _, mean, _ in known) or 1.0)
+        farthest = (mean.value if math.isnan(mean.high) else mean.high for _, mean, _ in known)
+        panel.set_xlim(0.0, 1.05 * max(farthest) or 1.0)
     _label_rows_once(axes)
     return figure
 

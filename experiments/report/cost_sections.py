@@ -7,9 +7,9 @@ from typing import Final
 from experiments.report import charts, quantities
 from experiments.report.cases import Case, Outcome
 from experiments.report.charts import Box, Dot
-from experiments.report.numbers import Cell, mean_of, spread
+from experiments.report.numbers import Cell, spread
 from experiments.report.section import SPREAD, Group, Picture, ReportView, Section, medians, spread_cells
-from experiments.statistics.effect_size import Interval
+from experiments.statistics.effect_size import Interval, mean_interval
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def costs(view: ReportView) -> Section:
         for cost in drawn
     }
     text = [
-        "Means over runs with 95 % bootstrap intervals. An adoption is an exchange of knowledge that changed "
+        "Means over runs with Student's 95 % intervals. An adoption is an exchange of knowledge that changed "
         "what a robot knows. CPU is that of the whole simulation: physics, scans and navigation are in it.",
     ]
     zero = [cost.says for cost in known if cost not in drawn]
@@ -121,7 +121,7 @@ def costs(view: ReportView) -> Section:
         ),
         (
             view.table(
-                "cost", "Means over runs, with 95 % bootstrap intervals", [cost.says for cost in known],
+                "cost", "Means over runs, with 95 % intervals", [cost.says for cost in known],
                 lambda group: [[_mean(_values(group, cost)) for cost in known]],
             ),
         ),
@@ -133,4 +133,4 @@ def _values(group: Group, cost: Cost) -> list[float]:
 
 
 def _mean(values: list[float]) -> Interval | None:
-    return mean_of(values) if values else None
+    return mean_interval(values) if values else None

@@ -4,75 +4,94 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
-from experiments.comparison.sentences import chapter_order
+from experiments.comparison.comparison import Comparison, PairedSample, Variant
+from experiments.comparison.family import Step, Verdict
+from experiments.comparison.judgement import Judgement
+from experiments.comparison.metrics import BY_NAME
 from experiments.report.cases import REAL, CaseSource
 from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import label
 from experiments.study.study import FIRST_TUNING_SEED, Study
 
 _MOST_OPEN: Final = 12
-"""Comparisons whose table is shown unasked."""
+"""Estimates whose table is shown unasked."""
 
 
 class Findings:
     """The comparisons of a campaign's strategies."""
 
-    def __init__(self, source: CaseSource) -> None:
+    def __init__(self, source: CaseSource, judgement: Judgement) -> None:
         self.source = source
-        self.samples: Sequence[PairedSample] = samples(source.records)
-        self.comparisons = [
-            replace(one, one=label(one.one), other=label(one.other)) for one in compare(self.samples)
+        self.judgement = judgement
+        self.estimates = [
+            replace(one, one=label(one.one), other=label(one.other)) for one in judgement.estimates
         ]
 
-    def primary(self) -> list[str]:
-        """In the chapter's order, of the pairs for which the study was made."""
-        return chapter_order([one for one in self.comparisons if self._is_primary(one)])
-
-    def others(self) -> list[str]:
-        """Of all other pairs."""
-        return chapter_order([one for one in self.comparisons if not self._is_primary(one)])
+    def sentences(self) -> list[str]:
+        """What failed, and what the declared comparisons come to."""
+        told = replace(self.judgement, verdicts=[_labelled(one) for one in self.judgement.verdicts])
+        return told.sentences()
 
     def tables(self) -> Iterator[NumberTable]:
-        """Every test with its p-value, and every difference with its interval."""
-        if not self.comparisons:
-            return
-        where = ("condition",) if any(one.variant for one in self.comparisons) else ()
-        yield NumberTable(
-            f"comparisons_{self.source.name}",
-            "Every test that was made. Values are medians, of times restricted means. A12 is the probability "
-            "that a run of the first is better than one of the second, ties counted half. p after Holm holds "
-            "for all rows together; the first test of each metric is the one that counts.",
-            ("first", "second", *where, "metric", "first has", "second has", "A12", "test", "p", "Holm"),
-            tuple(row for one in self.comparisons for row in _tests(one, where)),
-            folded=len(self.comparisons) > _MOST_OPEN,
-        )
-        yield NumberTable(
-            f"differences_{self.source.name}",
-            "First less second, with 95 % bootstrap intervals",
-            ("first", "second", *where, "metric", "difference of", "is"),
-            tuple(
-                (*_who(one, where), one.says, name, found)
-                for one in self.comparisons
-                for name, found in one.differences.items()
-            ),
-            folded=True,
-        )
-
-    def _is_primary(self, comparison: Comparison) -> bool:
-        study = self.source.study
-        pair = {comparison.one, comparison.other}
-        return study is not None and any(set(map(label, declared)) == pair for declared in study.primary)
-
-
-def _who(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
-    variant = ", ".join(f"{key} = {value}" for key, value in one.variant)
-    return one.one, one.other, *((variant,) if where else ())
+        """Every test of the family with its p-values, and every estimate with its intervals."""
+        where = ("condition",) if any(one.variant for one in self.estimates) else ()
+        steps = [step for one in self.judgement.verdicts for step in _labelled(one).steps]
+        if steps:
+            yield NumberTable(
+                f"tests_{self.source.name}",
+                "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
+                "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
+                "differ. "
+                "Equivalence is that the means differ by less than the margin.",
+                (
+                    *("first", "second", *where, "metric", "pairs", "that differ", "p", "Holm"),
+                    *("margin", "p of equivalence"),
+                ),
+                tuple(_test(step, where) for step in steps),
+            )
+        if self.estimates:
+            yield NumberTable(
+                f"comparisons_{self.source.name}",
+                "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
+                "probability that a run of the first is better than one of the second, ties counted half. "
+                "Intervals are of 95 %.",
+                (
+                    *("first", "second", *where, "metric", "first has", "second has", "difference"),
+                    *("better", "worse", "A12"),
+                ),
+                tuple(_estimate(one, where) for one in self.estimates),
+                folded=len(self.estimates) > _MOST_OPEN,
+            )
 
 
-def _tests(one: Comparison, where: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
-    for test, adjusted in zip(one.tests, one.adjusted, strict=True):
-        yield (*_who(one, where), one.says, one.ones, one.others, one.effect, test.name, test.p, adjusted)
+def _labelled(verdict: Verdict) -> Verdict:
+    steps = tuple(replace(step, sample=_named(step.sample)) for step in verdict.steps)
+    return Verdict(_named(verdict.sample), steps)
+
+
+def _named(sample: PairedSample) -> PairedSample:
+    return sample._replace(one=label(sample.one), other=label(sample.other))
+
+
+def _condition(variant: Variant, where: Sequence[str]) -> tuple[Cell, ...]:
+    return (", ".join(f"{key} = {value}" for key, value in variant),) if where else ()
+
+
+def _test(step: Step, where: Sequence[str]) -> tuple[Cell, ...]:
+    sample, test = step.sample, step.test
+    return (
+        *(sample.one, sample.other, *_condition(sample.variant, where), BY_NAME[step.metric].says),
+        *(len(sample.pairs), test.differing, test.p, step.adjusted if step.tested else None),
+        *(step.margin, step.equivalence_p),
+    )
+
+
+def _estimate(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+    unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
+    return (
+        *(one.one, one.other, *_condition(one.variant, where), one.says + unit),
+        *(one.ones, one.others, one.difference, one.better, one.worse, one.effect),
+    )
 
 
 def asked(sources: Sequence[CaseSource]) -> list[str]:
@@ -94,7 +113,7 @@ def _asked(source: CaseSource) -> str:
     told += [f"{factor.key} is {', '.join(map(str, factor.values))} in turn" for factor in study.factors]
     if study.settings:
         told.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
-    declared = " and ".join(f"{one} against {other}" for one, other in study.primary)
+    declared = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs)
     told.append(f"declared beforehand: {declared}" if declared else "no comparison was declared beforehand")
     return "; ".join(told) + "."
 

@@ -1,13 +1,13 @@
 """The numbers behind pictures: spreads, shares with their intervals, and tables of them."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binomtest
 
-from experiments.statistics.effect_size import CONFIDENCE, Floats, Interval, interval
-from experiments.statistics.survival import Completion, restricted_means
+from experiments.statistics.effect_size import CONFIDENCE, Interval
 
 Cell = str | int | float | Interval | None
 """None: unknown, or none."""
@@ -59,26 +59,13 @@ def share(count: int, of: int) -> Interval:
     return Interval(count / of, float(bounds.low), float(bounds.high))
 
 
-def mean_until(runs: Sequence[Completion], horizon: float) -> Interval:
-    """The restricted mean of at least one time, with its bootstrap interval."""
-
-    def mean(places: Floats, _: Floats) -> Floats:
-        return restricted_means(runs, horizon, places.astype(np.int64))
-
-    places = np.arange(len(runs), dtype=np.float64)
-    return interval(places, places, mean, paired=True)
-
-
-def mean_of(values: Sequence[float]) -> Interval:
-    """The mean of at least one value, with its bootstrap interval."""
-    return interval(values, values, lambda one, _: np.mean(one, axis=-1), paired=True)
-
-
 def written(cell: Cell) -> str:
     """As a reader sees it."""
     if cell is None:
         return "n/a"
     if isinstance(cell, Interval):
+        if math.isnan(cell.low):
+            return _number(cell.value, 3)
         return f"{_number(cell.value, 3)} [{_number(cell.low, 3)}, {_number(cell.high, 3)}]"
     return cell if isinstance(cell, str) else _number(cell, 4)
 

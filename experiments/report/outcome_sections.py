@@ -6,9 +6,9 @@ from typing import Final
 from experiments.report import charts, quantities
 from experiments.report.cases import Outcome
 from experiments.report.charts import Box, Curve
-from experiments.report.numbers import BoxSpread, Cell, mean_until, share, spread
+from experiments.report.numbers import BoxSpread, Cell, share, spread
 from experiments.report.section import BOX, SPREAD, Group, Picture, ReportView, Section, medians, spread_cells
-from experiments.statistics.survival import Completion, kaplan_meier
+from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean
 
 _MOST_PANELS: Final = 12
 """Of robots' own times; beyond, only the table has them."""
@@ -135,7 +135,7 @@ def completion(view: ReportView) -> Section:
         ),
         (
             view.table(
-                "completion", "Completion; intervals of 95 %: Wilson's for shares, bootstrap for means",
+                "completion", "Completion; intervals of 95 %: Wilson's for shares, Student's for means",
                 ("runs", "complete", "share complete", "restricted mean, s", "up to, s"),
                 lambda group: [_summary(group, horizons[group.condition])],
             ),
@@ -150,7 +150,7 @@ def completion(view: ReportView) -> Section:
 def _summary(group: Group, horizon: float) -> tuple[Cell, ...]:
     runs = tuple(map(quantities.completion, group.outcomes))
     count = sum(run.done for run in runs)
-    return len(runs), count, share(count, len(runs)), mean_until(runs, horizon), horizon
+    return len(runs), count, share(count, len(runs)), restricted_mean(runs, horizon), horizon
 
 
 def _steps(curve: Curve) -> list[tuple[float, ...]]:
@@ -204,5 +204,5 @@ def _robot_row(group: Group, robot: str, runs: tuple[Completion, ...]) -> tuple[
     return (
         robot, len(parts), max(part.places_total for part in parts),
         sum(map(quantities.places, parts)) / len(parts), sum(run.done for run in runs),
-        mean_until(runs, horizon),
+        restricted_mean(runs, horizon),
     )  # fmt: skip

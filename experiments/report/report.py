@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -52,7 +53,7 @@ def write(folders: Sequence[Path], out: Path) -> Path:
 def compose(sources: Sequence[CaseSource]) -> ReportPage:
     """What the report says; pictures are drawn, so `style.applied` must hold."""
     view = ReportView(case for one in sources for case in one.cases)
-    found = [Findings(one) for one in sources if one.study is not None]
+    found = [Findings(one, one.judgement) for one in sources if one.judgement is not None]
     made = [section(view) for section in _SECTIONS] if view.groups else []
     failed = findings.failures(sources)
     return ReportPage(
@@ -76,14 +77,7 @@ def tables(page: ReportPage) -> list[NumberTable]:
 
 
 def _found(found: Sequence[Findings]) -> list[str]:
-    told = []
-    for one in found:
-        primary, others = one.primary(), one.others()
-        if primary:
-            told += ["Declared beforehand:", *primary]
-            told += ["Beside that:"] if others else []
-        told += others
-    return told or ["Nothing can be told apart yet: there are too few runs for any test."]
+    return [line for one in found for line in one.sentences()] or ["Nothing was compared."]
 
 
 def _csv(table: NumberTable) -> str:
@@ -107,4 +101,6 @@ def _csv(table: NumberTable) -> str:
 def _cells(cell: Cell, is_interval: bool) -> Sequence[Cell]:
     if not is_interval:
         return (cell,)
-    return tuple(cell) if isinstance(cell, Interval) else (None, None, None)
+    if not isinstance(cell, Interval):
+        return None, None, None
+    return tuple(None if math.isnan(one) else one for one in cell)

@@ -1,10 +1,10 @@
 """Looking at results while they come in, and stopping early, without claiming more than at the end."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,31 +69,3 @@ def _bound(density: Floats, probability: float, step: float) -> float:
         return float(_GRID[-1])
     share = (probability - outside[place - 1]) / (outside[place] - outside[place - 1])
     return float(_GRID[::-1][place - 1] - (share + 0.5) * step)
-
-
-class InterimLook(NamedTuple):
-    """One look at the pairs there were."""
-
-    pairs: int
-    p: float
-    threshold: float
-
-    @property
-    def decides(self) -> bool:
-        """True if nothing more need be looked at."""
-        return self.p <= self.threshold
-
-
-def last_look(p_at: Callable[[int], float], pairs: int, rule: SequentialPlan) -> InterimLook | None:
-    """The first look that decides, or else the last for which there are pairs enough; None if there is none.
-
-    `p_at`: the two-sided p-value of so many first pairs, in the order in which they came.
-    """
-    look = None
-    for due, threshold in zip(rule.looks, rule.thresholds, strict=True):
-        if due > pairs:
-            break
-        look = InterimLook(due, p_at(due), threshold)
-        if look.decides:
-            break
-    return look

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from experiments.statistics.hypothesis_tests import Significance
+from experiments.statistics.effect_size import Interval, mean_interval
 
 Floats = NDArray[np.float64]
 
@@ -58,19 +58,28 @@ def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
     return SurvivalCurve(found.quantiles[falls], shares, low, high)
 
 
-def restricted_mean(runs: Sequence[Completion], horizon: float) -> float:
+def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
     """The mean time until done, or the horizon, whichever comes first: the area under the curve.
 
     Royston and Parmar, "Restricted mean survival time: an alternative to the hazard ratio for the design and
     analysis of randomized trials with a time-to-event outcome", BMC Medical Research Methodology 13, 2013.
+    The interval is Student's, of the jackknife's pseudo-values (Andersen, Hansen and Klein, "Regression
+    analysis of restricted mean survival time based on pseudo-observations", Lifetime Data Analysis 10, 2004).
     """
-    return float(restricted_means(runs, horizon, np.arange(len(runs))))
+    places = np.arange(len(runs))
+    value = float(restricted_means(runs, horizon, places))
+    if len(runs) < 2:
+        return mean_interval([value])
+    others = np.array([np.delete(places, place) for place in places])
+    pseudo = len(runs) * value - (len(runs) - 1) * restricted_means(runs, horizon, others)
+    found = mean_interval(pseudo)
+    return Interval(value, value - found.value + found.low, value - found.value + found.high)
 
 
 def restricted_means(runs: Sequence[Completion], horizon: float, drawn: NDArray[np.integer[Any]]) -> Floats:
     """The same of many samples of the runs at once, given by the runs' places (…, n); gives (…).
 
-    Equal to the area under `kaplan_meier` of each sample, for bootstraps.
+    Equal to the area under `kaplan_meier` of each sample.
     """
     times, which = np.unique([run.at for run in runs], return_inverse=True)
     done = np.array([run.done for run in runs])
@@ -85,18 +94,6 @@ def restricted_means(runs: Sequence[Completion], horizon: float, drawn: NDArray[
     widths = np.diff(np.minimum(np.concatenate([[0.0], times, [horizon]]), horizon))
     means: Floats = (heights * np.maximum(widths, 0.0)).sum(axis=1).reshape(drawn.shape[:-1])
     return means
-
-
-def log_rank(one: Sequence[Completion], other: Sequence[Completion]) -> Significance:
-    """The log-rank test of two sets of runs; two-sided; p = 1 if nothing was ever done.
-
-    Mantel, "Evaluation of survival data and two new rank order statistics arising in its consideration",
-    Cancer Chemotherapy Reports 50, 1966.
-    """
-    if not any(run.done for run in (*one, *other)):
-        return Significance("log-rank", 1.0)
-    p = float(stats.logrank(_censored(one), _censored(other)).pvalue)
-    return Significance("log-rank", 1.0 if np.isnan(p) else p)
 
 
 def _censored(runs: Sequence[Completion]) -> "stats.CensoredData":

@@ -3,7 +3,7 @@
 import hashlib
 import itertools
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -58,9 +58,15 @@ class Study(msgspec.Struct, frozen=True):
     """Pairs of strategies: the comparisons that the study is for."""
     distributions: tuple[Distribution, ...] = ()
     primary_metric: str = "lexicographic"
-    """By which the primary comparisons are decided where a campaign stops early."""
+    """By which the primary comparisons are decided: one metric, or the chapter's order of places and time."""
     isolated: bool = False
     """True: every run is made as isolated processes, for strategies that nobody vouches for."""
+    margin_places: float = 1.0
+    """Strategies whose mean numbers of places differ by less are as good as each other."""
+    margin_s: float = 10.0
+    """The same of times."""
+    failed_runs: Literal["worst", "left out"] = "worst"
+    """What a run that failed counts as: one that did nothing, or none."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:

@@ -118,7 +118,13 @@ class StudyTable(FileTable):
     ] = ()
     """The comparisons that the study is for, declared before it is carried out."""
     primary_metric: Annotated[str, Field(min_length=1), Right('a metric, such as "places"')] = "lexicographic"
-    """By which these are decided where the campaign stops early."""
+    """By which these are decided; the default is the chapter's order: places, then running time."""
+    margin_places: Annotated[float, Field(gt=0, le=1e6), Right("a number above 0")] = 1.0
+    """Strategies whose mean numbers of places differ by less are as good as each other."""
+    margin_s: Annotated[float, Field(gt=0, le=1e6), Right("a number above 0")] = 10.0
+    """The same of times, s."""
+    failed_runs: Annotated[Literal["worst", "left out"], Right('"worst" or "left out"')] = "worst"
+    """What a run that failed counts as: one that did nothing, or none."""
     isolated: bool = False
     """Every run is made as isolated processes, for strategies of strangers."""
 
@@ -148,6 +154,9 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         distributions=tuple(_distribution(one) for one in table.vary if one.distribution),
         primary_metric=table.primary_metric,
         isolated=table.isolated,
+        margin_places=table.margin_places,
+        margin_s=table.margin_s,
+        failed_runs=table.failed_runs,
     )
 
 

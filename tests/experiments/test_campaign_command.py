@@ -67,10 +67,22 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
     over(tmp_path / "out", plain, digest=plain.digest)
     code, out, _ = acrc("compare", str(tmp_path / "out"))
     assert code == 0
-    assert "chapter is better than none by places done: 40 against 25.5" in out
+    assert (
+        "Declared: 1 comparison, 2 tests; 1 can decide, with 5 % in all by Holm's correction; 1 cann" in out
+    )
+    assert (
+        "chapter is better than none by places done: 40 against 25.5, difference +14.5 places "
+        "[+12.3, +16.7], better on 10 of 10 seeds, worse on 0, equal on 0, A12 = 1.00 [0.80, 1.00], "
+        "p = 0.002, after Holm 0.002."
+    ) in out
+    code, out, _ = acrc("compare", str(tmp_path / "out"), "--json")
+    told = json.loads(out)
+    assert (told["verdicts"][0]["decided_by"], told["failures"]) == ("places", [])
+    assert told["estimates"][0]["difference"][0] == 14.5
     code, out, _ = acrc("plan-study", "--pilot", str(tmp_path / "out"))
     assert code == 0
-    assert out.startswith("chapter and none by lexicographic: A12 = 1.00 [1.00, 1.00]")
+    assert "Share of campaigns that tell them apart, by 2 tests" in out
+    assert "6 pairs tell each of them apart with probability 0.9." in out
     assert "10 of 20 runs have all places: they are at their ceiling there." in out
 
 
@@ -85,11 +97,35 @@ def test_until_decided_begins_no_further_run(plain: RunResult, tmp_path: Path) -
     words = ["campaign", "--seeds", "60", "--until-decided", "--check-every", "0", "--out", str(kept.folder)]
     code, out, err = acrc(*words)
     assert code == 0, err
-    assert "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60, by lexicographic; p must be at most" in out
-    assert "chapter and none: decided after 20 pairs, p = " in out
+    assert "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60; for a difference p must be at most" in out
+    assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
     assert "60 of 120 runs, 0 failed, in " in out
     _, out, _ = acrc("compare", str(kept.folder))
-    assert "chapter and none: decided after 20 pairs, p = " in out
+    assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
+
+
+def test_failed_runs_are_told_first_and_too_few_seeds_before_the_first_run(
+    plain: RunResult, tmp_path: Path
+) -> None:
+    study = study_of(StudyWishes(seeds=3))
+    kept = store.create(tmp_path / "out", study)
+    for trial in study.trials():
+        failed = trial.strategy == "chapter" and trial.seed == 2
+        record = TrialRecord(trial.strategy, trial.seed, {}, None, "it rained") if failed else None
+        keep(kept.path(trial), record or TrialRecord(trial.strategy, trial.seed, {}, plain))
+    code, _, err = acrc("campaign", "--seeds", "3", "--check-every", "0", "--out", str(kept.folder))
+    assert code == 0, err
+    assert "3 seeds are too few: at least 7 pairs must differ before any test can reach 5 %" in err
+    _, out, _ = acrc("compare", str(kept.folder))
+    assert out.startswith(
+        "chapter failed in 1 of 3 runs (seed 2); "
+        "each counts as a run that did no place and was never settled\n"
+    )
+    code, _, err = acrc("plan-study", "--pilot", str(kept.folder), "--comparisons", "2")
+    assert (code, err) == (
+        2,
+        "acrc: --comparisons: cannot be combined with --pilot, whose study declares them\n",
+    )
 
 
 @pytest.mark.parametrize(

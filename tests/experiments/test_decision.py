@@ -5,20 +5,24 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.comparison.decision import Watch, p_of, rule_for, told
+from experiments.comparison.decision import LookedAt, Watch, look, rules_for, told
+from experiments.comparison.judgement import judge
+from experiments.comparison.metrics import judged
 from experiments.statistics.sample_size import Effect
-from experiments.statistics.sequential import last_look
 from experiments.study.study import Study
 from observation.results.result import RunResult
+from tests.experiments.made_runs import sample
 
 ROOT = Path(__file__).parents[2]
 STUDY = Study("s", str(ROOT / "scenarios" / "corridor.toml"), ("none", "chapter"), 60)
 CAP = 60
+Floats = NDArray[np.float64]
 
 
 def run(plain: RunResult, quality: float) -> RunResult:
@@ -26,8 +30,15 @@ def run(plain: RunResult, quality: float) -> RunResult:
     places = min(40, round(36 + 2 * quality))
     completion = 500 - 50 * quality if places == 40 else None
     return msgspec.structs.replace(
-        plain, places_total=40, places_done=places, completion_s=completion, simulated_s=600.0
-    )
+        plain, places_total=40, places_done=places, completion_s=completion, settled_s=completion,
+        simulated_s=600.0,
+    )  # fmt: skip
+
+
+def looked(plain: RunResult, drawn: Floats) -> LookedAt:
+    """After all looks at pairs of these qualities, (pairs, 2)."""
+    ones, others = ([judged(run(plain, one)) for one in drawn[:, side].tolist()] for side in (0, 1))
+    return look(sample(ones, others), STUDY, rules_for(STUDY))
 
 
 def campaign(
@@ -45,44 +56,69 @@ def campaign(
 
 
 def test_a_campaign_against_itself_is_decided_in_five_of_a_hundred_at_most(plain: RunResult) -> None:
-    """1000 campaigns of 60 pairs in the lexicographic order, six looks: 5 % and three standard errors."""
-    rng, rule = np.random.default_rng(6), rule_for(CAP)
-    claims = 0
-    for _ in range(1000):
-        drawn = rng.normal(size=(CAP, 2)).tolist()
-        pairs = [(run(plain, one), run(plain, other)) for one, other in drawn]
-        look = last_look(lambda n, pairs=pairs: p_of("lexicographic", pairs[:n]), CAP, rule)  # type: ignore[misc]
-        claims += look is not None and look.decides
-    assert claims <= 68
+    """300 campaigns of 60 pairs, places and then time, six looks: 5 % and three standard errors."""
+    rng = np.random.default_rng(6)
+    drawn = (looked(plain, rng.normal(size=(CAP, 2))) for _ in range(300))
+    assert sum(one.verdict.deciding is not None for one in drawn) <= 26
 
 
 def test_a_large_effect_is_decided_with_fewer_than_fifty_pairs_on_average(plain: RunResult) -> None:
     """A12 = 0.71 before places are rounded; cap 60."""
-    rng, rule, shift = np.random.default_rng(7), rule_for(CAP), Effect().shift
-    looks = []
-    for _ in range(300):
-        drawn = rng.normal((shift, 0.0), 1.0, (CAP, 2)).tolist()
-        pairs = [(run(plain, one), run(plain, other)) for one, other in drawn]
-        looks.append(last_look(lambda n, pairs=pairs: p_of("lexicographic", pairs[:n]), CAP, rule))  # type: ignore[misc]
-    assert sum(look is not None and look.decides for look in looks) >= 270
-    assert np.mean([look.pairs for look in looks if look is not None]) < 50
+    rng, shift = np.random.default_rng(7), Effect().shift
+    found = [looked(plain, rng.normal((shift, 0.0), 1.0, (CAP, 2))) for _ in range(100)]
+    assert sum(one.verdict.deciding is not None for one in found) >= 85
+    assert np.mean([len(one.looks[-1].sample.pairs) for one in found]) < 50
 
 
 def test_the_watch_stops_at_the_look_that_decides_and_says_so(tmp_path: Path, plain: RunResult) -> None:
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=19)
     watch = Watch(kept)
-    assert watch.rule.looks == (10, 20, 30, 40, 50, 60)
+    assert watch.rules.differ.looks == (10, 20, 30, 40, 50, 60)
     early = watch.enough()
     campaign(tmp_path / "out", plain, 2.5, seeds=20)
     assert early or watch.enough()
-    (verdict,) = watch.verdicts()
-    assert (verdict.one, verdict.other) == ("chapter", "none")
-    assert verdict.look is not None and verdict.look.decides and verdict.look.pairs <= 20
-    first, second = told([verdict], watch.rule, "lexicographic")
+    (found,) = watch.looked_at()
+    step = found.verdict.deciding
+    assert step is not None and (step.sample.one, step.sample.other) == ("chapter", "none")
+    assert step.threshold is not None and step.test.p <= step.threshold and len(step.sample.pairs) <= 20
+    first, second = told([found], watch.rules)
     assert first.startswith(
-        "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60, by lexicographic; p must be"
+        "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60; for a difference p must be at most "
     )
-    assert second.startswith(f"chapter and none: decided after {verdict.look.pairs} pairs, p = ")
+    after = len(step.sample.pairs)
+    assert second.startswith(
+        f"chapter and none: decided after {after} pairs; at 10 chapter ahead by places, p"
+    )
+
+
+def test_a_campaign_that_was_looked_at_is_judged_by_its_looks(tmp_path: Path, plain: RunResult) -> None:
+    kept = campaign(tmp_path / "out", plain, 2.5, seeds=30)
+    kept.declare_looks()
+    found = judge(kept)
+    (said,) = [line for line in found.sentences() if line.startswith("chapter is better than none")]
+    assert ", at most " in said and said.endswith(" after 20 pairs.") and "Holm" not in said
+    assert found.family == ["Declared: 1 comparison, looked at on the way; 2 tests share the 5 %."]
+    early = campaign(tmp_path / "early", plain, 2.5, seeds=7)
+    early.declare_looks()
+    assert (
+        judge(early).sentences()[-1]
+        == "chapter and none: none of the looks has come, so nothing is said yet."
+    )
+
+
+def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> None:
+    """Every run has all places after as long: the first look at which equivalence can be shown ends it."""
+    kept = store.create(tmp_path / "out", STUDY)
+    for trial in STUDY.trials():
+        if trial.seed <= 30:
+            keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, run(plain, 3.0)))
+    watch = Watch(kept)
+    assert watch.enough()
+    (found,) = watch.looked_at()
+    assert found.verdict.equivalent and found.verdict.deciding is None
+    assert (
+        "chapter and none: equivalent after 20 pairs; at 10 level by places" in told([found], watch.rules)[1]
+    )
 
 
 def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> None:
@@ -92,11 +128,20 @@ def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> N
     assert not watch.enough()
     campaign(tmp_path / "out", plain, 0.0, seeds=20, study=short, failing=20)
     assert watch.enough()
-    (verdict,) = watch.verdicts()
-    assert (verdict.pairs, verdict.at_cap) == (19, True)
-    assert (
-        "chapter and none: not decided by the cap, after 10 pairs p = " in told([verdict], watch.rule, "x")[1]
-    )
+    (found,) = watch.looked_at()
+    assert (len(found.verdict.sample.pairs), found.at_cap) == (20, True)
+    assert "chapter and none: not decided by the cap, after 20 pairs; at 10 " in told([found], watch.rules)[1]
+
+
+def test_the_last_look_takes_the_pairs_there_are_where_failed_runs_are_left_out(
+    tmp_path: Path, plain: RunResult
+) -> None:
+    short = msgspec.structs.replace(STUDY, seeds=20, failed_runs="left out")
+    kept = campaign(tmp_path / "out", plain, 2.5, seeds=20, study=short, failing=20)
+    (found,) = Watch(kept).looked_at()
+    assert (len(found.verdict.sample.pairs), found.at_cap) == (19, True)
+    assert found.looks[-1].threshold == Watch(kept).rules.differ.thresholds[-1]
+    assert found.verdict.deciding is not None
 
 
 def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain: RunResult) -> None:
@@ -104,7 +149,9 @@ def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain:
     kept.path(next(STUDY.trials_of(4))).unlink()
     watch = Watch(kept)
     assert not watch.enough()
-    assert watch.verdicts()[0].pairs == 3
+    (found,) = watch.looked_at()
+    assert len(found.verdict.sample.pairs) == 3 and not found.looks
+    assert told([found], watch.rules)[1] == "chapter and none: 3 pairs, none of the looks has come"
 
 
 def test_the_cap_stays_what_it_was_once_somebody_has_looked(tmp_path: Path) -> None:
@@ -121,8 +168,8 @@ def test_several_comparisons_share_the_error(tmp_path: Path) -> None:
         strategies=("none", "chapter", "released"),
         primary=(("chapter", "none"), ("chapter", "released")),
     )
-    alone = Watch(store.create(tmp_path / "one", STUDY)).rule
-    shared = Watch(store.create(tmp_path / "two", three)).rule
+    alone = Watch(store.create(tmp_path / "one", STUDY)).rules.differ
+    shared = Watch(store.create(tmp_path / "two", three)).rules.differ
     assert shared.looks == alone.looks
     assert all(one < other for one, other in zip(shared.thresholds, alone.thresholds, strict=True))
     with pytest.raises(AcrcError, match="the study declares no comparison"):

@@ -8,17 +8,18 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import norm
 
-from experiments.statistics.effect_size import a12, difference_of, interval
-from experiments.statistics.hypothesis_tests import holm, rank_sum, signed_rank
-from experiments.statistics.sample_size import Effect, pairs_needed
-from experiments.statistics.sequential import SequentialPlan, last_look, plan
-from experiments.statistics.survival import (
-    Completion,
-    kaplan_meier,
-    log_rank,
-    restricted_mean,
-    restricted_means,
+from experiments.statistics.effect_size import a12, a12_bounds, a12_interval, mean_interval
+from experiments.statistics.paired_tests import (
+    decidable,
+    equivalence_p,
+    fewest_differing,
+    holm,
+    mean_test,
+    signed_rank,
 )
+from experiments.statistics.sample_size import Effect, pairs_needed, power
+from experiments.statistics.sequential import SequentialPlan, plan
+from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean, restricted_means
 
 Floats = NDArray[np.float64]
 # Hamilton depression scale factors before and after tranquilizer: Hollander & Wolfe, "Nonparametric
@@ -42,13 +43,53 @@ def test_a12_is_the_share_of_pairs_won_ties_counted_half() -> None:
     assert a12(other, one) == pytest.approx(1 - wins / 12)
 
 
+DIFFERENCES = np.array(BEFORE) - np.array(AFTER)
+
+
 def test_the_signed_rank_test_against_a_published_value() -> None:
-    assert signed_rank(BEFORE, AFTER).p == pytest.approx(0.0390625)
+    assert tuple(signed_rank(DIFFERENCES)) == (9, 1, 0.0390625)
 
 
-def test_pairs_without_any_difference_prove_nothing() -> None:
-    assert signed_rank((1.0, 2.0), (1.0, 2.0)).p == 1.0
-    assert rank_sum((1.0, 1.0), (1.0, 1.0)).p == 1.0
+def flipped(differences: Floats, sizes: Floats, *, two_sided: bool = True) -> float:
+    """The p-value of the sum of signed sizes, by scipy, over all signs."""
+    found = stats.permutation_test(
+        (np.sign(differences) * sizes,), lambda one, axis: one.sum(axis=axis), permutation_type="samples",
+        n_resamples=np.inf, alternative="two-sided" if two_sided else "greater", vectorized=True,
+    )  # fmt: skip
+    return float(found.pvalue)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_tests_of_pairs_are_exact_with_ties_and_without_differences(seed: int) -> None:
+    """Against scipy's enumeration of all signs: ranks with ties and zeros, differences, and a margin."""
+    rng = np.random.default_rng(seed)
+    differences = rng.integers(-3, 5, 11).astype(np.float64)
+    ranks = np.where(differences == 0, 0.0, stats.rankdata(np.abs(differences)))
+    assert signed_rank(differences).p == pytest.approx(flipped(differences, ranks))
+    steps = np.rint(np.abs(differences) * 50 * 11 / np.abs(differences).sum())
+    assert mean_test(differences).p == pytest.approx(flipped(differences, steps))
+    times = rng.normal(10.0, 40.0, 11)
+    assert mean_test(times).p == pytest.approx(flipped(times, np.abs(times)), abs=0.01)
+    one_sided = max(
+        flipped(shifted, np.abs(shifted), two_sided=False) for shifted in (times + 60.0, 60.0 - times)
+    )
+    assert equivalence_p(times, 60.0) == pytest.approx(one_sided, abs=0.01)
+
+
+def test_few_pairs_that_differ_prove_nothing() -> None:
+    """Four of forty pairs, all for one side: the normal approximation would have 0.046."""
+    four = np.array([1.0] * 4 + [0.0] * 36)
+    assert signed_rank(four) == (4, 1, 2 / 2**4)
+    assert signed_rank(np.zeros(3)) == mean_test(np.zeros(3)) == (0, 0, 1.0)
+    assert [fewest_differing(tests) for tests in (1, 2, 3, 6)] == [6, 7, 7, 8]
+
+
+def test_tests_that_cannot_decide_share_nothing() -> None:
+    """Six differing pairs are enough for one test alone; of two, the other would need seven."""
+    assert decidable([6, 5]) == [True, False]
+    assert decidable([6, 7]) == [False, True]
+    assert decidable([7, 7]) == [True, True]
+    assert decidable([]) == []
 
 
 def test_holm_against_r() -> None:
@@ -68,14 +109,10 @@ def test_kaplan_and_meier_against_published_values() -> None:
     assert (curve.shares <= curve.high).all()
 
 
-def test_the_log_rank_test_against_published_values() -> None:
-    """Chi-square 16.8 with one degree of freedom."""
-    assert log_rank(TREATED, PLACEBO).p == pytest.approx(4.17e-5, rel=2e-3)
-
-
 def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
-    assert restricted_mean(PLACEBO, 100.0) == pytest.approx(np.mean([run.at for run in PLACEBO]))
-    assert restricted_mean([Completion(50.0, False)], 40.0) == 40.0
+    times = [run.at for run in PLACEBO]
+    assert restricted_mean(PLACEBO, 100.0) == pytest.approx(mean_interval(times))
+    assert restricted_mean([Completion(50.0, False)], 40.0).value == 40.0
 
 
 def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
@@ -89,9 +126,9 @@ def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
             assert mean == pytest.approx(area)
 
 
-def test_nothing_done_at_all_is_no_difference() -> None:
+def test_nothing_done_at_all_has_a_flat_curve() -> None:
     never = [Completion(600.0, False)] * 3
-    assert log_rank(never, never).p == 1.0
+    assert restricted_mean(never, 600.0) == (600.0, 600.0, 600.0)
     assert kaplan_meier(never).share_at(600.0) == 1.0
 
 
@@ -111,15 +148,22 @@ def test_looks_that_do_not_grow_are_refused() -> None:
 
 
 def test_pairs_needed_for_a_large_effect() -> None:
-    """By simulation of the signed-rank test itself, give or take one or two."""
+    """By simulation of the exact signed-rank test, give or take one or two."""
     assert pairs_needed(Effect()) == pytest.approx(40, abs=2)
     assert pairs_needed(Effect(correlation=0.3)) == pytest.approx(27, abs=2)
-    assert pairs_needed(Effect(comparisons=6)) == pytest.approx(58, abs=2)
+    assert pairs_needed(Effect(tests=6)) == pytest.approx(58, abs=2)
 
 
 def test_no_effect_needs_no_plan() -> None:
     with pytest.raises(ValueError, match=r"a12 should lie between 0 and 1 and not be 0\.5"):
         pairs_needed(Effect(a12=0.5))
+
+
+def test_the_power_is_that_of_the_test_itself() -> None:
+    effect, rng = Effect(0.75, 0.2, tests=2), np.random.default_rng(4)
+    spread = (2 * (1 - effect.correlation)) ** 0.5
+    told = sum(signed_rank(rng.normal(effect.shift, spread, 20)).p <= 0.025 for _ in range(400))
+    assert told / 400 == pytest.approx(power(effect, 20), abs=0.08)
 
 
 def looked(differences: Floats, rule: SequentialPlan) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -150,27 +194,22 @@ def test_a_large_effect_is_seen_early() -> None:
     assert ended.mean() < 50
 
 
-def test_the_looks_end_at_the_first_that_decides_or_where_the_pairs_do() -> None:
-    rule = plan([10, 20, 30])
-    assert last_look(lambda pairs: 0.0, 9, rule) is None
-    first = last_look(lambda pairs: 0.0, 30, rule)
-    assert first is not None and (first.pairs, first.decides) == (10, True)
-    never = last_look(lambda pairs: 1.0, 25, rule)
-    assert never is not None and (never.pairs, never.decides) == (20, False)
+def test_an_interval_of_a12_holds_at_its_edge() -> None:
+    """Six pairs of which all, or nearly all, are won: the percentile bootstrap's [1, 1] held 39 % there."""
+    low, high = a12_bounds(1.0, 6)
+    assert [float(low), float(high)] == pytest.approx([0.689, 1.0], abs=0.001)
+    rng, share = np.random.default_rng(3), 0.97
+    ones = rng.normal(Effect(share).shift, 1, (1000, 6))
+    low, high = a12_bounds(a12(ones, rng.normal(size=(1000, 6))), 6)
+    assert ((low <= share) & (share <= high)).mean() >= 0.93
+    value, below, above = a12_interval(BEFORE, AFTER)
+    assert below < value < above
+    mirrored = a12_interval(AFTER, BEFORE)
+    assert [mirrored.low, mirrored.high] == pytest.approx([1 - above, 1 - below])
 
 
-def test_bootstrap_intervals_hold_the_truth_as_often_as_they_say() -> None:
-    """A percentile interval of 30 pairs: 95 % less the 2 to 3 % that small samples are known to cost."""
-    rng = np.random.default_rng(3)
-    mean = difference_of(lambda values: values.mean(axis=-1))
-    held = 0
-    for _ in range(200):
-        found = interval(rng.normal(0.5, 1, 30), rng.normal(size=30), mean, paired=True, resamples=400)
-        held += found.low <= 0.5 <= found.high
-    assert held >= 178
-
-
-def test_the_same_seed_gives_the_same_interval() -> None:
-    again = [interval(BEFORE, AFTER, a12, paired=True, seed=5, resamples=200) for _ in range(2)]
-    assert again[0] == again[1]
-    assert again[0].low <= again[0].value <= again[0].high
+def test_the_interval_of_a_mean_is_student_s() -> None:
+    """In R: t.test(before - after)."""
+    found = stats.ttest_1samp(DIFFERENCES, 0.0).confidence_interval(0.95)
+    assert mean_interval(DIFFERENCES) == pytest.approx((DIFFERENCES.mean(), found.low, found.high))
+    assert np.isnan(mean_interval([3.0]).low)

@@ -1,0 +1,168 @@
+"""The comparisons that a study declared: a test for each step of each, and what all of them decide."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from actors.runtime.errors import AcrcError
+from experiments.comparison import metrics
+from experiments.comparison.comparison import Comparison, PairedSample, estimate, scores
+from experiments.comparison.metrics import SETTLED, TimeMetric
+from experiments.statistics.paired_tests import (
+    ALPHA,
+    PairedTest,
+    decidable,
+    equivalence_p,
+    fewest_differing,
+    holm,
+    mean_test,
+    signed_rank,
+)
+from experiments.study.study import Study
+
+_NOTHING: Final = PairedTest(0, 0, 1.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One metric of a primary comparison: its test, and what the family makes of it."""
+
+    sample: PairedSample
+    """The pairs that it is of."""
+    metric: str
+    test: PairedTest
+    """Of how much better the first run of each pair is."""
+    happened: bool
+    """False: a time at which nothing happened in any run, which tells nothing."""
+    margin: float | None
+    """Within which strategies are equivalent, in the metric's unit; None: none was declared."""
+    equivalence_p: float
+    tests: int = 1
+    """So many share the error."""
+    tested: bool = False
+    """False: too few pairs differ for any claim."""
+    adjusted: float = 1.0
+    """The test's p-value after Holm; where it was looked at on the way, as it is."""
+    differs: bool = False
+    equivalent: bool = False
+    threshold: float | None = None
+    """What p must be at most at the look at which the step was taken; None: after all runs."""
+
+    @property
+    def fewest(self) -> int:
+        """Pairs that must differ before this step can show anything."""
+        return fewest_differing(self.tests)
+
+    def estimated(self) -> Comparison | None:
+        """What the step is about in numbers; None if it is known of fewer than two pairs."""
+        return estimate(self.sample, self.metric)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a primary comparison in one variant comes to: its steps, in the order in which they are asked."""
+
+    sample: PairedSample
+    steps: tuple[Step, ...]
+
+    @property
+    def deciding(self) -> Step | None:
+        """The first step by which the strategies differ, if they are equivalent by all before it."""
+        for step in self.steps:
+            if step.differs:
+                return step
+            if not step.equivalent:
+                return None
+        return None
+
+    @property
+    def equivalent(self) -> bool:
+        """True if the strategies are as good as each other by every step."""
+        return bool(self.steps) and all(step.equivalent and not step.differs for step in self.steps)
+
+    @property
+    def settled(self) -> bool:
+        """True if more pairs have nothing left to decide."""
+        return self.deciding is not None or self.equivalent
+
+
+def step_names(study: Study) -> tuple[str, ...]:
+    """The metrics by which primary comparisons are decided, in order. AcrcError for one that there is not."""
+    name = study.primary_metric
+    if name not in metrics.NAMES:
+        raise AcrcError(f"primary_metric is {name!r}; must be one of {', '.join(metrics.NAMES)}")
+    return (metrics.PLACES.name, SETTLED.name) if name == metrics.LEXICOGRAPHIC else (name,)
+
+
+def tests_of(study: Study) -> int:
+    """How many tests share the error: one for each step of each primary pair in each variant."""
+    return len(study.primary_pairs) * len(study.variants()) * len(step_names(study))
+
+
+def primary(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
+    """Those of the samples that the study declared."""
+    declared = set(study.primary_pairs)
+    return [sample for sample in found if (sample.one, sample.other) in declared]
+
+
+def verdicts(found: Sequence[PairedSample], study: Study) -> list[Verdict]:
+    """What the primary comparisons among the samples come to after all runs: Holm over their tests alone."""
+    names = step_names(study)
+    raw = [step(sample, name, study) for sample in primary(found, study) for name in names]
+    able = decidable([one.test.differing for one in raw])
+    adjusted = iter(holm([one.test.p for one, is_able in zip(raw, able, strict=True) if is_able]))
+    steps = []
+    for one, is_able in zip(raw, able, strict=True):
+        p = next(adjusted) if is_able else 1.0
+        steps.append(
+            replace(
+                one,
+                tests=sum(able) + (not is_able),
+                tested=is_able,
+                adjusted=p,
+                differs=p <= ALPHA,
+                equivalent=one.equivalence_p <= ALPHA,
+            )
+        )
+    count = len(names)
+    return [
+        Verdict(steps[place].sample, tuple(steps[place : place + count]))
+        for place in range(0, len(steps), count)
+    ]
+
+
+def step(sample: PairedSample, name: str, study: Study) -> Step:
+    """The test of one metric of a sample, before anything is made of it."""
+    if name == metrics.LEXICOGRAPHIC:
+        raise ValueError("the order is asked step by step")
+    metric = metrics.BY_NAME[name]
+    found = scores(metric, sample.pairs)
+    is_time = isinstance(metric, TimeMetric)
+    margin = study.margin_s if is_time else study.margin_places if metric is metrics.PLACES else None
+    if not found.happened or not found.ones.size:
+        return Step(sample, name, _NOTHING, False, margin, 1.0)
+    gains = np.round(found.gains, 9)  # equal decimals are equal, whatever floats make of their difference
+    test = mean_test(gains) if is_time else signed_rank(gains)
+    return Step(sample, name, test, True, margin, 1.0 if margin is None else equivalence_p(gains, margin))
+
+
+def foreseen(study: Study) -> list[str]:
+    """What can be said before the first run of a study: which comparisons could never show anything."""
+    if len(study.strategies) < 2:
+        return []
+    if not study.primary_pairs:
+        return [
+            "The study declares no comparison, so acrc compare will estimate and test nothing; "
+            "to test, declare primary = [[ONE, OTHER]]"
+        ]
+    tests, seeds = tests_of(study), study.seeds
+    fewest = fewest_differing(tests)
+    if seeds >= fewest:
+        return []
+    shared = f" shared by {tests} tests" if tests > 1 else ""
+    return [
+        f"{seeds} seeds are too few: at least {fewest} pairs must differ before any test can reach "
+        f"5 %{shared}. Whatever the runs show, acrc compare will tell no strategies apart."
+    ]

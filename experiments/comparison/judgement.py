@@ -1,0 +1,58 @@
+"""All that a campaign shows: what failed, what was declared and comes of it, and estimates of all else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from experiments.campaign.store import Store
+from experiments.comparison import sentences
+from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
+from experiments.comparison.decision import LookedAt, Watch
+from experiments.comparison.family import Verdict, verdicts
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is to be said of a campaign, and nothing that was not declared is tested."""
+
+    failures: Sequence[str]
+    """A sentence for each strategy that failed in some run."""
+    too_few: Sequence[str]
+    family: Sequence[str]
+    """How the declared comparisons are tested."""
+    verdicts: Sequence[Verdict]
+    """Of the declared comparisons, in their order."""
+    looks: Sequence[LookedAt]
+    """At the declared comparisons while the campaign went on; empty if nobody looked."""
+    samples: Sequence[PairedSample]
+    """The declared ones first."""
+    estimates: Sequence[Comparison]
+    """Of every pair by every metric, the declared pairs first."""
+
+    def sentences(self) -> list[str]:
+        """All of it in words, but for the estimates."""
+        return [
+            *(f"{line}." for line in self.failures),
+            *self.too_few,
+            *self.family,
+            *map(sentences.verdict, self.verdicts),
+        ]
+
+
+def judge(kept: Store, only: str | None = None) -> Judgement:
+    """Judge what of a campaign has ended; `only`: estimates of the metric of that name alone.
+
+    A campaign that was looked at on its way is judged by its looks. Raises AcrcError for a damaged record.
+    """
+    study, records = kept.study, list(kept.records())
+    found = samples(records, study)
+    looks = Watch(kept).looked_at() if kept.looks is not None else []
+    decided = [one.verdict for one in looks] if kept.looks is not None else verdicts(found, study)
+    return Judgement(
+        sentences.failures(records, study),
+        sentences.too_few(found),
+        sentences.family(decided, study) if len(study.strategies) > 1 else [],
+        [one for one in decided if len(one.sample.pairs)],
+        looks,
+        found,
+        compare(found, only),
+    )

@@ -1,0 +1,55 @@
+"""Trials of which it is known what a comparison should say of them."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import msgspec
+
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison.comparison import PairedSample, samples
+from experiments.comparison.family import Verdict, verdicts
+from experiments.comparison.metrics import JudgedRun
+from experiments.study.study import Study
+from observation.results.result import RunResult
+
+LENGTH = 600.0
+Outcome = tuple[int, float | None]
+"""Places done, and when all were done or given up."""
+
+
+def trials(
+    plain: RunResult, strategy: str, outcome: Callable[[int], Outcome | None], seeds: int = 20
+) -> Iterator[TrialRecord]:
+    """An outcome of None: the trial failed."""
+    for seed in range(1, seeds + 1):
+        found = outcome(seed)
+        if found is None:
+            yield TrialRecord(strategy, seed, {}, failure="it rained")
+            continue
+        places, at = found
+        result = msgspec.structs.replace(
+            plain, places_done=places, completion_s=at, settled_s=at, simulated_s=LENGTH
+        )
+        yield TrialRecord(strategy, seed, {}, result)
+
+
+def study(one: str = "one", other: str = "other", **words: object) -> Study:
+    """One that compares two strategies, the first with the second."""
+    made = Study("made", "/nowhere.toml", (one, other), 20, primary=((one, other),))
+    return msgspec.structs.replace(made, **words)
+
+
+def run(places: int, settled: float | None = None, *, length: float = LENGTH) -> JudgedRun:
+    return JudgedRun(places, 40, settled, settled, length, 0.0, 0.0, 0.0)
+
+
+def sample(ones: Sequence[JudgedRun], others: Sequence[JudgedRun]) -> PairedSample:
+    return PairedSample("one", "other", (), tuple(zip(ones, others, strict=True)))
+
+
+def verdict_of(ones: Sequence[JudgedRun], others: Sequence[JudgedRun], made: Study | None = None) -> Verdict:
+    (found,) = verdicts([sample(ones, others)], made or study())
+    return found
+
+
+def judged(records: Sequence[TrialRecord], made: Study) -> list[Verdict]:
+    return verdicts(samples(records, made), made)
