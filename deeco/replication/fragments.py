@@ -48,8 +48,10 @@ class Fragmenter:
         """
         wholes = [self._checked(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
-        first, source = self._next, self._source
-        if wholes and sum(sizes) + len(sizes) * HEADER.size <= self._limits.frame_data:  # as mostly
+        first, source, left = self._next, self._source, self._limits.frame_data
+        for size in sizes:
+            left -= HEADER.size + size
+        if wholes and left >= 0:  # as mostly: all in one frame
             self._next = (first + len(wholes)) % _IDS
             heads = [
                 HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
