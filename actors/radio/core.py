@@ -1,6 +1,6 @@
 """The radio as an actor: ground truth and frames to send in, what the transceivers say out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from actors.message_limits import transmit_fault, truth_fault
 from actors.messages import (
@@ -120,7 +120,17 @@ class RadioCore:
             return ()
         if wrong := truth_fault(truth, self._step):
             raise AcrcError(f"Step {self._step}: the world {wrong}.")
-        events = self._events(truth, inputs)
+        given = self._delivered(truth, self._events(truth, inputs))
+        outputs = [
+            to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
+        ]
+        counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
+        outputs.append(to(AIRED, Aired(self._step, counts)))
+        self._step += 1
+        return outputs
+
+    def _delivered(self, truth: Truth, events: Mapping[str, list[RadioEvent]]) -> dict[str, list[RadioEvent]]:
+        """What each robot that is given anything is given now."""
         given: dict[str, list[RadioEvent]] = {}
         for robot in truth.robots:
             if robot.id in events:
@@ -134,13 +144,7 @@ class RadioCore:
                 received = host.deliver(received, robot.powered, robot.stepping, robot.epoch)
             if received:
                 given[robot.id] = received
-        outputs = [
-            to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
-        ]
-        counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
-        outputs.append(to(AIRED, Aired(self._step, counts)))
-        self._step += 1
-        return outputs
+        return given
 
     def counters(self) -> dict[str, int]:
         """What became of all frames and events (`FrameOutcomes.counters`).

@@ -27,14 +27,14 @@ def runs() -> dict[Cell, dict[int, JudgedRun]]:
     for row in rows():
         cell = row["strategy"], row[f"vary.{FACTOR}"]
         found.setdefault(cell, {})[int(row["seed"])] = JudgedRun(
-            int(row["places_done"]),
-            int(row["places_total"]),
-            _time(row["completion_s"]),
-            _time(row["settled_s"]),
-            float(row["simulated_s"]),
-            float(row["contacts"]),
-            float(row["radio_bytes_per_robot_s"]),
-            float(row["driven_m"]),
+            places_done=int(row["places_done"]),
+            places_total=int(row["places_total"]),
+            completion_s=_time(row["completion_s"]),
+            settled_s=_time(row["settled_s"]),
+            simulated_s=float(row["simulated_s"]),
+            contacts=float(row["contacts"]),
+            radio=float(row["radio_bytes_per_robot_s"]),
+            driven_m=float(row["driven_m"]),
         )
     return found
 

@@ -12,7 +12,7 @@ from benchmarks.statistics.measured import ConfidenceInterval, Measured, proport
 from benchmarks.verdicts import campaign_rows
 from experiments.comparison.comparison import PairedSample, scores
 from experiments.comparison.decision import look, rules_for
-from experiments.comparison.family import Verdict, tests_of, verdicts
+from experiments.comparison.family import PairVerdict, tests_of, verdicts
 from experiments.comparison.metrics import FAILED, PLACES, JudgedRun
 from experiments.comparison.pilot import redrawn, told_apart
 from experiments.statistics.effect_size import a12, a12_bounds, mean_interval
@@ -205,7 +205,7 @@ def _power_row(name: str, pairs: int, promised: float, delivered: float) -> dict
     return {"comparison": name, "pairs": pairs, "promised": promised, "delivered": delivered}
 
 
-def _by_places(found: Sequence[Verdict]) -> bool:
+def _by_places(found: Sequence[PairVerdict]) -> bool:
     deciding = found[0].deciding
     return deciding is not None and (deciding.metric, deciding.test.direction) == (PLACES.name, 1)
 

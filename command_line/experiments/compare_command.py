@@ -18,7 +18,7 @@ from experiments.comparison import decision, metrics, sentences
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.comparison import Comparison
-from experiments.comparison.judgement import Judgement, judge
+from experiments.comparison.judgement import CampaignJudgement, judge
 from experiments.statistics.effect_size import Interval
 
 
@@ -48,7 +48,7 @@ def _warn(different: Sequence[str]) -> None:
         console.print(f"acrc: {line}", style="bold red", markup=False)
 
 
-def _told(found: Judgement) -> dict[str, object]:
+def _told(found: CampaignJudgement) -> dict[str, object]:
     return {
         "failures": found.failures,
         "verdicts": [
@@ -74,7 +74,7 @@ def _told(found: Judgement) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _print(kept: store.Store, found: Judgement) -> None:
+def _print(kept: store.Store, found: CampaignJudgement) -> None:
     console = Console(soft_wrap=True, highlight=False)
     for line in (*found.failures, *protection(kept), *found.too_few, *found.family):
         console.print(line, markup=False)
@@ -88,7 +88,7 @@ def _print(kept: store.Store, found: Judgement) -> None:
         console.print(line, markup=False)
 
 
-def _about(kept: store.Store, found: Judgement) -> Iterator[str]:
+def _about(kept: store.Store, found: CampaignJudgement) -> Iterator[str]:
     """What is to be known beside the tests."""
     if kept.looks is not None:
         yield from decision.told(found.looks, decision.rules_for(kept.study))

@@ -143,7 +143,17 @@ def estimate(sample: PairedSample, name: str) -> Comparison | None:
         better, worse = int((ones > others).sum()), int((ones < others).sum())
         effect = a12_interval(ones, others)
         return Comparison(
-            *about, name, _LEXICOGRAPHIC_SAYS, "", len(ones), better, worse, None, None, None, effect
+            *about,
+            metric=name,
+            says=_LEXICOGRAPHIC_SAYS,
+            unit="",
+            pairs=len(ones),
+            better=better,
+            worse=worse,
+            ones=None,
+            others=None,
+            difference=None,
+            effect=effect,
         )
     metric = metrics.BY_NAME[name]
     found = scores(metric, sample.pairs)
@@ -151,16 +161,16 @@ def estimate(sample: PairedSample, name: str) -> Comparison | None:
         return None
     return Comparison(
         *about,
-        name,
-        metric.says,
-        metric.unit,
-        found.ones.size,
-        int((found.gains > 0).sum()),
-        int((found.gains < 0).sum()),
-        float(found.ones.mean()),
-        float(found.others.mean()),
-        mean_interval(found.ones - found.others),
-        a12_interval(found.sign * found.ones, found.sign * found.others),
+        metric=name,
+        says=metric.says,
+        unit=metric.unit,
+        pairs=found.ones.size,
+        better=int((found.gains > 0).sum()),
+        worse=int((found.gains < 0).sum()),
+        ones=float(found.ones.mean()),
+        others=float(found.others.mean()),
+        difference=mean_interval(found.ones - found.others),
+        effect=a12_interval(found.sign * found.ones, found.sign * found.others),
     )
 
 

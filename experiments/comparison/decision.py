@@ -8,7 +8,7 @@ from actors.runtime.errors import AcrcError
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import PairedSample, samples
-from experiments.comparison.family import Step, Verdict, primary, step, step_names, tests_of
+from experiments.comparison.family import ComparedMetric, PairVerdict, primary, step, step_names, tests_of
 from experiments.statistics.paired_tests import ALPHA
 from experiments.statistics.sequential import SequentialPlan, plan
 from experiments.study.study import Study, Trial
@@ -21,9 +21,9 @@ _MOST_LOOKS: Final = 10
 class LookedAt(NamedTuple):
     """How a primary comparison in one variant stands after the last look that was due."""
 
-    verdict: Verdict
+    verdict: PairVerdict
     """Without steps if none of the looks has come."""
-    looks: tuple[Step, ...]
+    looks: tuple[ComparedMetric, ...]
     """At each look the step that was asked."""
     at_cap: bool
     """True if there will be no more pairs."""
@@ -64,9 +64,9 @@ def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = 
     What a look has shown stays. `ended`: no pair will come any more, so the last look takes what there are;
     fewer than planned, where failed runs are left out.
     """
-    shown: dict[str, Step] = {}
-    asked: list[Step] = []
-    verdict = Verdict(sample, ())
+    shown: dict[str, ComparedMetric] = {}
+    asked: list[ComparedMetric] = []
+    verdict = PairVerdict(sample, ())
     due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
     if ended and len(due) < len(rules.differ.looks) and sample.pairs:
         due.append(len(sample.pairs))
@@ -75,14 +75,14 @@ def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = 
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [shown.get(name) or _at_look(first, name, study, rules, place) for name in step_names(study)]
         shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
-        verdict = Verdict(first, tuple(steps))
+        verdict = PairVerdict(first, tuple(steps))
         asked.append(next((one for one in steps if not one.equivalent or one.differs), steps[-1]))
         if verdict.settled:
             break
     return LookedAt(verdict, tuple(asked), ended)
 
 
-def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> Step:
+def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> ComparedMetric:
     raw = step(sample, name, study)
     threshold = rules.differ.thresholds[place]
     return replace(
@@ -171,7 +171,7 @@ def _outcome(one: LookedAt) -> str:
     return f"not decided {'by the cap' if one.at_cap else 'yet'}, {after}"
 
 
-def _at(asked: Step) -> str:
+def _at(asked: ComparedMetric) -> str:
     ahead = {1: f"{asked.sample.one} ahead", -1: f"{asked.sample.other} ahead", 0: "level"}
     sign = "≤" if asked.differs else ">"
     return (

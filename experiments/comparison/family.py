@@ -26,7 +26,7 @@ _NOTHING: Final = PairedTest(0, 0, 1.0)
 
 
 @dataclass(frozen=True)
-class Step:
+class ComparedMetric:
     """One metric of a primary comparison: its test, and what the family makes of it."""
 
     sample: PairedSample
@@ -61,14 +61,14 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PairVerdict:
     """What a primary comparison in one variant comes to: its steps, in the order in which they are asked."""
 
     sample: PairedSample
-    steps: tuple[Step, ...]
+    steps: tuple[ComparedMetric, ...]
 
     @property
-    def deciding(self) -> Step | None:
+    def deciding(self) -> ComparedMetric | None:
         """The first step by which the strategies differ, if they are equivalent by all before it."""
         for step in self.steps:
             if step.differs:
@@ -107,7 +107,7 @@ def primary(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
     return [sample for sample in found if (sample.one, sample.other) in declared]
 
 
-def verdicts(found: Sequence[PairedSample], study: Study) -> list[Verdict]:
+def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     """What the primary comparisons among the samples come to after all runs: Holm over their tests alone."""
     names = step_names(study)
     raw = [step(sample, name, study) for sample in primary(found, study) for name in names]
@@ -128,12 +128,12 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[Verdict]:
         )
     count = len(names)
     return [
-        Verdict(steps[place].sample, tuple(steps[place : place + count]))
+        PairVerdict(steps[place].sample, tuple(steps[place : place + count]))
         for place in range(0, len(steps), count)
     ]
 
 
-def step(sample: PairedSample, name: str, study: Study) -> Step:
+def step(sample: PairedSample, name: str, study: Study) -> ComparedMetric:
     """The test of one metric of a sample, before anything is made of it."""
     if name == metrics.LEXICOGRAPHIC:
         raise ValueError("the order is asked step by step")
@@ -142,10 +142,12 @@ def step(sample: PairedSample, name: str, study: Study) -> Step:
     is_time = isinstance(metric, TimeMetric)
     margin = study.margin_s if is_time else study.margin_places if metric is metrics.PLACES else None
     if not found.happened or not found.ones.size:
-        return Step(sample, name, _NOTHING, False, margin, 1.0)
+        return ComparedMetric(sample, name, _NOTHING, False, margin, 1.0)
     gains = np.round(found.gains, 9)  # equal decimals are equal, whatever floats make of their difference
     test = mean_test(gains) if is_time else signed_rank(gains)
-    return Step(sample, name, test, True, margin, 1.0 if margin is None else equivalence_p(gains, margin))
+    return ComparedMetric(
+        sample, name, test, True, margin, 1.0 if margin is None else equivalence_p(gains, margin)
+    )
 
 
 def foreseen(study: Study) -> list[str]:

@@ -7,11 +7,11 @@ from experiments.campaign.store import Store
 from experiments.comparison import sentences
 from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.decision import LookedAt, Watch
-from experiments.comparison.family import Verdict, verdicts
+from experiments.comparison.family import PairVerdict, verdicts
 
 
 @dataclass(frozen=True)
-class Judgement:
+class CampaignJudgement:
     """What is to be said of a campaign, and nothing that was not declared is tested."""
 
     failures: Sequence[str]
@@ -19,7 +19,7 @@ class Judgement:
     too_few: Sequence[str]
     family: Sequence[str]
     """How the declared comparisons are tested."""
-    verdicts: Sequence[Verdict]
+    verdicts: Sequence[PairVerdict]
     """Of the declared comparisons, in their order."""
     looks: Sequence[LookedAt]
     """At the declared comparisons while the campaign went on; empty if nobody looked."""
@@ -38,7 +38,7 @@ class Judgement:
         ]
 
 
-def judge(kept: Store, only: str | None = None) -> Judgement:
+def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
     """Judge what of a campaign has ended; `only`: estimates of the metric of that name alone.
 
     A campaign that was looked at on its way is judged by its looks. Raises AcrcError for a damaged record.
@@ -47,7 +47,7 @@ def judge(kept: Store, only: str | None = None) -> Judgement:
     found = samples(records, study)
     looks = Watch(kept).looked_at() if kept.looks is not None else []
     decided = [one.verdict for one in looks] if kept.looks is not None else verdicts(found, study)
-    return Judgement(
+    return CampaignJudgement(
         sentences.failures(records, study),
         sentences.too_few(found),
         sentences.family(decided, study) if len(study.strategies) > 1 else [],

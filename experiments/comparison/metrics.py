@@ -35,14 +35,14 @@ def judged(run: RunResult | None) -> JudgedRun:
     if run is None:
         return FAILED
     return JudgedRun(
-        run.places_done,
-        run.places_total,
-        run.completion_s,
-        run.settled_s,
-        run.simulated_s,
-        float(run.contacts),
-        run.radio_bytes_per_robot_s,
-        math.nan if run.driven_m is None else run.driven_m,
+        places_done=run.places_done,
+        places_total=run.places_total,
+        completion_s=run.completion_s,
+        settled_s=run.settled_s,
+        simulated_s=run.simulated_s,
+        contacts=float(run.contacts),
+        radio=run.radio_bytes_per_robot_s,
+        driven_m=math.nan if run.driven_m is None else run.driven_m,
     )
 
 

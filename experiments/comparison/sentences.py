@@ -8,7 +8,7 @@ import numpy as np
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.comparison import LEAST, Comparison, PairedSample, scores
-from experiments.comparison.family import Step, Verdict, tests_of
+from experiments.comparison.family import ComparedMetric, PairVerdict, tests_of
 from experiments.comparison.metrics import TimeMetric, horizon
 from experiments.study.study import Study
 from observation.results.result import RunResult
@@ -79,7 +79,7 @@ def too_few(samples: Sequence[PairedSample]) -> list[str]:
     ]
 
 
-def family(verdicts: Sequence[Verdict], study: Study) -> list[str]:
+def family(verdicts: Sequence[PairVerdict], study: Study) -> list[str]:
     """How the primary comparisons are tested; nothing where there is none."""
     if not verdicts:
         return ["No comparison was declared, so nothing is tested; all that follows is exploration."]
@@ -102,7 +102,7 @@ def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'s' if count != 1 else ''}"
 
 
-def verdict(one: Verdict) -> str:
+def verdict(one: PairVerdict) -> str:
     """What a primary comparison comes to, step by step, with estimates, intervals and p-values."""
     if not one.steps:
         name = f"{one.sample.one} and {one.sample.other}{one.sample.where}"
@@ -124,12 +124,12 @@ def verdict(one: Verdict) -> str:
     return " ".join(said)
 
 
-def _amount(value: float, step: Step) -> str:
+def _amount(value: float, step: ComparedMetric) -> str:
     unit = metrics.BY_NAME[step.metric].unit
     return f"{value:.4g} {'place' if value == 1 and unit == 'places' else unit}"
 
 
-def _step(step: Step) -> str:
+def _step(step: ComparedMetric) -> str:
     sample, metric = step.sample, metrics.BY_NAME[step.metric]
     by = f"by {metric.says}{sample.where}"
     if not step.happened:
@@ -151,7 +151,7 @@ def _step(step: Step) -> str:
     return f"{sample.one} cannot be told from {sample.other} {by}: {numbers}, {_p(step)}."
 
 
-def _nothing(step: Step) -> str:
+def _nothing(step: ComparedMetric) -> str:
     metric = metrics.BY_NAME[step.metric]
     if not isinstance(metric, TimeMetric):
         return "it is unknown of every pair"
@@ -159,7 +159,7 @@ def _nothing(step: Step) -> str:
     return f"no run was {metric.event} by {until:g} s"
 
 
-def _difference(step: Step, by: str) -> str:
+def _difference(step: ComparedMetric, by: str) -> str:
     """Who is better, by the test that decided; where the mean or A12 speaks for the other one, both sides."""
     sample, side = step.sample, step.test.direction
     found = step.estimated()
@@ -179,7 +179,7 @@ def _difference(step: Step, by: str) -> str:
     )
 
 
-def _numbers(step: Step) -> str:
+def _numbers(step: ComparedMetric) -> str:
     found = step.estimated()
     if found is None:
         return f"{len(step.sample.pairs)} pairs"
@@ -200,7 +200,7 @@ def numbers(one: Comparison) -> str:
     )
 
 
-def _p(step: Step) -> str:
+def _p(step: ComparedMetric) -> str:
     if step.threshold is not None:
         sign = "at most" if step.differs else "above"
         return f"p = {step.test.p:.2g}, {sign} {step.threshold:.2g}, after {len(step.sample.pairs)} pairs"

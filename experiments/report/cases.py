@@ -13,7 +13,7 @@ from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.campaign.trust import differing, protection
-from experiments.comparison.judgement import Judgement, judge
+from experiments.comparison.judgement import CampaignJudgement, judge
 from experiments.study.study import Study
 from observation.accounting.time_spent import TimeSpent
 from observation.field_trial.trial_result import TrialResult
@@ -58,7 +58,7 @@ class CaseSource:
     """What is protected in a campaign's runs and what is not."""
     differing: tuple[str, ...] = ()
     """Which of its runs are not what they were as processes."""
-    judgement: Judgement | None = None
+    judgement: CampaignJudgement | None = None
     """Of a campaign."""
 
 

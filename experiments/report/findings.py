@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Final
 
 from experiments.comparison.comparison import Comparison, PairedSample, Variant
-from experiments.comparison.family import Step, Verdict
-from experiments.comparison.judgement import Judgement
+from experiments.comparison.family import ComparedMetric, PairVerdict
+from experiments.comparison.judgement import CampaignJudgement
 from experiments.comparison.metrics import BY_NAME
 from experiments.report.cases import REAL, CaseSource
 from experiments.report.numbers import Cell, NumberTable
@@ -20,7 +20,7 @@ _MOST_OPEN: Final = 12
 class Findings:
     """The comparisons of a campaign's strategies."""
 
-    def __init__(self, source: CaseSource, judgement: Judgement) -> None:
+    def __init__(self, source: CaseSource, judgement: CampaignJudgement) -> None:
         self.source = source
         self.judgement = judgement
         self.estimates = [
@@ -64,9 +64,9 @@ class Findings:
             )
 
 
-def _labelled(verdict: Verdict) -> Verdict:
+def _labelled(verdict: PairVerdict) -> PairVerdict:
     steps = tuple(replace(step, sample=_named(step.sample)) for step in verdict.steps)
-    return Verdict(_named(verdict.sample), steps)
+    return PairVerdict(_named(verdict.sample), steps)
 
 
 def _named(sample: PairedSample) -> PairedSample:
@@ -77,7 +77,7 @@ def _condition(variant: Variant, where: Sequence[str]) -> tuple[Cell, ...]:
     return (", ".join(f"{key} = {value}" for key, value in variant),) if where else ()
 
 
-def _test(step: Step, where: Sequence[str]) -> tuple[Cell, ...]:
+def _test(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
     sample, test = step.sample, step.test
     return (
         *(sample.one, sample.other, *_condition(sample.variant, where), BY_NAME[step.metric].says),

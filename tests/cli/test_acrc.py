@@ -171,7 +171,7 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         "pictures",
         "sim",
     ]
-    assert err.splitlines()[0] == "acrc: .venv will take 811 MB"
+    assert err.splitlines()[0] == "acrc: .venv will take 1083 MB"
     assert "rerun-sdk" not in clone.installed()
 
 

@@ -54,6 +54,7 @@ STARTS = {
     ),
     "bench budget": ("deploy.run.swarm", *ACTORS),
     "bench beside": ("deploy.run.swarm", *ACTORS),
+    "bench start": ("deploy.run.swarm", *ACTORS),
     "bench recordings": ("deploy.run.swarm", *ACTORS),
     "verify attacks": ("deploy.run.swarm", *ACTORS),
     "verify processors": ("deploy.run.swarm", *ACTORS),

@@ -98,6 +98,8 @@ def test_a_server_that_forks_is_a_fork_and_ends_with_its_launcher(spawn: str, ki
     with launcher(spawn) as launched:
         server = launched._server
         assert isinstance(server, kind)
+        while not launched._ready:  # before that it is killed: nobody wants what it imports
+            launched._hear()
     assert server.wait() == 0
 
 

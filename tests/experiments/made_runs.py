@@ -6,7 +6,7 @@ import msgspec
 
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import PairedSample, samples
-from experiments.comparison.family import Verdict, verdicts
+from experiments.comparison.family import PairVerdict, verdicts
 from experiments.comparison.metrics import JudgedRun
 from experiments.study.study import Study
 from observation.results.result import RunResult
@@ -46,10 +46,12 @@ def sample(ones: Sequence[JudgedRun], others: Sequence[JudgedRun]) -> PairedSamp
     return PairedSample("one", "other", (), tuple(zip(ones, others, strict=True)))
 
 
-def verdict_of(ones: Sequence[JudgedRun], others: Sequence[JudgedRun], made: Study | None = None) -> Verdict:
+def verdict_of(
+    ones: Sequence[JudgedRun], others: Sequence[JudgedRun], made: Study | None = None
+) -> PairVerdict:
     (found,) = verdicts([sample(ones, others)], made or study())
     return found
 
 
-def judged(records: Sequence[TrialRecord], made: Study) -> list[Verdict]:
+def judged(records: Sequence[TrialRecord], made: Study) -> list[PairVerdict]:
     return verdicts(samples(records, made), made)

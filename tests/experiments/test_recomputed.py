@@ -13,7 +13,7 @@ from benchmarks.verdicts import campaign_rows
 from benchmarks.verdicts.verdicts import check as verdicts_check
 from experiments.comparison import metrics
 from experiments.comparison.comparison import Scores, estimate, scores
-from experiments.comparison.family import Step, verdicts
+from experiments.comparison.family import ComparedMetric, verdicts
 from experiments.comparison.metrics import BY_NAME
 from experiments.statistics.effect_size import mean_interval
 from experiments.statistics.survival import Completion, restricted_mean
@@ -87,7 +87,7 @@ def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, pl
     assert (found.ones if sample.one == strategy else found.others) == pytest.approx(area)
 
 
-def flipped(step: Step, found: Scores) -> float:
+def flipped(step: ComparedMetric, found: Scores) -> float:
     """The p-value of the step's statistic under 200 000 draws of signs, by scipy; with its own rounding."""
     gains = found.gains
     sizes = np.abs(gains)

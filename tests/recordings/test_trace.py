@@ -134,7 +134,7 @@ def test_a_robot_is_replayed_once_for_all_who_look(
     recording = tmp_path / "run" / "r2" / "r2.mcap"
     file = recording.with_suffix(".trace")
     kept = file.read_bytes()
-    for damaged in (kept[:-10], kept[:32] + b"\x01", b"", b"\x00" + kept[1:], kept + b"\x01"):
+    for damaged in (kept[:-10], kept[:32] + b"\x01", b"", bytes([kept[0] ^ 1]) + kept[1:], kept + b"\x01"):
         file.write_bytes(damaged)
         assert keeping.kept(recording) is None
     counting.of("r2")
