@@ -240,7 +240,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("bench budget --bus zenoh --write", r"--write: keeps counts in memory", codes=(2,)),
         Line(
             "bench beside {root} --scenario scenarios/head_on.toml --robots 2 --seed 3 --duration 1 "
-            "--pairs 2 --bus memory --json",
+            "--pairs 2 --bus memory --navigation improved --json",
             r'"digests_equal": true',
         ),
     ),
