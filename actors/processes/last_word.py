@@ -23,13 +23,18 @@ _SHOWN: Final = 20_000
 
 def last_line(path: Path) -> str:
     """The last line that is not empty, or as much of it as is read, for a terminal; "" if there is none."""
+    return next(iter(last_lines(path)), "")
+
+
+def last_lines(path: Path) -> list[str]:
+    """The lines that are not empty in the last 8 KiB, the last one first, for a terminal."""
     try:
         with regular_file.opened(path) as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - _LAST_BYTES))
             lines = log.read(_LAST_BYTES).decode("utf-8", "replace").split("\n")
     except OSError:
-        return ""
-    return printable(next((line.strip() for line in reversed(lines) if line.strip()), ""))
+        return []
+    return [printable(line.strip()) for line in reversed(lines) if line.strip()]
 
 
 def said(program: Program, limit: int = _SHOWN) -> str:

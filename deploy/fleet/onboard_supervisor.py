@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from actors.processes.last_word import last_line
+from actors.processes.last_word import last_line, last_lines
 from actors.processes.launch import Child, Launcher, Program
 from actors.runtime.errors import AcrcError
 from deploy.fleet import onboard as layout
@@ -149,10 +149,14 @@ class OnboardSupervisor:
     def _tell_losses(self) -> None:
         """Say which recordings the disk does not take, as each process says it of its own in its log."""
         for name, child in self._children.items():
-            last, record = _last_word(child), child.program.record
-            if record is not None and last.startswith(f"{record}: ") and self._losses.get(record) != last:
-                self._losses[record] = last
-                self._say(f"{name}: {last}")
+            record = child.program.record
+            if record is None:
+                continue
+            said = map(child.program.in_our_words, last_lines(child.program.log))
+            told = next((line for line in said if line.startswith(f"{record}: ")), None)
+            if told is not None and self._losses.get(record) != told:
+                self._losses[record] = told
+                self._say(f"{name}: {told}")
 
     def _await(self, children: list[Child]) -> None:
         deadline = time.monotonic() + self.GRACE_S

@@ -51,6 +51,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
             name, name, (), tmp_path / f"{name}.log", tmp_path / f"{name}.mcap"
         )
 
+    monkeypatch.setattr(OnboardSupervisor, "GRACE_S", 0.05)  # nothing is really waited for
     monkeypatch.setattr(layout, "issue", lambda _onboard: issued)
     monkeypatch.setattr(layout, "base_program", program(layout.BASE))
     monkeypatch.setattr(layout, "bridge_program", program(layout.BRIDGE))
@@ -105,7 +106,8 @@ def test_a_recording_that_is_not_whole_is_told_once_for_each_thing_that_its_proc
     watch, launcher = played
     full = f"{tmp_path}/r1.mcap: cannot be written: no space left on device"
     log = tmp_path / "r1.log"
-    for text in ("a line of the strategy\n", f"{full}; records are lost from here on\n", "", ""):
+    later = "and this was said after it, before anybody looked\n"
+    for text in ("a line of the strategy\n", f"{full}; records are lost from here on\n{later}", "", ""):
         log.write_text((log.read_text() if log.exists() else "") + text)
         assert watch.look(0.0)
     log.write_text(log.read_text() + f"{full}; 1234 records are missing\n")
