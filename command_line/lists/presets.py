@@ -1,11 +1,19 @@
-"""Which presets there are of the radio, of localisation and of navigation."""
+"""Which presets there are of the radio, of localisation and of navigation.
+
+They are read from the sources where they are defined: importing those takes as long as starting a simulation.
+"""
 
 from pathlib import Path
-from types import ModuleType
+from typing import Final
 
 import msgspec
 
-from command_line.lists.rows import constant_doc, print_rows, said_of
+import actors
+import deploy
+from command_line.lists.rows import constant_doc, constant_keys, print_rows, said_of
+
+_ACTORS: Final = Path(str(actors.__file__)).parent
+_TABLES: Final = Path(str(deploy.__file__)).parent / "scenario" / "stack_tables.py"
 
 
 class ListedPreset(msgspec.Struct, frozen=True):
@@ -19,16 +27,11 @@ class ListedPreset(msgspec.Struct, frozen=True):
 
 def listed() -> tuple[ListedPreset, ...]:
     """All presets, table by table."""
-    from actors.radio import presets as radio
-    from actors.robot.localisation import parameters
-    from actors.robot.navigation import navigator
-    from deploy.scenario import stack_tables
-
     return (
-        *_of("radio", radio, "PRESETS"),
-        *_of("localisation", parameters, "PRESETS"),
-        ListedPreset("localisation", stack_tables.ODOMETRY, _doc(stack_tables, "ODOMETRY").removesuffix(".")),
-        *_of("navigation", navigator, "NAVIGATION_PRESETS"),
+        *_of("radio", _ACTORS / "radio" / "presets.py", "PRESETS"),
+        *_of("localisation", _ACTORS / "robot" / "localisation" / "parameters.py", "PRESETS"),
+        ListedPreset("localisation", "odometry", constant_doc(_TABLES, "ODOMETRY").removesuffix(".")),
+        *_of("navigation", _ACTORS / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
     )
 
 
@@ -43,10 +46,6 @@ def print_presets(*, json: bool) -> None:
     print_rows(rows, columns, json=json)
 
 
-def _of(table: str, module: ModuleType, constant: str) -> list[ListedPreset]:
-    doc = _doc(module, constant)
-    return [ListedPreset(table, name, said_of(name, doc)) for name in getattr(module, constant)]
-
-
-def _doc(module: ModuleType, constant: str) -> str:
-    return constant_doc(Path(str(module.__file__)), constant)
+def _of(table: str, source: Path, constant: str) -> list[ListedPreset]:
+    doc = constant_doc(source, constant)
+    return [ListedPreset(table, name, said_of(name, doc)) for name in constant_keys(source, constant)]

@@ -43,11 +43,23 @@ def constant_doc(source: Path, name: str) -> str:
     """The docstring below the module's constant `name`, on one line."""
     body = ast.parse(source.read_text(encoding="utf-8")).body
     for here, below in pairwise(body):
-        targets = here.targets if isinstance(here, ast.Assign) else [getattr(here, "target", None)]
-        named = any(isinstance(target, ast.Name) and target.id == name for target in targets)
-        if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+        if _assigns(here, name) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             return " ".join(str(below.value.value).split())
     return ""
+
+
+def constant_keys(source: Path, name: str) -> list[str]:
+    """The keys of the module's constant `name`, a mapping written out in full."""
+    for statement in ast.parse(source.read_text(encoding="utf-8")).body:
+        if _assigns(statement, name):
+            written = next(node for node in ast.walk(statement) if isinstance(node, ast.Dict))
+            return [ast.literal_eval(key) for key in written.keys if key is not None]
+    return []
+
+
+def _assigns(statement: ast.stmt, name: str) -> bool:
+    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+    return any(isinstance(target, ast.Name) and target.id == name for target in targets)
 
 
 def said_of(name: str, doc: str) -> str:
