@@ -216,7 +216,10 @@ class Server:
         self._thread.start()
 
     def _serve(self) -> None:
-        plain, _ = self._socket.accept()
+        try:
+            plain, _ = self._socket.accept()
+        except OSError:  # closed before anybody came
+            return
         with plain, suppress(OSError):
             if self._context is None:
                 plain.sendall(b"\0" * 16)
@@ -226,6 +229,7 @@ class Server:
                 encrypted.sendall(b"hello")
 
     def close(self) -> None:
+        self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(10.0)
         self._socket.close()
 
