@@ -50,7 +50,7 @@ def main() -> None:
     gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
     try:
         with signals_as_interrupts(), extras_named():
-            sys.exit(app(prog_name="acrc", standalone_mode=False))
+            sys.exit(app(_words(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
         _say("acrc: ended from outside" + _kept(interrupt))
         sys.exit(interrupt.exit_code)
@@ -60,6 +60,11 @@ def main() -> None:
     except typer.TyperException as error:
         _say(usage_errors.text(error))
         sys.exit(error.exit_code)
+
+
+def _words(typed: list[str]) -> list[str]:
+    """`acrc help run` is `acrc run --help`."""
+    return [*typed[1:], "--help"] if typed[:1] == ["help"] else typed
 
 
 def _kept(interrupt: Interrupted) -> str:

@@ -53,9 +53,12 @@ def demo(
 
 def view(
     out: Annotated[
-        Path,
-        typer.Argument(metavar="OUT", help="A run's folder, or one with folders collected from robots."),
-    ],
+        Path | None,
+        typer.Argument(
+            metavar="OUT",
+            help="A run's folder, or one with folders collected from robots.  [default: the newest in runs/]",
+        ),
+    ] = None,
     png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
     html: Annotated[
@@ -113,6 +116,7 @@ def view(
     It replays the robots to compute what was not recorded. With --png, --svg, --html or
     --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
     """
+    out = out or _newest()
     if beside and (html or movie or why):
         raise OptionError("--beside: cannot be combined with --html, --movie or --why")
     if beside and (png or svg):
@@ -126,6 +130,17 @@ def view(
 
     wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
     _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+
+
+def _newest() -> Path:
+    """The run that was begun last, which is named. Raises OptionError if there is none."""
+    from deploy.run import out_folder
+
+    found = out_folder.newest(Path("runs"))
+    if found is None:
+        raise OptionError("OUT: is missing, and there is no run in runs/ here; must be a run's folder")
+    sys.stderr.write(f"acrc: {found}\n")
+    return found
 
 
 def _show(

@@ -296,8 +296,11 @@ def order(
     Example: acrc order runs/mine kill r2. It prints what became of the order; the exit code is 1 if the run
     refused it.
     """
-    from deploy.run import orders
+    from deploy.run import orders, out_folder
 
+    if str(out) in orders.VERBS and verb not in orders.VERBS:
+        folder = out_folder.newest(Path("runs")) or "runs/NAME"
+        raise OptionError(f"OUT: is missing; must be as in acrc order {folder} {out} {verb}")
     given = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:

@@ -39,6 +39,14 @@ def claim(parent: Path, name: str) -> Path:
     raise AssertionError("there is always one more number")
 
 
+def newest(parent: Path) -> Path | None:
+    """The run in `parent` that was begun last; None if there is none."""
+    runs = [file for file in parent.glob("*/scenario.toml") if file.is_file()]
+    return (
+        max(runs, key=lambda file: (file.stat().st_mtime_ns, file), default=Path()).parent if runs else None
+    )
+
+
 @contextmanager
 def dropped_if_empty(folder: Path) -> Iterator[None]:
     """Whatever is raised takes the folder along if nothing has been written to it yet.

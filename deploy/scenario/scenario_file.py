@@ -1,5 +1,6 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
+import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -62,7 +63,15 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
+    if not path.exists() and (near := _shipped_like(path)) is not None:
+        raise AcrcError(f"{path}: there is no such file; did you mean {os.path.relpath(near)}?")
     return parse(toml_file.read(path, "scenario"), path, overrides)
+
+
+def _shipped_like(path: Path) -> Path | None:
+    """The scenario that is shipped under a name like this one; None: there is none."""
+    shipped = {file.stem: file for file in sorted(DEFAULT_SCENARIO.parent.glob("*.toml"))}
+    return next((shipped[name] for name in difflib.get_close_matches(path.stem, shipped, n=1)), None)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:

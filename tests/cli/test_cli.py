@@ -1,6 +1,7 @@
 """The command line as a person meets it."""
 
 import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -86,6 +87,31 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
 )  # fmt: skip
 def test_whatever_is_wrong_with_the_words_is_said_in_one_form(words: str, sentence: str) -> None:
     assert acrc(*words.split()) == (2, "", f"acrc: {sentence}\n")
+
+
+def test_help_can_be_asked_for_by_its_name() -> None:
+    assert acrc("help") == acrc("--help")
+    assert acrc("help", "list", "maps") == acrc("list", "maps", "--help")
+
+
+@pytest.mark.parametrize("typed", ["chapter", "scenarios/chaptr.toml"])
+def test_a_scenario_that_is_not_there_may_be_a_shipped_one(typed: str) -> None:
+    code, _, err = acrc("run", typed)
+    assert (code, err) == (
+        1, f"acrc: {typed}: there is no such file; did you mean scenarios/chapter.toml?\n"
+    )  # fmt: skip
+
+
+def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
+    none = "acrc: OUT: is missing, and there is no run in runs/ here; must be a run's folder\n"
+    assert acrc("view", "--png", cwd=tmp_path) == (2, "", none)
+    for name in ("a", "b"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "scenario.toml").touch()
+    os.utime(tmp_path / "runs" / "a" / "scenario.toml", (1e9, 1e9))
+    assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: runs/b"
+    said = "acrc: OUT: is missing; must be as in acrc order runs/b kill r1\n"
+    assert acrc("order", "kill", "r1", cwd=tmp_path) == (2, "", said)
 
 
 def test_an_unknown_option_is_told_from_the_known_ones() -> None:
