@@ -1,5 +1,6 @@
 """`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,6 +50,8 @@ def demo(
     console = Console(soft_wrap=True, highlight=False)
     for sentence in demonstration.sentences(shown, len(runs[-1].taken_over), pictures):
         console.print(sentence, markup=False)
+    if console.is_terminal and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        typer.launch(str(pictures[0]))
 
 
 def view(

@@ -1,7 +1,9 @@
-"""How far a run is, for a person at a terminal."""
+"""How far a run is: a bar at a terminal, and a line now and then where there is none, as in a log."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Final
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -9,13 +11,36 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 
+EVERY_S: Final = 10.0
+"""Wall time between two lines."""
+
+
+def lines(console: Console) -> Callable[[str], None]:
+    """Prints what it is told, but only if the last line, or the beginning, is ten seconds ago."""
+    last = time.monotonic()
+
+    def say(line: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= EVERY_S:
+            last = time.monotonic()
+            console.print(f"acrc: {line}", markup=False, highlight=False, soft_wrap=True)
+
+    return say
+
 
 @contextmanager
 def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
-    """A bar on standard error that follows what it is told; nothing at all if `quiet` or in no terminal."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    """Says on standard error how far the run is of which it is told; nothing at all if `quiet`."""
+    console, total = Console(stderr=True), in_seconds(duration_us)
+    if quiet:
         yield lambda message: None
+        return
+    if not console.is_terminal:
+        say = lines(console)
+        yield lambda message: say(
+            f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, "
+            f"{message.reports} of {places} places"
+        )
         return
     columns = (
         TextColumn("{task.fields[what]}"),
@@ -25,7 +50,7 @@ def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[P
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=in_seconds(duration_us), what="starting", places="")
+        task = bar.add_task("", total=total, what="starting", places="")
 
         def follow(message: ProgressMessage) -> None:
             bar.update(
