@@ -1,42 +1,21 @@
-"""Draws maze.png, apartment.png and their YAML files: `python maps/draw_floors.py [directory]`.
+"""Draws maze.png, apartment.png and their YAML files: `python maps/draw_floors.py [directory [name …]]`.
 
 Two floors besides the corridor. The maze is one of nested rectangular corridors, 10 m by 10 m at 0.05 m per
 pixel as the second map of the original testbed (d3scomp/ROSRemote, simulation/maze.yaml), whose drawing is
 another. The apartment has rooms of different sizes behind doors 0.9 m to 1.0 m wide, pillars, and tables of
 which a range sensor sees the legs; no turn and no reflection maps either floor onto itself, so that a robot
-can tell where it is from what it sees. Both layouts are our own.
+can tell where it is from what it sees. Both layouts are our own. With names such as `offices:7` it writes
+these office floors instead (`actors/floor/offices.py`), for whoever wants to change one by hand.
 """
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-RESOLUTION = 0.05
-BLACK, WHITE = 0, 254
-"""Occupied and free, the brightnesses that ROS map_saver writes."""
-
-Box = tuple[float, float, float, float]
-"""x0, y0, x1, y1: west, south, east and north edge, m, multiples of RESOLUTION."""
-Disc = tuple[float, float, float]
-"""x, y, radius, m."""
-
-
-@dataclass(frozen=True)
-class DrawnFloor:
-    """What stands on a rectangle; its border is a wall."""
-
-    width: float
-    height: float
-    walls: tuple[Box, ...]
-    doors: tuple[Box, ...]
-    """Openings in the walls."""
-    furniture: tuple[Box, ...] = ()
-    pillars: tuple[Disc, ...] = ()
-
+from actors.floor import offices
+from actors.floor.drawing import Box, DrawnFloor, draw, header
 
 def ring(west: float, south: float, east: float, north: float) -> tuple[Box, ...]:
     """The four walls, 0.10 m thick, whose outer faces lie there, m."""
@@ -129,43 +108,16 @@ APARTMENT = DrawnFloor(
 FLOORS = {"maze": MAZE, "apartment": APARTMENT}
 
 
-def fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
-    """Paint a box; row 0 of `pixels` is south."""
-    x0, y0, x1, y1 = (round(edge / RESOLUTION) for edge in box)
-    pixels[y0:y1, x0:x1] = brightness
-
-
-def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
-    """The map's brightnesses, row 0 north."""
-    rows, columns = round(floor.height / RESOLUTION), round(floor.width / RESOLUTION)
-    pixels = np.full((rows, columns), WHITE, dtype=np.uint8)
-    for wall in floor.walls:
-        fill(pixels, wall, BLACK)
-    for door in floor.doors:
-        fill(pixels, door, WHITE)
-    for box in floor.furniture:
-        fill(pixels, box, BLACK)
-    x = (np.arange(columns) + 0.5) * RESOLUTION
-    y = (np.arange(rows)[:, None] + 0.5) * RESOLUTION
-    for px, py, radius in floor.pillars:
-        pixels[(x - px) ** 2 + (y - py) ** 2 <= radius**2] = BLACK
-    return np.flipud(pixels)
-
-
-def header(name: str) -> str:
-    """The map's YAML."""
-    return (
-        f"# drawn by draw_floors.py\nimage: {name}.png\nresolution: {RESOLUTION}\n"
-        "origin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-
-
-def main(directory: Path) -> None:
-    """Write all files into `directory`."""
+def main(directory: Path, names: Sequence[str] = ()) -> None:
+    """Write the files of all fixed floors into `directory`; with `names`: those of drawn office floors alone."""
+    for name in names:
+        offices.write(name, directory / name.replace(":", "-"))
+    if names:
+        return
     for name, floor in FLOORS.items():
         Image.fromarray(draw(floor)).save(directory / f"{name}.png", optimize=True)
-        (directory / f"{name}.yaml").write_text(header(name), encoding="utf-8")
+        (directory / f"{name}.yaml").write_text(header(f"{name}.png", "draw_floors.py"), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent, sys.argv[2:])

@@ -13,6 +13,8 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from actors.floor import offices
+from actors.floor.drawing import RESOLUTION
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.sharing import Shared
 from actors.geometry import Point
@@ -58,18 +60,27 @@ _MAPS: Final = Shared[OccupancyGrid]()
 
 
 def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid:
-    """The floor plan in the YAML file `path` and the image it names, which lies beside it.
+    """The floor plan in the YAML file `path` and the image it names, which lies beside it; or a drawn one.
+
+    "offices:7" and the like are names of floors that `actors.floor.offices` draws.
 
     A pixel of brightness g in 0..255 is (255 − g)/255 occupied, or g/255 with `negate`: above
     `occupied_thresh` the cell is occupied, below `free_thresh` free, else unknown (mode trinary). The image
     is a PNG, PGM or BMP with 8 bits per channel. Files with the same bytes give one grid, wherever they lie.
-    Raises MapError.
+    Raises MapError, or OfficesError for such a name.
     """
+    if offices.is_name(path):
+        return _MAPS.get(str(path), lambda: _drawn(str(path)))
     path = Path(path)
     header = _header(path, limits)
     image = _image(header.image, limits)
     content = hashlib.sha256(image).digest(), replace(header, image=Path()), limits
     return _MAPS.get(content, lambda: _grid(header, image, limits))
+
+
+def _drawn(name: str) -> OccupancyGrid:
+    cells = np.where(offices.cells_of(name), OCCUPIED, FREE).astype(np.uint8)
+    return OccupancyGrid(cells, RESOLUTION, Point(0.0, 0.0))
 
 
 def _grid(header: _Header, image: bytes, limits: MapLimits) -> OccupancyGrid:

@@ -1,0 +1,292 @@
+"""Office floors drawn from a seed: a corridor with offices on one or both sides, each behind a door.
+
+A floor is named by what it follows from, such as "offices:7" or "offices:7,count=8,door_width=1.0". Every draw
+is of whole cells, so the same name gives the same cells on every processor. What the name fixes changes
+nothing else: floors of one seed with other doors have the same rooms.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.floor.drawing import BLACK, RESOLUTION, Box, DrawnFloor, draw, header
+from actors.floor.placement import Area
+from actors.geometry import Point
+from actors.randomness import generator
+from actors.runtime.errors import AcrcError
+
+PREFIX: Final = "offices:"
+_MOST_SEED: Final = 2**63 - 1
+_LONGEST: Final = 200
+"""Of a name, characters."""
+
+
+class OfficesError(AcrcError):
+    """The name of an office floor that cannot be drawn."""
+
+
+@dataclass(frozen=True)
+class _Range:
+    """What may be asked for, and what is drawn where nothing is: whole numbers, or cells."""
+
+    low: int
+    high: int
+    drawn: tuple[int, int]
+    cells: bool = True
+
+    @property
+    def words(self) -> str:
+        if not self.cells:
+            return f"a whole number from {self.low} to {self.high}"
+        return (
+            f"a multiple of {RESOLUTION:g} m from {self.low * RESOLUTION:g} to {self.high * RESOLUTION:g} m"
+        )
+
+
+PARAMETERS: Final = {
+    "count": _Range(1, 20, (4, 10), cells=False),
+    "door_width": _Range(18, 26, (18, 26)),
+    "corridor_width": _Range(36, 60, (36, 52)),
+    "furniture": _Range(0, 2, (0, 2), cells=False),
+}
+"""count: how many offices. door_width: of every door; absent: each has its own. corridor_width. furniture: so
+many pieces in every office; absent: each has its own number. Doors below 0.9 m are no way for the original's
+navigation, above 1.3 m two robots get by each other; a corridor of 1.8 m is a wide place."""
+
+_BORDER: Final = 2
+_WALL: Final = 12
+"""Thickness of the inner walls, cells. Own choice: in a thinner one, a door of 1.3 m would join its two sides
+to one region (`actors.floor.regions`)."""
+_DEPTH: Final = (70, 110)
+_WIDTH: Final = (54, 110)
+"""Of offices; where a side is stretched to the corridor's length, they become wider."""
+_CORNER: Final = 6
+"""From a door to the next corner, at least, cells."""
+_APART: Final = 20
+"""From the corridor to a door between two offices, at least, cells: each is a narrow place of its own."""
+_TWO_DOORS: Final = 90
+"""Offices so wide may have two, cells."""
+_PIECE: Final = ((16, 32), (12, 16))
+"""Length along the wall, and depth, of a piece of furniture, cells."""
+
+
+@dataclass(frozen=True)
+class Offices:
+    """Which floor: a seed, and what the name fixes, in cells where it is a length."""
+
+    seed: int
+    fixed: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The one text that means this floor."""
+        return ",".join([f"{PREFIX}{self.seed}", *(f"{key}={_shown(key, is_)}" for key, is_ in self.fixed)])
+
+    def drawn(self, key: str, rng: Generator) -> int:
+        """What the name fixes, or a draw; one number is drawn in any case."""
+        low, high = PARAMETERS[key].drawn
+        number = int(rng.integers(low, high, endpoint=True))
+        return dict(self.fixed).get(key, number)
+
+    def stream(self, purpose: str) -> Generator:
+        """The random stream for a part of the floor."""
+        return generator(self.seed, "offices", purpose)
+
+
+@dataclass(frozen=True)
+class OfficeFloor:
+    """The floor that a name means."""
+
+    floor: DrawnFloor
+    rooms: tuple[Area, ...]
+    """The corridor, then the offices, from south-west to north-east."""
+    doors: tuple[Point, ...]
+    """The middle of every door."""
+
+
+@dataclass(frozen=True)
+class _Room:
+    """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north, or to its south."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+    northward: bool
+
+
+def is_name(text: str | Path) -> bool:
+    """True if this is to be drawn, and not a file."""
+    return str(text).startswith(PREFIX)
+
+
+def parse(name: str) -> Offices:
+    """The floor of this name. Raises OfficesError with what is wrong."""
+    if len(name) > _LONGEST:
+        raise OfficesError(
+            f"the name of a floor has {len(name)} characters, but must have at most {_LONGEST}"
+        )
+    seed, *others = name.removeprefix(PREFIX).split(",")
+    if not (seed.isascii() and seed.isdigit() and int(seed) <= _MOST_SEED):
+        raise OfficesError(
+            f"{name}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in offices:7"
+        )
+    fixed: dict[str, int] = {}
+    for word in others:
+        key, _, text = word.partition("=")
+        if key not in PARAMETERS or key in fixed:
+            once = "is given twice" if key in fixed else "is not known"
+            raise OfficesError(f"{name}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
+        fixed[key] = _value(name, key, text)
+    return Offices(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
+
+
+def _value(name: str, key: str, text: str) -> int:
+    allowed, unit = PARAMETERS[key], RESOLUTION if PARAMETERS[key].cells else 1.0
+    try:
+        number = float(text) / unit
+    except ValueError:
+        number = float("nan")
+    if not (allowed.low - 0.5 < number < allowed.high + 0.5 and abs(number - round(number)) < 1e-6):
+        raise OfficesError(f"{name}: {key} is {text!r}, but must be {allowed.words}")
+    return round(number)
+
+
+def _shown(key: str, value: int) -> str:
+    return f"{value * RESOLUTION:.2f}" if PARAMETERS[key].cells else str(value)
+
+
+@lru_cache(maxsize=16)
+def office_floor(name: str) -> OfficeFloor:
+    """Draw the floor of this name. Raises OfficesError."""
+    told = parse(name)
+    shape = told.stream("shape")
+    count, corridor = told.drawn("count", shape), told.drawn("corridor_width", shape)
+    south = _south(count, shape)
+    depths = [int(depth) for depth in shape.integers(*_DEPTH, size=2, endpoint=True)]
+    # a side's offices are as wide as they are drawn, or stretched: both sides are as long as the longer one
+    sides = [_widths(number, shape) for number in (south, count - south)]
+    length = max(sum(widths) + (len(widths) - 1) * _WALL for widths in sides)
+    sides = [_stretched(widths, length, shape) for widths in sides]
+    y0 = _BORDER + depths[0] + _WALL
+    y1 = y0 + corridor
+    top = y1 + (_WALL + depths[1] if sides[1] else 0)
+    rooms = [
+        [_Room(x0, x1, _BORDER, y0 - _WALL, northward=True) for x0, x1 in _spans(sides[0])],
+        [_Room(x0, x1, y1 + _WALL, top, northward=False) for x0, x1 in _spans(sides[1])],
+    ]
+    doors = _doors(told, rooms)
+    hall = (_BORDER, y0, _BORDER + length, y1)
+    free = [hall, *((room.x0, room.y0, room.x1, room.y1) for side in rooms for room in side)]
+    width, height = length + 2 * _BORDER, top + _BORDER
+    return OfficeFloor(
+        DrawnFloor(
+            width=_m(width),
+            height=_m(height),
+            walls=((0.0, 0.0, _m(width), _m(height)),),
+            doors=tuple(_box(box) for box in (*free, *doors)),
+            furniture=tuple(_box(box) for box in _furniture(told, rooms)),
+        ),
+        tuple(
+            Area(f"office {number}" if number else "corridor", *_box(box)) for number, box in enumerate(free)
+        ),
+        tuple(Point((x0 + x1) * RESOLUTION / 2, (y0 + y1) * RESOLUTION / 2) for x0, y0, x1, y1 in doors),
+    )
+
+
+def cells_of(name: str) -> NDArray[np.bool_]:
+    """(rows, columns), row 0 south: which cells of the floor are occupied. Raises OfficesError."""
+    return np.flipud(draw(office_floor(name).floor) == BLACK)
+
+
+def write(name: str, stem: Path) -> None:
+    """Write the floor as a map's files, `stem`.yaml and `stem`.pbm (netpbm, P4), the same bytes everywhere."""
+    occupied = draw(office_floor(name).floor) == BLACK
+    rows, columns = occupied.shape
+    image = stem.with_name(f"{stem.name}.pbm")
+    image.write_bytes(f"P4\n{columns} {rows}\n".encode() + np.packbits(occupied, axis=1).tobytes())
+    stem.with_name(f"{stem.name}.yaml").write_text(header(image.name, parse(name).name), encoding="utf-8")
+
+
+def _south(count: int, rng: Generator) -> int:
+    """How many offices are to the south; few may be all there are. At most two more than to the north."""
+    one_sided, more = int(rng.integers(4)) == 0, int(rng.integers(-1, 1, endpoint=True))
+    if count == 1 or (one_sided and count <= 5):
+        return count
+    return min(max((count + 1) // 2 + more, 1), count - 1)
+
+
+def _widths(count: int, rng: Generator) -> list[int]:
+    return [int(width) for width in rng.integers(*_WIDTH, size=count, endpoint=True)]
+
+
+def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
+    """The same with what is left of the length shared out by chance."""
+    if not widths:
+        return []
+    left = length - sum(widths) - (len(widths) - 1) * _WALL
+    cuts = sorted(int(cut) for cut in rng.integers(0, left, size=len(widths) - 1, endpoint=True))
+    shares = [after - before for before, after in pairwise([0, *cuts, left])]
+    return [width + share for width, share in zip(widths, shares, strict=True)]
+
+
+def _spans(widths: list[int]) -> list[tuple[int, int]]:
+    """West and east edge of each office of a side."""
+    begins = _BORDER + np.concatenate([[0], np.cumsum(np.array(widths, np.int64) + _WALL)])
+    return [(int(x), int(x) + width) for x, width in zip(begins, widths, strict=False)]
+
+
+_Cells = tuple[int, int, int, int]
+
+
+def _doors(told: Offices, sides: list[list[_Room]]) -> list[_Cells]:
+    rng = told.stream("doors")
+    found: list[_Cells] = []
+    for room in (room for side in sides for room in side):
+        middle = (room.x0 + room.x1) // 2
+        two, wide = int(rng.integers(2)) == 0, room.x1 - room.x0 >= _TWO_DOORS
+        for x0, x1 in [(room.x0, middle), (middle, room.x1)] if two and wide else [(room.x0, room.x1)]:
+            width, share = told.drawn("door_width", rng), int(rng.integers(1 << 30))
+            x = x0 + _CORNER + share % (x1 - x0 - 2 * _CORNER - width + 1)
+            y = room.y1 if room.northward else room.y0 - _WALL
+            found.append((x, y, x + width, y + _WALL))
+    for west, east in (pair for side in sides for pair in pairwise(side)):
+        joined, width = int(rng.integers(4)) == 0, told.drawn("door_width", rng)
+        from_corridor = _APART + int(rng.integers(1 << 30)) % (
+            west.y1 - west.y0 - _APART - _PIECE[1][1] - _CORNER - width + 1
+        )
+        y = west.y1 - from_corridor - width if west.northward else west.y0 + from_corridor
+        if joined:
+            found.append((west.x1, y, east.x0, y + width))
+    return found
+
+
+def _furniture(told: Offices, sides: list[list[_Room]]) -> list[_Cells]:
+    """In the corners that are farthest from the corridor, where no door is."""
+    rng = told.stream("furniture")
+    found: list[_Cells] = []
+    for room in (room for side in sides for room in side):
+        count, first = told.drawn("furniture", rng), int(rng.integers(2))
+        for number in range(2):
+            length = min(int(rng.integers(*_PIECE[0], endpoint=True)), (room.x1 - room.x0) // 2 - 2)
+            depth = int(rng.integers(*_PIECE[1], endpoint=True))
+            x = room.x0 if (first + number) % 2 else room.x1 - length
+            y = room.y0 if room.northward else room.y1 - depth
+            if number < count:
+                found.append((x, y, x + length, y + depth))
+    return found
+
+
+def _m(cells: int) -> float:
+    return round(cells * RESOLUTION, 2)
+
+
+def _box(cells: _Cells) -> Box:
+    x0, y0, x1, y1 = cells
+    return _m(x0), _m(y0), _m(x1), _m(y1)
