@@ -246,6 +246,7 @@ def scenario(
     It prints what the file means on its floor. Options replace what the scenario says. The strategy is
     created once, as for a run, to check its module and its settings.
     """
+    from actors.floor import offices
     from actors.robot.behaviour.foreign import admitted, permit_of
     from deploy.run import out_folder
     from deploy.run.preflight import preflight_here
@@ -255,7 +256,7 @@ def scenario(
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
-    if (is_map := file.suffix in {".yaml", ".yml"}) or survey.is_model(file):
+    if (is_map := file.suffix in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
         _part(file, png, is_map=is_map)

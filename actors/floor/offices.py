@@ -60,9 +60,9 @@ many pieces in every office; absent: each has its own number. Doors below 0.9 m 
 navigation, above 1.3 m two robots get by each other; a corridor of 1.8 m is a wide place."""
 
 _BORDER: Final = 2
-_WALL: Final = 12
-"""Thickness of the inner walls, cells. Own choice: in a thinner one, a door of 1.3 m would join its two sides
-to one region (`actors.floor.regions`)."""
+_WALL: Final = 8
+"""Thickness of the inner walls, cells. Own choice: through a door 1.3 m wide in a wall of 6 cells the two
+sides would be one region (`actors.floor.regions`)."""
 _DEPTH: Final = (70, 110)
 _WIDTH: Final = (54, 110)
 """Of offices; where a side is stretched to the corridor's length, they become wider."""
@@ -135,14 +135,14 @@ def parse(name: str) -> Offices:
     seed, *others = name.removeprefix(PREFIX).split(",")
     if not (seed.isascii() and seed.isdigit() and int(seed) <= _MOST_SEED):
         raise OfficesError(
-            f"{name}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in offices:7"
+            f"map {name!r}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in 'offices:7'"
         )
     fixed: dict[str, int] = {}
     for word in others:
         key, _, text = word.partition("=")
         if key not in PARAMETERS or key in fixed:
             once = "is given twice" if key in fixed else "is not known"
-            raise OfficesError(f"{name}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
+            raise OfficesError(f"map {name!r}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
         fixed[key] = _value(name, key, text)
     return Offices(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
 
@@ -154,7 +154,7 @@ def _value(name: str, key: str, text: str) -> int:
     except ValueError:
         number = float("nan")
     if not (allowed.low - 0.5 < number < allowed.high + 0.5 and abs(number - round(number)) < 1e-6):
-        raise OfficesError(f"{name}: {key} is {text!r}, but must be {allowed.words}")
+        raise OfficesError(f"map {name!r}: {key} is {text!r}, but must be {allowed.words}")
     return round(number)
 
 

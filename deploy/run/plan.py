@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import yaml
 
+from actors.floor import offices
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
 from actors.processes.silence import Timeout
@@ -130,7 +131,13 @@ def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
 
 
 def copy_map(map_file: Path, folder: Path) -> None:
-    """Copy a map_server map, its YAML file as `map.yaml` and its image beside it, as onto a robot's disk."""
+    """Copy a map_server map, its YAML file as `map.yaml` and its image beside it, as onto a robot's disk.
+
+    A floor that is drawn from a name is written there.
+    """
+    if offices.is_name(map_file):
+        offices.write(str(map_file), folder / "map")
+        return
     content = yaml.safe_load(map_file.read_text())
     image = (map_file.parent / content["image"]).resolve()
     shutil.copy(image, folder / f"map{image.suffix}")

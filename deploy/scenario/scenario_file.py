@@ -10,11 +10,12 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors import table_wording, toml_file, wording
+from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
-from deploy.scenario import areas, events, robot_tables
+from deploy.scenario import areas, events, map_choice, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
@@ -77,16 +78,37 @@ def _shipped_like(path: Path) -> Path | None:
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
     content = toml_file.tables(text, path)
+    own_map = content.get("map")
     options = _lay_over(content, overrides)
     try:
         scenario = Scenario.model_validate(content)
     except ValidationError as error:
         raise _first(error, content, path, options) from None
+    scenario = _on_its_map(scenario, own_map, path, options)
     faults = (robot_tables.fault, areas.fault, events.fault, stack_fault)
     for fault in (find(scenario) for find in faults):
         if fault:
             raise AcrcError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
+
+
+def _on_its_map(
+    scenario: Scenario, own: object, path: Path, options: Mapping[tuple[str, ...], str]
+) -> Scenario:
+    """The scenario with its map located, and without what is of the file's `own` map if that is another.
+
+    Raises AcrcError or OptionError where the map cannot be drawn, or is not what starts and places are for.
+    """
+    folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
+    try:
+        there = map_choice.located(scenario.map, folder)
+        moved = isinstance(own, str) and map_choice.located(own, folder) != there
+    except OfficesError as error:
+        raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: {error}") from None
+    if moved and (fault := map_choice.bound(scenario, str(own), options)):
+        raise OptionError(f"{option}: {fault}")
+    scenario = scenario.model_copy(update={"map": there})
+    return map_choice.with_areas(scenario, own_areas=not moved or ("area",) in options)
 
 
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
@@ -182,8 +204,7 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
         robot if robot.model is None else robot.model_copy(update={"model": absolute(robot.model)})
         for robot in scenario.robot
     )
-    path = os.path.realpath(folder / scenario.map)
-    return scenario.model_copy(update={"map": path, "run": run, "robots": robots, "robot": others})
+    return scenario.model_copy(update={"run": run, "robots": robots, "robot": others})
 
 
 def module_folders(scenario: Scenario) -> tuple[Path, ...]:

@@ -13,6 +13,7 @@ from matplotlib.patches import Circle, Patch, Polygon, Wedge
 from actors.geometry import Point
 from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
+from deploy.scenario.map_choice import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
 from observation.picture import floor_picture, look, style
 
@@ -44,7 +45,7 @@ def draw(found: ScenarioSurvey) -> Figure:
             axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **mark)  # type: ignore[arg-type]
     scenario = found.resolved.scenario
     axes.set_title(
-        f"{Path(scenario.map).stem}: {len(world.robots)} robots, {sum(len(b.places) for b in world.robots)} "
+        f"{title(scenario.map)}: {len(world.robots)} robots, {sum(len(b.places) for b in world.robots)} "
         f"places, seed {world.seed}",
         loc="left", fontweight="bold", fontsize=10,
     )  # fmt: skip

@@ -235,6 +235,7 @@ class Scenario(FileTable):
     """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
 
     map: Annotated[Text, Right("the path of a map's YAML file, relative to the scenario file")]
+    """A map file; or the name of a floor that `actors.floor.offices` draws, such as "offices:7"."""
     run: RunTable = RunTable()
     strategy: Settings = Field(default_factory=dict)
     """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
