@@ -17,6 +17,7 @@ from PIL import Image
 from actors.floor import offices
 from actors.floor.drawing import Box, DrawnFloor, draw, header
 
+
 def ring(west: float, south: float, east: float, north: float) -> tuple[Box, ...]:
     """The four walls, 0.10 m thick, whose outer faces lie there, m."""
     return (
@@ -109,7 +110,7 @@ FLOORS = {"maze": MAZE, "apartment": APARTMENT}
 
 
 def main(directory: Path, names: Sequence[str] = ()) -> None:
-    """Write the files of all fixed floors into `directory`; with `names`: those of drawn office floors alone."""
+    """Write the files of all fixed floors into `directory`; with `names`: those of office floors instead."""
     for name in names:
         offices.write(name, directory / name.replace(":", "-"))
     if names:

@@ -1,8 +1,8 @@
 """Office floors drawn from a seed: a corridor with offices on one or both sides, each behind a door.
 
-A floor is named by what it follows from, such as "offices:7" or "offices:7,count=8,door_width=1.0". Every draw
-is of whole cells, so the same name gives the same cells on every processor. What the name fixes changes
-nothing else: floors of one seed with other doors have the same rooms.
+A floor is named by what it follows from, such as "offices:7" or "offices:7,count=8,door_width=1.0". All draws
+are of whole numbers, so a name gives the same cells on every processor. Doors and furniture that a name fixes
+change nothing else: floors of one seed with other doors have the same rooms.
 """
 
 from dataclasses import dataclass
@@ -135,14 +135,15 @@ def parse(name: str) -> Offices:
     seed, *others = name.removeprefix(PREFIX).split(",")
     if not (seed.isascii() and seed.isdigit() and int(seed) <= _MOST_SEED):
         raise OfficesError(
-            f"map {name!r}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in 'offices:7'"
+            f"{name!r}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in"
+            " 'offices:7'"
         )
     fixed: dict[str, int] = {}
     for word in others:
         key, _, text = word.partition("=")
         if key not in PARAMETERS or key in fixed:
             once = "is given twice" if key in fixed else "is not known"
-            raise OfficesError(f"map {name!r}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
+            raise OfficesError(f"{name!r}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
         fixed[key] = _value(name, key, text)
     return Offices(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
 
@@ -154,7 +155,7 @@ def _value(name: str, key: str, text: str) -> int:
     except ValueError:
         number = float("nan")
     if not (allowed.low - 0.5 < number < allowed.high + 0.5 and abs(number - round(number)) < 1e-6):
-        raise OfficesError(f"map {name!r}: {key} is {text!r}, but must be {allowed.words}")
+        raise OfficesError(f"{name!r}: {key} is {text!r}, but must be {allowed.words}")
     return round(number)
 
 
@@ -206,7 +207,7 @@ def cells_of(name: str) -> NDArray[np.bool_]:
 
 
 def write(name: str, stem: Path) -> None:
-    """Write the floor as a map's files, `stem`.yaml and `stem`.pbm (netpbm, P4), the same bytes everywhere."""
+    """Write the floor as a map, `stem`.yaml and `stem`.pbm (netpbm, P4), with the same bytes everywhere."""
     occupied = draw(office_floor(name).floor) == BLACK
     rows, columns = occupied.shape
     image = stem.with_name(f"{stem.name}.pbm")

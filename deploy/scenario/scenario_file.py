@@ -104,7 +104,7 @@ def _on_its_map(
         there = map_choice.located(scenario.map, folder)
         moved = isinstance(own, str) and map_choice.located(own, folder) != there
     except OfficesError as error:
-        raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: {error}") from None
+        raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
     if moved and (fault := map_choice.bound(scenario, str(own), options)):
         raise OptionError(f"{option}: {fault}")
     scenario = scenario.model_copy(update={"map": there})
