@@ -18,7 +18,7 @@ from deploy.scenario.toml_text import to_toml
 
 ELSEWHERE = Path("/elsewhere/scenario.toml")
 DRAWN = 'map = "offices:7"\n[robots]\ncount = 4\n[places]\nper_robot = 5\n'
-FREE = (("robots.start", []), ("places.preset", "free"))
+FREE: tuple[tuple[str, object], ...] = (("robots.start", []), ("places.preset", "free"))
 OWN = "../maps/corridor.yaml"
 
 
