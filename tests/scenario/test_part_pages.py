@@ -9,7 +9,9 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from actors import robot_model
+from actors.floor.drawing import RESOLUTION
 from actors.floor.map_file import KEYS, MapLimits
+from actors.floor.offices import PARAMETERS
 from actors.installation.repository import REPOSITORY
 
 ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
@@ -58,7 +60,17 @@ def test_every_field_of_a_robot_model_stands_there_with_default_and_range(headin
 
 
 def test_every_key_and_limit_of_a_map_stands_there() -> None:
-    yaml, _, image = MAP.partition("## The image")
+    yaml, _, image = MAP.partition("## Drawn office floors")[0].partition("## The image")
     assert set(rows(yaml)) == {*KEYS, "mode"}
     limits = {one.name: str(one.default) for one in fields(MapLimits)}
     assert {name: cells[0] for name, cells in rows(image).items()} == limits
+
+
+def test_everything_that_an_office_floor_can_have_stands_there() -> None:
+    told = rows(MAP.partition("## Drawn office floors")[2])
+    assert list(told) == list(PARAMETERS)
+    for key, allowed in PARAMETERS.items():
+        low, high = (
+            f"{end * RESOLUTION:.2f}" if allowed.cells else str(end) for end in (allowed.low, allowed.high)
+        )
+        assert told[key][0].startswith(f"{low} to {high} ")
