@@ -8,10 +8,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from hypothesis import settings
 
 from actors.processes import launch
 from command_line.development.suite import ALONE, says_alone
 from tests import warm
+
+if "CI" not in os.environ:  # there hypothesis has a profile of its own, without a limit as well
+    settings.register_profile("here", deadline=None)  # no test may fail because others take the processor
+    settings.load_profile("here")
 
 LONGEST: Final = (
     "cli/test_every_option.py",
