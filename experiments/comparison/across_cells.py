@@ -34,10 +34,9 @@ class AcrossCells(NamedTuple):
 
     @property
     def turning(self) -> tuple[WithoutMap, ...]:
-        """Those without which the difference has the other sign, or none."""
-        if self.fitted is None:
-            return ()
-        return tuple(one for one in self.without if one.difference * self.fitted.mean.value <= 0)
+        """Those without which the difference has the other sign, or none; empty where all has none."""
+        whole = 0.0 if self.fitted is None else self.fitted.mean.value
+        return tuple(one for one in self.without if whole and one.difference * whole <= 0)
 
 
 class _Difference(NamedTuple):
@@ -115,7 +114,7 @@ def told(found: AcrossCells) -> list[str]:
     return [
         f"{name} over all {fitted.cells} cells, {fitted.values} pairs: {mean.value:+.3g} places "
         f"[{mean.low:+.3g}, {mean.high:+.3g}]; standard deviation {_spreads(fitted)}. "
-        f"A new cell of this kind would have {new.low:+.3g} to {new.high:+.3g} (95 %).",
+        f"A new cell of this kind, with as many seeds, would show {new.low:+.3g} to {new.high:+.3g} (95 %).",
         *_faults(fitted),
         *_leaving_out(found),
     ]

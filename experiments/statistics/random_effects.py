@@ -29,7 +29,8 @@ class RandomEffectsFit:
     mean: Interval
     """Over all cells that there might be, with its 95 % interval."""
     new_cell: Interval
-    """The mean, and between which bounds 95 % of new cells have theirs."""
+    """The mean, and what a new cell with as many values would show, with 95 %: wider than where its true mean
+    lies, which the data often cannot tell from no difference between cells."""
     between_cells: float
     between_seeds: float | None
     """Of what runs with one seed have in common in all cells; None with fewer than three seeds."""
@@ -43,10 +44,10 @@ def fit(values: ArrayLike, cells: Sequence[int], seeds: Sequence[int]) -> Random
     """Fit values (n,) by restricted maximum likelihood, each of a cell and a seed that it shares with others.
 
     Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of
-    Statistical Software 67(1), 2015; by Woodbury's identity, so that nothing is larger than cells plus seeds.
+    Statistical Software 67(1), 2015; by Woodbury's identity, so nothing is larger than cells plus seeds.
     The mean's interval is Student's with one degree of freedom less than there are cells, or seeds, if these
-    are fewer and differ; the new cell's as in Higgins, Thompson and Spiegelhalter, "A re-evaluation of
-    random-effects meta-analysis", 2009. Raises ValueError below FEWEST_CELLS.
+    are fewer and differ; the new cell's likewise, of the mean's variance and that of one cell's observed mean,
+    which is exact where all cells have as many values. Raises ValueError below FEWEST_CELLS.
     """
     known = np.asarray(values, np.float64)
     names, of_cell = np.unique(cells, return_inverse=True)
@@ -121,7 +122,8 @@ def _told(
     free: int,
 ) -> RandomEffectsFit:
     half = float(t.ppf((1 + CONFIDENCE) / 2, free)) * error
-    wide = float(t.ppf((1 + CONFIDENCE) / 2, cells - 1)) * math.hypot(between_cells, error)
+    of_one = 0.0 if rest is None else rest / math.sqrt(values / cells)
+    wide = float(t.ppf((1 + CONFIDENCE) / 2, cells - 1)) * math.hypot(between_cells, of_one, error)
     return RandomEffectsFit(
         Interval(mean, mean - half, mean + half),
         Interval(mean, mean - wide, mean + wide),

@@ -114,8 +114,8 @@ def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str],
     """Say whatever every trial would stumble over before the first: scenario, keys, strategies, draws.
 
     Gives what a person should know about places and starts, a sentence each, and the folders in which
-    strategies are to be looked for. `source`: the study's file; None: the command line itself names the strategies. Raises
-    as `actors.robot.behaviour.foreign.admitted` does.
+    strategies are to be looked for. `source`: the study's file; None: the command line itself names the
+    strategies. Raises as `actors.robot.behaviour.foreign.admitted` does.
     """
     said, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
