@@ -59,8 +59,8 @@ class Findings:
             yield NumberTable(
                 f"cells_{self.source.name}",
                 "The declared comparisons over all cells: the mean difference in places within pairs, "
-                "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are random "
-                "effects, fitted by restricted maximum likelihood; none of it is a test.",
+                "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
+                "random effects, fitted by restricted maximum likelihood; none of it is a test.",
                 (
                     *("first", "second", "cells", "pairs", "difference", "in a new cell"),
                     *("between cells", "between seeds", "of what is left"),

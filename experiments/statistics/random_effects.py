@@ -46,7 +46,7 @@ def fit(values: ArrayLike, cells: Sequence[int], seeds: Sequence[int]) -> Random
     Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of
     Statistical Software 67(1), 2015; by Woodbury's identity, so nothing is larger than cells plus seeds.
     The mean's interval is Student's with one degree of freedom less than there are cells, or seeds, if these
-    are fewer and differ; the new cell's likewise, of the mean's variance and that of one cell's observed mean,
+    are fewer and differ; the new cell's likewise, of the mean's variance and that of a cell's observed mean,
     which is exact where all cells have as many values. Raises ValueError below FEWEST_CELLS.
     """
     known = np.asarray(values, np.float64)

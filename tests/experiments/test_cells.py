@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from actors.runtime.errors import AcrcError
+from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import samples
 from experiments.comparison.decision import rules_for
 from experiments.comparison.family import tests_of as count_tests
@@ -18,7 +19,6 @@ from experiments.study.cells import RandomFactor, draw_cells
 from experiments.study.study import Factor, Study, Trial
 from experiments.study.study_file import load_study
 from observation.results.result import RunResult
-from tests.experiments.made_runs import TrialRecord
 
 ROOT = Path(__file__).parents[2]
 HEAD = "scenario = 's.toml'\nstrategies = ['none', 'chapter']\n"

@@ -76,7 +76,7 @@ def test_what_is_drawn_already_stays() -> None:
 
 
 def test_without_areas_places_are_drawn_on_all_floor() -> None:
-    maze = (("map", "../maps/maze.yaml"), ("area", []))
+    maze: tuple[tuple[str, object], ...] = (("map", "../maps/maze.yaml"), ("area", []))
     assert drawn_conditions(load_scenario(CHAPTER, Overrides(settings=maze)), [])["places.preset"] == "free"
 
 

@@ -125,9 +125,9 @@ def test_each_map_is_left_out_in_turn(plain: RunResult) -> None:
     """By hand: means of 3, -8 and 21 in cells of one value each."""
     (found,) = across_cells(campaign(plain), STUDY)
     assert found.fitted is not None and found.fitted.mean.value == pytest.approx((3 - 8 + 21) / 3)
-    assert [(one.map, pytest.approx(one.difference)) for one in found.without] == [
-        ("maze", 6.5), ("flat", 12.0), ("hall", -2.5),
-    ]  # fmt: skip
+    assert {one.map: one.difference for one in found.without} == pytest.approx(
+        {"maze": 6.5, "flat": 12.0, "hall": -2.5}
+    )
     assert [one.map for one in found.turning] == ["hall"]
     first, last = told(found)
     assert first.startswith("a less b over all 6 cells, 6 pairs: +5.33 places [")
