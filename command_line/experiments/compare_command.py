@@ -15,6 +15,7 @@ from actors.installation.usage import wrong_value
 from experiments.campaign import store
 from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision, metrics, sentences
+from experiments.comparison.across_cells import told as across_told
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.comparison import Comparison
@@ -70,6 +71,15 @@ def _told(found: CampaignJudgement) -> dict[str, object]:
             }
             for one in found.verdicts
         ],
+        "across_cells": [
+            one._asdict()
+            | {
+                "fitted": None if one.fitted is None else dataclasses.asdict(one.fitted),
+                "without": [each._asdict() for each in one.without],
+                "says": across_told(one),
+            }
+            for one in found.across
+        ],
         "estimates": [dataclasses.asdict(one) for one in found.estimates],
     }  # fmt: skip
 
@@ -80,6 +90,9 @@ def _print(kept: store.Store, found: CampaignJudgement) -> None:
         console.print(line, markup=False)
     for one in found.verdicts:
         console.print(sentences.verdict(one), markup=False)
+    for across in found.across:
+        for line in across_told(across):
+            console.print(line, markup=False)
     if found.estimates:
         console.print("Estimates with 95 % intervals, of which none is a test:")
     for table in _tables(found.estimates):

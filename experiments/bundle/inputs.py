@@ -38,8 +38,7 @@ def inputs(study: Study) -> Inputs:
         raise AcrcError(f"{scenario}: is no file any more, but the campaign's runs have read it")
     told = (
         tomllib.loads(regular_file.content(scenario).decode()),
-        study.settings,
-        [one.values for one in study.factors],
+        [study.settings_of(variant) for variant in study.variants()],
     )
     for text in _texts(told):
         if Path(text).is_absolute():
@@ -66,7 +65,7 @@ def _texts(told: Any) -> Iterator[str]:
 def _named(study: Study) -> Iterator[Path]:
     for variant in study.variants():
         for strategy in study.strategies:
-            overrides = Overrides(strategy=strategy, settings=(*study.settings, *variant))
+            overrides = Overrides(strategy=strategy, settings=study.settings_of(variant))
             for path in _files(load_scenario(Path(study.scenario), overrides), strategy):
                 yield Path(os.path.realpath(path))
 

@@ -76,7 +76,7 @@ def rows(store: Store) -> Iterator[Row]:
 def command(study: Study, record: TrialRecord) -> str:
     """What one types to repeat the run alone."""
     words = ["acrc", "run", study.scenario, "--seed", str(record.seed), "--strategy", record.strategy]
-    for key, value in (*study.settings, *record.variant.items(), *record.drawn.items()):
+    for key, value in (*study.settings_of(tuple(record.variant.items())), *record.drawn.items()):
         words += ["--set", f"{key}={inline(value)}"]
     return shlex.join(words)
 

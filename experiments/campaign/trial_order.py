@@ -26,7 +26,7 @@ class TrialOrder(msgspec.Struct, frozen=True):
     """One trial by itself, with nothing in it that tells where it stands in its study."""
 
     study: Study
-    """Scenario, settings and distributions; without name, seeds and other strategies."""
+    """Scenario, settings, distributions and conditions; without name, seeds and other strategies."""
     trial: Trial
     bus: Bus = "memory"
     isolate: bool | None = None
@@ -42,8 +42,9 @@ def order_of(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: b
         study.scenario,
         (trial.strategy,),
         0,
-        settings=(*study.settings, *trial.variant),
+        settings=study.settings_of(trial.variant),
         distributions=study.distributions,
+        conditions=study.conditions,
     )
     processes = repeated or study.isolated
     return TrialOrder(

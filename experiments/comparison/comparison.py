@@ -1,7 +1,7 @@
 """Every pair of strategies by every metric: estimates with intervals, over the seeds that both have ended."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,27 +12,31 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.metrics import JudgedRun, Metric, TimeMetric, horizon, judged
 from experiments.statistics.effect_size import Interval, a12_interval, mean_interval
-from experiments.study.study import Study
+from experiments.study.study import Study, Variant
 
 Floats = NDArray[np.float64]
-Variant = tuple[tuple[str, Any], ...]
+StrategyRuns = dict[str, dict[int, JudgedRun]]
+"""By strategy and seed."""
 LEAST: int = 6
 """Pairs below which no estimate is shown."""
 _LEXICOGRAPHIC_SAYS = "places done, then running time"
 
 
 class PairedSample(NamedTuple):
-    """Two strategies in one variant, seed by seed."""
+    """Two strategies in one variant, seed by seed, and of each seed cell by cell."""
 
     one: str
     other: str
     variant: Variant
     pairs: tuple[tuple[JudgedRun, JudgedRun], ...]
+    cells: int = 1
+    """In so many the study has drawn."""
 
     @property
     def where(self) -> str:
         """The variant in words; empty if there is but one."""
-        return f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
+        told = f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
+        return f"{told} over {self.cells} cells" if self.cells > 1 else told
 
 
 class Scores(NamedTuple):
@@ -74,37 +78,50 @@ class Comparison:
     """A12: the probability that `one` is better than `other`, ties counted half, with its 95 % interval."""
 
 
-def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[PairedSample]:
-    """Every pair of strategies in every variant, with the seeds that both have ended.
-
-    The primary pairs of the study come first, in their own order and each the way round that it was declared.
-    A run that failed has done nothing, or makes no pair, as the study declares.
-    """
-    primary: Sequence[tuple[str, str]] = () if study is None else study.primary_pairs
+def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict[Variant, StrategyRuns]:
+    """The runs of each variant. One that failed has done nothing, or is left out, as the study declares."""
     counts = study is None or study.failed_runs == "worst"
-    runs: dict[Variant, dict[str, dict[int, JudgedRun]]] = {}
+    runs: dict[Variant, StrategyRuns] = {}
     for record in records:
         variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
         of_strategy = runs.setdefault(variant, {}).setdefault(record.strategy, {})
         if record.result is not None or counts:
             of_strategy[record.seed] = judged(record.result)
-    names = dict.fromkeys(name for strategies in runs.values() for name in strategies)
+    return runs
+
+
+def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[PairedSample]:
+    """Every pair of strategies in every variant, with the seeds that both have ended.
+
+    The primary pairs of the study come first, in their own order and each the way round that it was declared.
+    Cells that the study has drawn are one variant together.
+    """
+    primary: Sequence[tuple[str, str]] = () if study is None else study.primary_pairs
+    runs: dict[Variant, list[StrategyRuns]] = {}
+    names: dict[str, None] = {}
+    for variant, of_variant in runs_by_variant(records, study).items():
+        runs.setdefault(variant if study is None else study.fixed_part(variant), []).append(of_variant)
+        names |= dict.fromkeys(of_variant)
     declared = {frozenset(pair) for pair in primary}
     others = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in declared]
     return [
-        _sample(one, other, variant, strategies[one], strategies[other])
+        _sample(one, other, variant, having)
         for pairs in (primary, others)
-        for variant, strategies in runs.items()
+        for variant, cells in runs.items()
         for one, other in pairs
-        if one in strategies and other in strategies
+        if (having := [cell for cell in cells if one in cell and other in cell])
     ]
 
 
-def _sample(
-    one: str, other: str, variant: Variant, mine: Mapping[int, JudgedRun], theirs: Mapping[int, JudgedRun]
-) -> PairedSample:
-    pairs = tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs)
-    return PairedSample(one, other, variant, pairs)
+def _sample(one: str, other: str, variant: Variant, cells: Sequence[StrategyRuns]) -> PairedSample:
+    seeds = dict.fromkeys(seed for cell in cells for seed in cell[one])
+    pairs = (
+        (cell[one][seed], cell[other][seed])
+        for seed in seeds
+        for cell in cells
+        if seed in cell[one] and seed in cell[other]
+    )
+    return PairedSample(one, other, variant, tuple(pairs), len(cells))
 
 
 def compare(found: Sequence[PairedSample], only: str | None = None) -> list[Comparison]:

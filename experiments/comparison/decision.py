@@ -8,7 +8,15 @@ from actors.runtime.errors import AcrcError
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import PairedSample, samples
-from experiments.comparison.family import ComparedMetric, PairVerdict, primary, step, step_names, tests_of
+from experiments.comparison.family import (
+    ComparedMetric,
+    PairVerdict,
+    pairs_of,
+    primary,
+    step,
+    step_names,
+    tests_of,
+)
 from experiments.statistics.paired_tests import ALPHA
 from experiments.statistics.sequential import SequentialPlan, plan
 from experiments.study.study import Study, Trial
@@ -50,7 +58,7 @@ def rules_for(study: Study) -> LookRules:
         raise AcrcError(
             "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
         )
-    cap = study.seeds
+    cap = pairs_of(study)
     between = max(_FIRST_LOOK, -(-cap // _MOST_LOOKS))
     looks = [*range(between, cap, between), cap]
     one_sided = plan(looks, 2 * ALPHA)
@@ -109,7 +117,7 @@ class Watch:
 
     def enough(self) -> bool:
         """True once every primary comparison is decided, or has had its last look."""
-        ended = len(self._seeds())
+        ended = len(self._seeds()) * max(len(self._store.study.cells), 1)
         if not any(self._looked < due <= ended for due in self.rules.differ.looks):
             return False
         self._looked = ended

@@ -97,8 +97,13 @@ def step_names(study: Study) -> tuple[str, ...]:
 
 
 def tests_of(study: Study) -> int:
-    """How many tests share the error: one for each step of each primary pair in each variant."""
-    return len(study.primary_pairs) * len(study.variants()) * len(step_names(study))
+    """How many tests share the error: one for each step of each primary pair in each fixed variant."""
+    return len(study.primary_pairs) * len(study.fixed_variants()) * len(step_names(study))
+
+
+def pairs_of(study: Study) -> int:
+    """How many pairs each test is of, once all runs have ended."""
+    return study.seeds * max(len(study.cells), 1)
 
 
 def primary(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
@@ -159,12 +164,13 @@ def foreseen(study: Study) -> list[str]:
             "The study declares no comparison, so acrc compare will estimate and test nothing; "
             "to test, declare primary = [[ONE, OTHER]]"
         ]
-    tests, seeds = tests_of(study), study.seeds
+    tests = tests_of(study)
     fewest = fewest_differing(tests)
-    if seeds >= fewest:
+    if pairs_of(study) >= fewest:
         return []
+    cells = f" in {len(study.cells)} cells" if study.cells else ""
     shared = f" shared by {tests} tests" if tests > 1 else ""
     return [
-        f"{seeds} seeds are too few: at least {fewest} pairs must differ before any test can reach "
-        f"5 %{shared}. Whatever the runs show, acrc compare will tell no strategies apart."
+        f"{study.seeds} seeds{cells} are too few: at least {fewest} pairs must differ before any test can "
+        f"reach 5 %{shared}. Whatever the runs show, acrc compare will tell no strategies apart."
     ]

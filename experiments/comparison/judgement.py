@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from experiments.campaign.store import Store
 from experiments.comparison import sentences
+from experiments.comparison.across_cells import AcrossCells, across_cells, told
 from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.decision import LookedAt, Watch
 from experiments.comparison.family import PairVerdict, verdicts
@@ -23,6 +24,8 @@ class CampaignJudgement:
     """Of the declared comparisons, in their order."""
     looks: Sequence[LookedAt]
     """At the declared comparisons while the campaign went on; empty if nobody looked."""
+    across: Sequence[AcrossCells]
+    """The declared comparisons over all cells; empty with fewer than three."""
     samples: Sequence[PairedSample]
     """The declared ones first."""
     estimates: Sequence[Comparison]
@@ -35,6 +38,7 @@ class CampaignJudgement:
             *self.too_few,
             *self.family,
             *map(sentences.verdict, self.verdicts),
+            *(line for one in self.across for line in told(one)),
         ]
 
 
@@ -53,6 +57,7 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
         sentences.family(decided, study) if len(study.strategies) > 1 else [],
         [one for one in decided if len(one.sample.pairs)],
         looks,
+        across_cells(records, study),
         found,
         compare(found, only),
     )

@@ -4,14 +4,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from experiments.comparison.comparison import Comparison, PairedSample, Variant
+from experiments.comparison.across_cells import AcrossCells
+from experiments.comparison.comparison import Comparison, PairedSample
 from experiments.comparison.family import ComparedMetric, PairVerdict
 from experiments.comparison.judgement import CampaignJudgement
 from experiments.comparison.metrics import BY_NAME
 from experiments.report.cases import REAL, CaseSource
 from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import label
-from experiments.study.study import FIRST_TUNING_SEED, Study
+from experiments.study.study import FIRST_TUNING_SEED, Study, Variant
 
 _MOST_OPEN: Final = 12
 """Estimates whose table is shown unasked."""
@@ -29,7 +30,11 @@ class Findings:
 
     def sentences(self) -> list[str]:
         """What failed, and what the declared comparisons come to."""
-        told = replace(self.judgement, verdicts=[_labelled(one) for one in self.judgement.verdicts])
+        told = replace(
+            self.judgement,
+            verdicts=[_labelled(one) for one in self.judgement.verdicts],
+            across=[_named_across(one) for one in self.judgement.across],
+        )
         return told.sentences()
 
     def tables(self) -> Iterator[NumberTable]:
@@ -49,6 +54,27 @@ class Findings:
                 ),
                 tuple(_test(step, where) for step in steps),
             )
+        across = [one for one in map(_named_across, self.judgement.across) if one.fitted is not None]
+        if across:
+            yield NumberTable(
+                f"cells_{self.source.name}",
+                "The declared comparisons over all cells: the mean difference in places within pairs, "
+                "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
+                "random effects, fitted by restricted maximum likelihood; none of it is a test.",
+                (
+                    *("first", "second", "cells", "pairs", "difference", "in a new cell"),
+                    *("between cells", "between seeds", "of what is left"),
+                ),
+                tuple(_cells(one) for one in across),
+            )
+            maps = tuple((one.one, one.other, *each) for one in across for each in one.without)
+            if maps:
+                yield NumberTable(
+                    f"without_map_{self.source.name}",
+                    "The same difference without each map in turn.",
+                    ("first", "second", "without", "difference"),
+                    maps,
+                )
         if self.estimates:
             yield NumberTable(
                 f"comparisons_{self.source.name}",
@@ -67,6 +93,19 @@ class Findings:
 def _labelled(verdict: PairVerdict) -> PairVerdict:
     steps = tuple(replace(step, sample=_named(step.sample)) for step in verdict.steps)
     return PairVerdict(_named(verdict.sample), steps)
+
+
+def _named_across(one: AcrossCells) -> AcrossCells:
+    return one._replace(one=label(one.one), other=label(one.other))
+
+
+def _cells(one: AcrossCells) -> tuple[Cell, ...]:
+    fitted = one.fitted
+    assert fitted is not None
+    return (
+        *(one.one, one.other, fitted.cells, fitted.values, fitted.mean, fitted.new_cell),
+        *(fitted.between_cells, fitted.between_seeds, fitted.rest),
+    )
 
 
 def _named(sample: PairedSample) -> PairedSample:
@@ -111,6 +150,13 @@ def _asked(source: CaseSource) -> str:
         f"same {study.seeds} seeds ({_seeds(study)})"
     ]
     told += [f"{factor.key} is {', '.join(map(str, factor.values))} in turn" for factor in study.factors]
+    if study.cells:
+        drawn = (f"{factor.key} ({', '.join(map(str, factor.values))})" for factor in study.random)
+        told.append(f"each in {len(study.cells)} cells, drawn together from {', '.join(drawn)}")
+    if study.conditions == "drawn":
+        told.append(
+            "seeds draw starts, places, odometry's errors and shadowing where the study does not set them"
+        )
     if study.settings:
         told.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
     declared = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs)

@@ -41,7 +41,7 @@ def _command(source: CaseSource) -> str:
     study = source.study
     if study is None:
         return "acrc run or acrc fleet collect"
-    if study.factors:
+    if study.factors or study.cells or study.distributions or study.conditions == "drawn":
         return f"acrc campaign with the study in {source.name}/study.json"
     return shlex.join(["acrc", "campaign", *_words(study)])
 

@@ -19,7 +19,8 @@ from actors.robot_model import load_model
 from deploy.scenario.areas import for_places
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from experiments.study.study import Distribution, Study, Trial
+from experiments.study.conditions import drawn_conditions
+from experiments.study.study import Distribution, Study, Trial, Variant
 
 PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
     "kills": ("count", "at"),
@@ -40,15 +41,17 @@ _Range = tuple[float, float]
 
 
 def drawn(study: Study, trial: Trial) -> dict[str, Any]:
-    """The trial's own settings, as `acrc run --set` takes them; none without distributions.
+    """The trial's own settings, as `acrc run --set` takes them; none if the study draws nothing.
 
     Raises AcrcError where the scenario has no room for something.
     """
-    if not study.distributions:
-        return {}
-    overrides = Overrides(seed=trial.seed, settings=(*study.settings, *trial.variant))
-    scenario = load_scenario(Path(study.scenario), overrides)
+    own = study.settings_of(trial.variant)
     settings: dict[str, Any] = {}
+    if study.conditions == "drawn":
+        settings |= drawn_conditions(_scenario(study, trial, own), [key for key, _ in own])
+    if not study.distributions:
+        return settings
+    scenario = _scenario(study, trial, (*own, *settings.items()))
     events: list[dict[str, Any]] = []
     for number, one in enumerate(study.distributions):
         rng = generator(trial.seed, f"vary {one.kind}", str(number))
@@ -60,6 +63,10 @@ def drawn(study: Study, trial: Trial) -> dict[str, Any]:
         before = [event.model_dump(exclude_none=True) for event in scenario.event]
         settings["event"] = before + events
     return settings
+
+
+def _scenario(study: Study, trial: Trial, own: Variant) -> Scenario:
+    return load_scenario(Path(study.scenario), Overrides(seed=trial.seed, settings=own))
 
 
 def _kills(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:

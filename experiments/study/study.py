@@ -7,16 +7,25 @@ from typing import Any, Final, Literal
 
 import msgspec
 
+FIRST_SEED: Final = 1
 FIRST_TUNING_SEED: Final = 1_000_001
 """Seeds below are for tests, from here on for tuning: nothing is judged by what it was tuned on."""
 _NAME_BYTES: Final = 6
+Variant = tuple[tuple[str, Any], ...]
+"""Each factor's key, or name, and its value."""
 
 
 class Factor(msgspec.Struct, frozen=True):
-    """A key of the scenario, and the values that it takes one after the other."""
+    """A key of the scenario and the values that it takes, or a name and its levels."""
 
     key: str
     values: tuple[Any, ...]
+    levels: tuple[Variant, ...] = ()
+    """What each value sets, as keys of the scenario, where `key` is a name of the study's own."""
+
+    def settings(self, value: Any) -> Variant:
+        """The keys of the scenario that a value sets."""
+        return self.levels[self.values.index(value)] if self.levels else ((self.key, value),)
 
 
 class Distribution(msgspec.Struct, frozen=True):
@@ -32,8 +41,8 @@ class Trial(msgspec.Struct, frozen=True):
 
     strategy: str
     seed: int
-    variant: tuple[tuple[str, Any], ...] = ()
-    """Each factor's key and its value here."""
+    variant: Variant = ()
+    """Here."""
 
     @property
     def name(self) -> str:
@@ -67,6 +76,12 @@ class Study(msgspec.Struct, frozen=True):
     """The same of times."""
     failed_runs: Literal["worst", "left out"] = "worst"
     """What a run that failed counts as: one that did nothing, or none."""
+    conditions: Literal["drawn", "as written"] = "as written"
+    """Drawn: seeds draw whatever of `study.conditions` the study does not set."""
+    random: tuple[Factor, ...] = ()
+    """Factors whose levels come together in `cells`; values are those that came up."""
+    cells: tuple[Variant, ...] = ()
+    """Levels of the random factors, drawn when the study was read. Each comparison is over all of them."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -78,12 +93,27 @@ class Study(msgspec.Struct, frozen=True):
     @property
     def first_seed(self) -> int:
         """The others follow it."""
-        return FIRST_TUNING_SEED if self.tuning else 1
+        return FIRST_TUNING_SEED if self.tuning else FIRST_SEED
 
-    def variants(self) -> list[tuple[tuple[str, Any], ...]]:
-        """Every combination of the factors' values; one without any factor."""
+    def fixed_variants(self) -> list[Variant]:
+        """Every combination of the factors' values; one without any factor. Each is compared by itself."""
         choices = [[(factor.key, value) for value in factor.values] for factor in self.factors]
         return list(itertools.product(*choices))
+
+    def variants(self) -> list[Variant]:
+        """Each of these in every cell."""
+        return [(*fixed, *cell) for fixed in self.fixed_variants() for cell in self.cells or ((),)]
+
+    def fixed_part(self, variant: Variant) -> Variant:
+        """What of a variant is no cell's."""
+        drawn = {factor.key for factor in self.random}
+        return tuple((key, value) for key, value in variant if key not in drawn)
+
+    def settings_of(self, variant: Variant) -> Variant:
+        """All that the study sets in a variant, as keys of the scenario."""
+        known = {factor.key: factor for factor in (*self.factors, *self.random)}
+        own = (known[key].settings(value) if key in known else ((key, value),) for key, value in variant)
+        return (*self.settings, *itertools.chain.from_iterable(own))
 
     def trials(self) -> Iterator[Trial]:
         """All of them, seed by seed, so that whatever is there at any moment can be compared."""

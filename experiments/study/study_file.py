@@ -4,90 +4,18 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from actors import table_wording
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, FileTable, Point, Right, as_tuples
-from experiments.study.draws import PARAMETERS
-from experiments.study.study import Distribution, Factor, Study
+from actors.table import FileTable, Right, as_tuples
+from experiments.study.study import FIRST_SEED, FIRST_TUNING_SEED, Study
+from experiments.study.vary_table import VaryTable, factors_of
 
 MOST_SEEDS: Final = 100_000
+MOST_SAMPLES: Final = 1000
 _LARGEST: Final = 1 << 20
-
-
-def _as_pair(value: object) -> object:
-    """A number alone is the range from it to itself."""
-    return (value, value) if isinstance(value, int | float) else as_tuples(value)
-
-
-def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise ValueError
-    return pair
-
-
-_RANGE: Final = "a number from 0 on, or a range [from, to] of them"
-Range = Annotated[
-    tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=0, le=1e6)]],
-    BeforeValidator(_as_pair),
-    AfterValidator(_in_order),
-    Right(_RANGE),
-]
-
-
-class VaryTable(FileTable):
-    """[[vary]]: a key of the scenario and its values one after the other, or what is drawn for each seed."""
-
-    key: Annotated[
-        str | None, Field(min_length=1), Right('a key of the scenario, such as "robots.count"')
-    ] = None
-    values: Annotated[
-        tuple[Any, ...] | None,
-        BeforeValidator(as_tuples),
-        Field(min_length=1),
-        Right("a list of at least one value"),
-    ] = None
-    distribution: Annotated[
-        Literal["kills", "jams", "dropout", "odometry", "doors", "closures", "tasks"] | None,
-        Right('"kills", "jams", "dropout", "odometry", "doors", "closures" or "tasks"'),
-    ] = None
-    """What is drawn; its parameters are those of `study.draws.PARAMETERS`."""
-    count: Range | None = None
-    """How many."""
-    at: Range | None = None
-    """When, s."""
-    radius: Range | None = None
-    """Of a jammer's reach, or of what stands in a door, m."""
-    duration: Range | None = None
-    """s."""
-    share: Range | None = None
-    drift: Range | None = None
-    points: Annotated[
-        tuple[Point, ...] | None,
-        BeforeValidator(as_tuples),
-        Field(min_length=1),
-        Right("a list of points [x, y] in m", item=A_POINT),
-    ] = None
-
-    @model_validator(mode="after")
-    def _whole(self) -> "VaryTable":
-        given = {name for name in _PARAMETERS if getattr(self, name) is not None}
-        if self.distribution is None:
-            if self.key is None or self.values is None or given:
-                raise ValueError("have a key and its values, or a distribution and its parameters")
-            return self
-        needed = set(PARAMETERS[self.distribution])
-        if self.key is not None or self.values is not None or given != needed:
-            needs = ", ".join(PARAMETERS[self.distribution])
-            raise ValueError(f"have {needs} beside the distribution {self.distribution}, and nothing else")
-        return self
-
-
-_PARAMETERS: Final = tuple(
-    name for name in VaryTable.model_fields if name not in {"key", "values", "distribution"}
-)
 
 
 class StudyTable(FileTable):
@@ -110,7 +38,13 @@ class StudyTable(FileTable):
     """So many for `--tuning`: other ones, which no test ever has."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Keys of the scenario that are other than in its file, such as "run.duration" = 300."""
+    conditions: Annotated[Literal["drawn", "as written"], Right('"drawn" or "as written"')] = "drawn"
+    """Whether seeds draw starts, places, odometry's errors and shadowing where nothing here sets them."""
     vary: Annotated[tuple[VaryTable, ...], BeforeValidator(as_tuples)] = ()
+    samples: Annotated[
+        int | None, Field(ge=1, le=MOST_SAMPLES), Right(f"a whole number from 1 to {MOST_SAMPLES}")
+    ] = None
+    """So many cells are drawn from the random factors."""
     primary: Annotated[
         tuple[Annotated[tuple[str, str], BeforeValidator(as_tuples)], ...],
         BeforeValidator(as_tuples),
@@ -142,6 +76,10 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                     f"{path}: primary compares {name!r}, which is none of the study's strategies: "
                     f"{', '.join(strategies)}"
                 )
+    try:
+        made = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
+    except AcrcError as error:
+        raise AcrcError(f"{path}: {error}") from None
     return Study(
         name=path.stem,
         scenario=str((path.parent / table.scenario).resolve()),
@@ -149,21 +87,18 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         seeds=table.tuning_seeds if tuning else table.seeds,
         tuning=tuning,
         settings=tuple(table.set.items()),
-        factors=tuple(Factor(one.key, one.values) for one in table.vary if one.key and one.values),
+        factors=made.fixed,
         primary=table.primary,
-        distributions=tuple(_distribution(one) for one in table.vary if one.distribution),
+        distributions=made.distributions,
         primary_metric=table.primary_metric,
         isolated=table.isolated,
         margin_places=table.margin_places,
         margin_s=table.margin_s,
         failed_runs=table.failed_runs,
+        conditions=table.conditions,
+        random=made.random,
+        cells=made.cells,
     )
-
-
-def _distribution(table: VaryTable) -> Distribution:
-    assert table.distribution is not None
-    names = PARAMETERS[table.distribution]
-    return Distribution(table.distribution, tuple((name, getattr(table, name)) for name in names))
 
 
 def _written(path: Path) -> Study:

@@ -14,6 +14,7 @@ from cleaning.places import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
 from deploy.scenario.tables import Scenario
+from experiments.study.conditions import same_for_all_seeds
 from experiments.study.draws import drawn
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
@@ -112,18 +113,19 @@ def path_of(wishes: StudyWishes) -> Path | None:
 def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
     """Say whatever every trial would stumble over before the first: scenario, keys, strategies, draws.
 
-    Gives what a person should know about the places, a sentence each, and the folders in which strategies are
-    to be looked for. `source`: the study's file; None: the command line itself names the strategies. Raises
-    as `actors.robot.behaviour.foreign.admitted` does.
+    Gives what a person should know about places and starts, a sentence each, and the folders in which
+    strategies are to be looked for. `source`: the study's file; None: the command line itself names the
+    strategies. Raises as `actors.robot.behaviour.foreign.admitted` does.
     """
     said, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
-        own = (*study.settings, *trial.variant, *drawn(study, trial).items())
+        own = (*study.settings_of(trial.variant), *drawn(study, trial).items())
         overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
         scenario = load_scenario(Path(study.scenario), overrides)
         named = entry(trial.strategy)
         own_permit = permit if source is not None else replace(permit, typed=named)
         folders = admitted(source or Path(study.scenario), named, module_folders(scenario), own_permit)
         modules |= dict.fromkeys(folders)
-        said |= dict.fromkeys(close_places(scenario))
+        alike = same_for_all_seeds(scenario)
+        said |= dict.fromkeys(close_places(scenario)) | ({alike: None} if alike else {})
     return list(said), tuple(modules)

@@ -18,7 +18,8 @@ from experiments.campaign import results_table, store
 from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.study.draws import PARAMETERS, drawn
 from experiments.study.study import Distribution, Study
-from experiments.study.study_file import VaryTable, load_study
+from experiments.study.study_file import load_study
+from experiments.study.vary_table import VaryTable
 
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
@@ -160,7 +161,7 @@ def test_the_studies_that_come_along_can_be_carried_out(name: str) -> None:
     assert set(study.strategies) <= set(STRATEGIES)
     assert name != "all_strategies" or set(study.strategies) == set(STRATEGIES)
     first = next(study.trials())
-    resolve(load_scenario(Path(study.scenario), Overrides(settings=(*study.settings, *first.variant))))
+    resolve(load_scenario(Path(study.scenario), Overrides(settings=study.settings_of(first.variant))))
 
 
 def test_distributions_and_values_stand_side_by_side(tmp_path: Path) -> None:

@@ -1,0 +1,71 @@
+"""What the seeds of a study draw beside the strategies' luck: starts, places, odometry, shadowing."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from actors.robot_model import OdometryKind, load_model
+from deploy.scenario.tables import Scenario
+
+SHADOWING_DB: Final = 6.0
+"""Makes a grey zone like that of measured links, from 70 % of frames upward: docs/radio.md, "Shadowing"."""
+
+
+def drawn_conditions(scenario: Scenario, named: Iterable[str]) -> dict[str, Any]:
+    """Settings with which each seed draws what this scenario has fixed, as `acrc run --set` takes them.
+
+    `named`: keys that the study sets or varies, which stay as they are, as do tables [[robot]] and places
+    that are listed there.
+    """
+    settings: dict[str, Any] = {}
+    if scenario.robots.start:
+        settings["robots.start"] = []
+    if scenario.places.preset == "golden":
+        settings["places.preset"] = "areas" if scenario.area else "free"
+    if _odometry(scenario) == "exact":
+        settings["robots.odometry"] = _drifting(scenario)
+    if not scenario.radio.shadowing_db:
+        settings["radio.shadowing_db"] = SHADOWING_DB
+    kept = tuple(named)
+    return {key: value for key, value in settings.items() if not any(_covers(one, key) for one in kept)}
+
+
+def same_for_all_seeds(scenario: Scenario) -> str | None:
+    """A sentence on what every seed of this scenario has in common; None if all starts are drawn."""
+    own = {robot.id for robot in scenario.robot if robot.start is not None}
+    given = own | set(scenario.ids[: len(scenario.robots.start)])
+    starts = sum(name in given for name in scenario.ids)
+    if not starts:
+        return None
+    who = (
+        "all robots begin" if starts == len(scenario.ids) else f"{starts} of {len(scenario.ids)} robots begin"
+    )
+    more = [
+        word
+        for word, is_so in (
+            ("the places are the same", scenario.places.preset in {"golden", "listed"}),
+            ("odometry is exact", _odometry(scenario) == "exact"),
+            ("radio has no shadowing", not scenario.radio.shadowing_db),
+        )
+        if is_so
+    ]
+    return (
+        f"with every seed {', '.join((f'{who} in the same positions', *more))}, as the scenario is written; "
+        'a study with conditions = "drawn" draws them'
+    )
+
+
+def _covers(named: str, key: str) -> bool:
+    """A key, or the table around it."""
+    return key == named or key.startswith(named + ".")
+
+
+def _odometry(scenario: Scenario) -> OdometryKind:
+    return scenario.robots.odometry or load_model(scenario.robots.model, None).odometry
+
+
+def _drifting(scenario: Scenario) -> OdometryKind:
+    """That of the robots' model; where it has none, a Kobuki's for two wheels, and Stage's for others."""
+    model = load_model(scenario.robots.model, None)
+    if model.odometry != "exact":
+        return model.odometry
+    return "kobuki" if model.drive.kind == "differential" else "stage"

@@ -1,0 +1,111 @@
+"""What seeds draw unless a study fixes it: the same for every strategy, another for another seed."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.runtime.errors import AcrcError
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_for_all_seeds
+from experiments.study.draws import drawn
+from experiments.study.study import Study, Trial
+from experiments.study.study_file import load_study
+
+ROOT = Path(__file__).parents[2]
+CHAPTER = ROOT / "scenarios" / "chapter.toml"
+STUDY = Study("s", str(CHAPTER), ("none", "chapter"), 3, conditions="drawn")
+EVERYTHING = {
+    "robots.start": [],
+    "places.preset": "areas",
+    "robots.odometry": "kobuki",
+    "radio.shadowing_db": SHADOWING_DB,
+}
+
+
+def world(study: Study, trial: Trial) -> tuple[object, object]:
+    """Where the robots of a trial start, and their places."""
+    own = (*study.settings_of(trial.variant), *drawn(study, trial).items())
+    overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
+    robots = resolve(load_scenario(Path(study.scenario), overrides)).world.robots
+    return tuple(one.start for one in robots), tuple(one.places for one in robots)
+
+
+def test_seeds_draw_starts_and_places_the_same_for_every_strategy() -> None:
+    worlds = {(trial.strategy, trial.seed): world(STUDY, trial) for trial in STUDY.trials()}
+    for seed in (1, 2, 3):
+        assert worlds["none", seed] == worlds["chapter", seed]
+    for part in (0, 1):
+        assert len({repr(worlds["none", seed][part]) for seed in (1, 2, 3)}) == 3
+
+
+def test_as_written_nothing_is_drawn_and_every_seed_begins_alike() -> None:
+    written = msgspec.structs.replace(STUDY, conditions="as written")
+    assert [drawn(written, trial) for trial in written.trials()] == [{}] * 6
+    assert len({repr(world(written, trial)) for trial in written.trials()}) == 1
+
+
+def test_a_study_of_before_is_as_written() -> None:
+    """Its study.json knows nothing of conditions, and its campaign must go on as it began."""
+    old = b'{"name":"s","scenario":"/s.toml","strategies":["none"],"seeds":3}'
+    assert msgspec.json.decode(old, type=Study) == Study("s", "/s.toml", ("none",), 3)
+    assert Study("s", "/s.toml", ("none",), 3).conditions == "as written"
+
+
+def test_all_that_the_scenario_fixes_is_drawn() -> None:
+    assert drawn_conditions(load_scenario(CHAPTER), []) == EVERYTHING
+
+
+@pytest.mark.parametrize("key", EVERYTHING)
+def test_what_the_study_names_stays(key: str) -> None:
+    left = drawn_conditions(load_scenario(CHAPTER), [key, "run.duration"])
+    assert left == {other: value for other, value in EVERYTHING.items() if other != key}
+
+
+def test_a_table_that_the_study_sets_stays_whole() -> None:
+    assert set(drawn_conditions(load_scenario(CHAPTER), ["robots"])) == {
+        "places.preset",
+        "radio.shadowing_db",
+    }
+
+
+def test_what_is_drawn_already_stays() -> None:
+    settings = tuple(EVERYTHING.items())
+    assert drawn_conditions(load_scenario(CHAPTER, Overrides(settings=settings)), []) == {}
+
+
+def test_without_areas_places_are_drawn_on_all_floor() -> None:
+    maze: tuple[tuple[str, object], ...] = (("map", "../maps/maze.yaml"), ("area", []))
+    assert drawn_conditions(load_scenario(CHAPTER, Overrides(settings=maze)), [])["places.preset"] == "free"
+
+
+def test_a_sentence_says_what_all_seeds_have_in_common() -> None:
+    told = same_for_all_seeds(load_scenario(CHAPTER))
+    assert told is not None and told.startswith(
+        "with every seed all robots begin in the same positions, the places are the same, odometry is exact, "
+        "radio has no shadowing"
+    )
+    ten = same_for_all_seeds(load_scenario(CHAPTER, Overrides(robots=10)))
+    assert ten is not None and "9 of 10 robots begin in the same positions" in ten
+    overrides = Overrides(settings=tuple(EVERYTHING.items()))
+    assert same_for_all_seeds(load_scenario(CHAPTER, overrides)) is None
+
+
+def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    plain = "scenario = 's.toml'\nstrategies = ['none']\n"
+    path.write_text(plain)
+    assert load_study(path).conditions == "drawn"
+    path.write_text(plain + "conditions = 'as written'\n")
+    assert load_study(path).conditions == "as written"
+    path.write_text(plain + "conditions = 'same'\n")
+    with pytest.raises(AcrcError, match='conditions is "same", but must be "drawn" or "as written"'):
+        load_study(path)
+
+
+def test_the_chapters_experiment_is_as_written() -> None:
+    study = load_study(ROOT / "studies" / "chapter.toml")
+    assert study == Study(
+        "chapter", str(CHAPTER), ("none", "chapter"), 10, primary=(("chapter", "none"),)
+    )  # fmt: skip
