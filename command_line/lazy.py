@@ -12,7 +12,7 @@ COMMANDS: Final = {
     "compare": ("command_line.experiments.app", "compare"),
     "bundle": ("command_line.experiments.app", "bundle"),
     "report": ("command_line.experiments.app", "report"),
-    "plan-study": ("command_line.experiments.app", "plan_study"),
+    "study": ("command_line.experiments.study_app", "app"),
     "docs": ("command_line.documentation.command", "docs"),
     "verify": ("command_line.bench.verify", "verify"),
     "bench": ("command_line.bench.bench", "bench"),

@@ -2,6 +2,7 @@
 
 import subprocess
 from importlib.metadata import version
+from pathlib import Path
 
 from actors.installation.repository import IS_CLONE, REPOSITORY
 
@@ -25,3 +26,18 @@ def software() -> str:
 def _git(*words: str) -> str:
     asked = ["git", "-C", str(REPOSITORY), *words]
     return subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def changed_since(commit: str) -> tuple[Path, ...] | None:
+    """The files that differ from those of an earlier commit; None: this software does not descend from it.
+
+    Changes that are in no commit yet count, too. None also outside a clone, where nobody knows.
+    """
+    if not IS_CLONE:
+        return None
+    try:
+        _git("merge-base", "--is-ancestor", "--end-of-options", commit, "HEAD")
+        names = _git("diff", "--name-only", "--no-renames", "-z", "--end-of-options", commit, "--")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return tuple(REPOSITORY / name for name in names.split("\0") if name)

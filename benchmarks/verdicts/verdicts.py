@@ -76,7 +76,7 @@ def check(runs: int = 5000, draws: int = 4000, campaigns: int = 300, seed: int =
                 {key: f"{value:.2f}" if isinstance(value, float) else value for key, value in row.items()}
                 for row in powers
             ],
-            f"power: promised by plan-study, delivered by compare in {campaigns} campaigns",
+            f"power: promised by acrc study plan, delivered by compare in {campaigns} campaigns",
         ),
         table_of(
             [{key: str(value) for key, value in row.items()} for row in coverage],
@@ -173,7 +173,7 @@ def _failing(run: JudgedRun, rng: Generator) -> JudgedRun:
 
 
 def _powers(campaigns: int, rng: Generator) -> list[dict[str, object]]:
-    """What plan-study promises of normal effects, and of half of the seeds, beside what is delivered.
+    """What `acrc study plan` promises of normal effects, and of half of the seeds, beside what is delivered.
 
     The latter, as if the pilot were drawn itself, beside campaigns drawn from the other half of the seeds:
     two halves of a campaign differ by chance.

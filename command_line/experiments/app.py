@@ -48,6 +48,13 @@ def campaign(
         str | None,
         typer.Option(metavar="NAME", help="Run a shipped study: chapter, the chapter's experiment."),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Hold it against this frozen plan.  [default: STUDY.frozen.json if there is one]",
+        ),
+    ] = None,
     until_decided: Annotated[
         bool,
         typer.Option(
@@ -103,7 +110,9 @@ def campaign(
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
     permit = permit_of(modules, trust=trust)
-    campaign_command.run(wishes, out, options, permit, until_decided=until_decided, json_output=json)
+    campaign_command.run(
+        wishes, out, options, permit, plan=plan, until_decided=until_decided, json_output=json
+    )
 
 
 def causes(
@@ -137,40 +146,6 @@ def compare(
     from command_line.experiments import compare_command
 
     compare_command.run(folder, metric, json_output=json)
-
-
-def plan_study(
-    a12: Annotated[
-        float,
-        typer.Option(metavar="A", min=0.0, max=1.0, help="Effect size to detect (Vargha and Delaney's A12)."),
-    ] = 0.71,
-    power: Annotated[
-        float, typer.Option(metavar="P", min=0.5, max=0.999, help="Probability of detecting it.")
-    ] = 0.9,
-    correlation: Annotated[
-        float,
-        typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
-    ] = 0.0,
-    comparisons: Annotated[
-        int,
-        typer.Option(metavar="N", min=1, max=1000, help="Number of declared comparisons that share the 5 %."),
-    ] = 1,
-    pilot: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Draw campaigns from this one, and judge them."),
-    ] = None,
-    metric: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
-    ] = None,
-) -> None:
-    """Compute how many pairs of runs an effect needs."""
-    from command_line.experiments import plan_study_command
-
-    if pilot is not None:
-        plan_study_command.run_pilot(pilot, metric, power, comparisons)
-    else:
-        plan_study_command.run(a12, power, correlation, comparisons)
 
 
 def report(

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
-from experiments.campaign import campaign, results_table, store
+from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.cluster_address import check as check_address
 from experiments.campaign.trust import differing, protection
@@ -34,6 +34,7 @@ def run(
     options: CampaignOptions,
     permit: Permit,
     *,
+    plan: Path | None,
     until_decided: bool,
     json_output: bool,
 ) -> None:
@@ -43,15 +44,18 @@ def run(
     study = study_of(wishes)
     if study.isolated and options.on is None:
         choose(True)  # refused here, not run by run
-    hints, modules = check(study, permit, path_of(wishes))
+    source = path_of(wishes)
+    hints, modules = check(study, permit, source)
     options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     kept = store.create(folder.absolute(), study)
     watch = decision.Watch(kept) if until_decided else None
     if watch is not None:
         kept.declare_looks()
+    beside = None if study.tuning else plan_taken.plan_of(source)
+    frozen = plan_taken.take_in(kept, plan or beside, source, looks=until_decided)
     say = Console(stderr=True, soft_wrap=True, highlight=False)
-    for line in [] if json_output else (*hints, *foreseen(study)):
+    for line in [] if json_output else (*hints, *foreseen(study), *frozen):
         say.print(line, markup=False)
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)

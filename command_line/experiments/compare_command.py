@@ -52,6 +52,7 @@ def _warn(different: Sequence[str]) -> None:
 def _told(found: CampaignJudgement) -> dict[str, object]:
     return {
         "failures": found.failures,
+        "declared": found.declared,
         "verdicts": [
             {
                 "one": one.sample.one,
@@ -86,7 +87,7 @@ def _told(found: CampaignJudgement) -> dict[str, object]:
 
 def _print(kept: store.Store, found: CampaignJudgement) -> None:
     console = Console(soft_wrap=True, highlight=False)
-    for line in (*found.failures, *protection(kept), *found.too_few, *found.family):
+    for line in (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family):
         console.print(line, markup=False)
     for one in found.verdicts:
         console.print(sentences.verdict(one), markup=False)

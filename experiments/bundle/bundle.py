@@ -15,12 +15,13 @@ from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from experiments.bundle.inputs import inputs
 from experiments.bundle.papers import BundleFacts, citation, readme
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.judgement import judge
 from experiments.report import report
+from experiments.study.frozen_plan import SUFFIX
+from experiments.study.inputs import inputs
 from observation.results.seal import SUMS, lines
 
 UNNAMED: Final = "Unnamed; write the authors here"
@@ -44,7 +45,14 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
     there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
     about = BundleFacts(
-        study, read.scenario, commit, software is not None, records, _found(kept), authors or [UNNAMED]
+        study=study,
+        scenario=read.scenario,
+        commit=commit,
+        has_software=software is not None,
+        records=records,
+        found=_found(kept),
+        authors=authors or [UNNAMED],
+        plan=kept.plan,
     )
     files = {
         "README.md": readme(about).encode(),
@@ -55,6 +63,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
         **{f"{_INPUTS}/{name}": regular_file.content(path) for name, path in read.files.items()},
+        **dict(_plan(kept)),
         **dict(_results(kept)),
         **dict(_report(folder)),
     }
@@ -66,10 +75,16 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     return software is not None
 
 
+def _plan(kept: store.Store) -> Iterator[tuple[str, bytes]]:
+    """Beside the study, where whoever makes the runs again finds it."""
+    if kept.plan is not None:
+        yield f"study{SUFFIX}", regular_file.content(kept.plan_file)
+
+
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     trials = list(kept.study.trials())
     records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
-    for path in (kept.about_file, kept.draws_file, kept.looks_file, *records):
+    for path in (kept.about_file, kept.plan_file, kept.draws_file, kept.looks_file, *records):
         if path.exists():
             yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.content(path)
 

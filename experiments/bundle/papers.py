@@ -7,6 +7,7 @@ from string import Template
 from typing import Final
 
 from experiments.campaign.trial_record import TrialRecord
+from experiments.study.frozen_plan import FrozenPlan
 from experiments.study.study import Study
 
 CHAPTER: Final = "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Problem and Testbed"
@@ -15,6 +16,11 @@ _CHANGED: Final = (
     "It is **not** in this bundle, for it had been changed since that commit, or is no longer in the "
     "repository: the digests may not come out again."
 )
+_PLANNED: Final = Template(
+    "`study.frozen.json`, frozen at commit `$commit`, with SHA-256 `$sha256`. The hash shows that it is the "
+    "plan that was published with it, and no date. What is not as frozen stands below."
+)
+_UNPLANNED: Final = "nothing was frozen before the first run."
 _README: Final = Template("""# Artifact: $name
 
 Results of the study `$name`, with all that is needed to check them and to make them again. The sections are
@@ -26,6 +32,7 @@ $abstract
 
 ## Check-list
 
+- **Plan:** $plan
 - **Program:** the ACRC testbed, commit `$commit`. $software
 - **Run-time environment:** Linux (x86-64 or ARM) or macOS (ARM) with Python 3.11 or newer and its module
   `venv`. All packages are pinned with their hashes in `constraints.txt`; the runs were made with $versions.
@@ -42,6 +49,7 @@ $abstract
 | | |
 |---|---|
 | `study.json` | what was asked: strategies, seeds, settings, declared comparisons |
+| `study.frozen.json` | the plan, if one was frozen; `acrc campaign study.json` holds itself against it |
 | `inputs/` | the scenario, and every file that it names |
 | `results/` | the campaign's folder: `acrc compare results` and `acrc report results` read it |
 | `report/` | the report on it: `report.html`, pictures, tables |
@@ -86,6 +94,7 @@ class BundleFacts:
     found: Sequence[str]
     """Sentences."""
     authors: Sequence[str]
+    plan: FrozenPlan | None = None
 
 
 def readme(about: BundleFacts) -> str:
@@ -96,6 +105,9 @@ def readme(about: BundleFacts) -> str:
     names = ", ".join(f"`{name}`" for name in study.strategies)
     return _README.substitute(
         name=study.name,
+        plan=_UNPLANNED
+        if about.plan is None
+        else _PLANNED.substitute(commit=about.plan.commit, sha256=about.plan.sha256),
         abstract=f"{names}, each with the same {study.seeds} seeds in {_conditions(study)}.",
         commit=about.commit,
         software=_CLEAN if about.has_software else _CHANGED,

@@ -14,7 +14,9 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign.draw import Draw, DrawableRun, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
-from experiments.study.study import Study, Trial
+from experiments.study import frozen_plan
+from experiments.study.frozen_plan import FrozenPlan
+from experiments.study.study import Study, Trial, differences
 from observation.results.seal import SUMS, check_seal
 
 _STUDY: Final = "study.json"
@@ -24,8 +26,9 @@ _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
 _LOOKS: Final = "looks.json"
 _DRAWS: Final = "draws.json"
+_PLAN: Final = "plan.json"
 _ENTROPY_BYTES: Final = 32
-_OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, "campaign.new", "study.new"})
+_OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
 """What lies in a folder whose campaign was ended before it had begun."""
 
 
@@ -33,6 +36,10 @@ class About(msgspec.Struct, frozen=True):
     """What all trials of a campaign have in common beside the study."""
 
     commit: str
+    plan_sha256: str | None = None
+    """Of the frozen plan that was there before the first run ended; None: there was none."""
+    departures: tuple[str, ...] = ()
+    """What its software and its files had otherwise than in the plan whenever it was begun or resumed."""
 
 
 class Looks(msgspec.Struct, frozen=True):
@@ -173,6 +180,24 @@ class Store:
         """What all its trials were made with."""
         return self.about().commit
 
+    @property
+    def plan_file(self) -> Path:
+        """Where the frozen plan is if there is one."""
+        return self.folder / _PLAN
+
+    @property
+    def plan(self) -> FrozenPlan | None:
+        """The plan from before the first run; None if there was none. Raises AcrcError for another one."""
+        known = self.about().plan_sha256
+        if known is None:
+            return None
+        plan = frozen_plan.read(self.plan_file)
+        if plan.sha256 != known:
+            raise AcrcError(
+                f"{self.plan_file}: has SHA-256 {plan.sha256}, but the campaign was begun with {known}"
+            )
+        return plan
+
     def path(self, trial: Trial) -> Path:
         """Where a trial's record is, or will be."""
         return self.folder / _TRIALS / f"{trial.name}.json"
@@ -205,9 +230,9 @@ def create(folder: Path, study: Study) -> Store:
             raise AcrcError(
                 f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
             )
-        if before != msgspec.structs.replace(study, seeds=before.seeds):
+        if others := differences(before, study).keys() - {"seeds"}:
             raise AcrcError(
-                f"{folder}: holds the campaign of another study ({_differs(before, study)} differs); "
+                f"{folder}: holds the campaign of another study ({min(others)} differs); "
                 "must be new, or that of this one"
             )
         commit = store.commit
@@ -255,8 +280,3 @@ def _was_among(run: DrawableRun, draws: Sequence[Draw], every: float = math.inf)
     """True if a draw as close as `every` was among others of this run, with the record that it has."""
     name = run.trial.name
     return any(one.every <= every and one.among.get(name) == run.sha256 for one in draws)
-
-
-def _differs(one: Study, other: Study) -> str:
-    names = (field.name for field in msgspec.structs.fields(Study) if field.name != "seeds")
-    return next(name for name in names if getattr(one, name) != getattr(other, name))

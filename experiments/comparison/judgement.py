@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from experiments.campaign import plan_taken
 from experiments.campaign.store import Store
 from experiments.comparison import sentences
 from experiments.comparison.across_cells import AcrossCells, across_cells, told
@@ -17,6 +18,8 @@ class CampaignJudgement:
 
     failures: Sequence[str]
     """A sentence for each strategy that failed in some run."""
+    declared: Sequence[str]
+    """What was frozen before the first run, and what is not as frozen."""
     too_few: Sequence[str]
     family: Sequence[str]
     """How the declared comparisons are tested."""
@@ -35,6 +38,7 @@ class CampaignJudgement:
         """All of it in words, but for the estimates."""
         return [
             *(f"{line}." for line in self.failures),
+            *self.declared,
             *self.too_few,
             *self.family,
             *map(sentences.verdict, self.verdicts),
@@ -53,6 +57,7 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
     decided = [one.verdict for one in looks] if kept.looks is not None else verdicts(found, study)
     return CampaignJudgement(
         sentences.failures(records, study),
+        plan_taken.told(kept),
         sentences.too_few(found),
         sentences.family(decided, study) if len(study.strategies) > 1 else [],
         [one for one in decided if len(one.sample.pairs)],

@@ -160,7 +160,7 @@ def _asked(source: CaseSource) -> str:
     if study.settings:
         told.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
     declared = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs)
-    told.append(f"declared beforehand: {declared}" if declared else "no comparison was declared beforehand")
+    told.append(f"the study declares: {declared}" if declared else "the study declares no comparison")
     return "; ".join(told) + "."
 
 

@@ -125,3 +125,15 @@ class Study(msgspec.Struct, frozen=True):
         for variant in self.variants():
             for strategy in self.strategies:
                 yield Trial(strategy, seed, variant)
+
+
+def differences(one: Study, other: Study) -> dict[str, tuple[str, str]]:
+    """The fields by which two studies differ, each with both values as JSON, where a tuple is a list."""
+    found = {}
+    for field in Study.__struct_fields__:
+        mine, theirs = (
+            msgspec.json.encode(getattr(study, field), order="sorted").decode() for study in (one, other)
+        )
+        if mine != theirs:
+            found[field] = mine, theirs
+    return found

@@ -141,8 +141,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("compare campaigns/a --metric radio --json", r'"none"'),
         Line("bundle campaigns/a --out a.zip --author 'Ada Lovelace'", r"a.zip", "a.zip"),
-        Line("plan-study --pilot campaigns/a --metric radio", r"pairs"),
-        Line("plan-study --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2", r"pairs"),
+        Line("study plan --pilot campaigns/a --metric radio", r"pairs"),
+        Line("study plan --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2", r"pairs"),
         Line(
             "campaign --preset chapter --seeds 1 --robots 2 --duration 1 --check-every 0 --until-decided "
             "--out campaigns/b",

@@ -79,7 +79,7 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
     told = json.loads(out)
     assert (told["verdicts"][0]["decided_by"], told["failures"]) == ("places", [])
     assert told["estimates"][0]["difference"][0] == 14.5
-    code, out, _ = acrc("plan-study", "--pilot", str(tmp_path / "out"))
+    code, out, _ = acrc("study", "plan", "--pilot", str(tmp_path / "out"))
     assert code == 0
     assert "Share of campaigns that tell them apart, by 2 tests" in out
     assert "6 pairs tell each of them apart with probability 0.9." in out
@@ -121,7 +121,7 @@ def test_failed_runs_are_told_first_and_too_few_seeds_before_the_first_run(
         "chapter failed in 1 of 3 runs (seed 2); "
         "each counts as a run that did no place and was never settled\n"
     )
-    code, _, err = acrc("plan-study", "--pilot", str(kept.folder), "--comparisons", "2")
+    code, _, err = acrc("study", "plan", "--pilot", str(kept.folder), "--comparisons", "2")
     assert (code, err) == (
         2,
         "acrc: --comparisons: cannot be combined with --pilot, whose study declares them\n",

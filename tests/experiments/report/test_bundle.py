@@ -15,9 +15,9 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.bundle import bundle
-from experiments.bundle.inputs import inputs
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.study.inputs import inputs
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
 from observation.results.result import RunResult

@@ -1,4 +1,4 @@
-"""`acrc plan-study`: how many pairs of runs."""
+"""`acrc study plan`: how many pairs of runs."""
 
 from collections.abc import Sequence
 from pathlib import Path

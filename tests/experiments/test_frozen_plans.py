@@ -1,0 +1,380 @@
+"""Frozen plans: what campaigns say of them, and of whatever is not as frozen."""
+
+import hashlib
+import json
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.installation import version
+from actors.runtime.errors import AcrcError
+from command_line.experiments import freeze_command
+from experiments.bundle import bundle
+from experiments.campaign import plan_taken, store
+from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.comparison.judgement import judge
+from experiments.study import frozen_plan
+from experiments.study.study import Study
+from experiments.study.study_file import load_study
+from observation.results.result import RunResult
+
+ROOT = Path(__file__).parents[2]
+COMMIT = "c0ffee" * 6 + "c0ff"
+STUDY = """
+scenario = "corridor.toml"
+strategies = ["none", "chapter"]
+seeds = 8
+primary = [["chapter", "none"]]
+
+[set]
+"robots.count" = 1
+
+[[vary]]
+distribution = "kills"
+count = [0, 1]
+at = [60, 240]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study with all that it reads, and software of a commit of which nothing else is known."""
+    for name in ("corridor.yaml", "corridor.png"):
+        (tmp_path / name).write_bytes((ROOT / "maps" / name).read_bytes())
+    scenario = (ROOT / "scenarios" / "corridor.toml").read_text()
+    (tmp_path / "corridor.toml").write_text(scenario.replace("../maps/", ""))
+    (tmp_path / "study.toml").write_text(STUDY)
+    for module in (freeze_command, plan_taken, store):
+        monkeypatch.setattr(module, "software", lambda: COMMIT)
+    return tmp_path
+
+
+def frozen(folder: Path, *, until_decided: bool = False) -> Path:
+    freeze_command.run(folder / "study.toml", None, until_decided=until_decided)
+    return folder / "study.frozen.json"
+
+
+def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]:
+    """The campaign of the study's file as it is now, and what is said before its next run."""
+    source = folder / "study.toml"
+    kept = store.create(folder / "out", load_study(source))
+    if looks:
+        kept.declare_looks()
+    return kept, plan_taken.take_in(kept, plan_taken.plan_of(source), source, looks=looks)
+
+
+def over(kept: store.Store, plain: RunResult, seeds: int = 8) -> None:
+    for trial in kept.study.trials():
+        if trial.seed <= seeds:
+            result = msgspec.structs.replace(plain, seed=trial.seed, places_done=3 * len(trial.strategy))
+            keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
+
+
+def edited(path: Path, before: str, after: str) -> None:
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+
+
+def departures(folder: Path) -> list[str]:
+    """What the campaign says to be not as frozen, before its first run and after all."""
+    kept, said = begun(folder)
+    told = [line for line in plan_taken.told(kept) if line.startswith("Not as")]
+    assert told[:-1] == said[1:]
+    assert told[-1].endswith(" runs are still to be made.")
+    return [line.removeprefix("Not as frozen: ") for line in said[1:]]
+
+
+def test_a_campaign_as_frozen_says_what_was_declared(
+    folder: Path, plain: RunResult, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = frozen(folder)
+    plan = frozen_plan.read(path)
+    told = (
+        f"at commit {COMMIT}, SHA-256 {plan.sha256}: chapter against none by lexicographic, "
+        "margins of 1 in places and 10 s, 8 seeds, no look on the way."
+    )
+    assert capsys.readouterr().out.splitlines() == [
+        f"Frozen {told}",
+        f"written to {path}; a hash proves no date: publish it before the first run to prove one",
+    ]
+    kept, said = begun(folder)
+    assert said == [f"Frozen before the first run, {told}"]
+    over(kept, plain)
+    assert judge(kept).declared == [
+        *said,
+        "The campaign is as frozen.",
+        "Whatever else is compared was not declared, and is exploration.",
+    ]
+    assert (kept.folder / "plan.json").read_bytes() == path.read_bytes()
+
+
+def test_anybody_can_compute_the_hash(folder: Path) -> None:
+    told = json.loads(frozen(folder).read_bytes())
+    own = told.pop("sha256")
+    text = json.dumps(told, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    assert hashlib.sha256(text.encode()).hexdigest() == own
+    assert str(folder) not in text
+    assert [name for name, _ in told["files"]] == ["corridor.png", "corridor.toml", "corridor.yaml"]
+
+
+def test_without_a_plan_nothing_was_frozen(folder: Path) -> None:
+    kept, said = begun(folder)
+    assert said == []
+    assert judge(kept).declared == ["Nothing was frozen before."]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentences"),
+    [
+        ("seeds = 8", "seeds = 8\nmargin_places = 2", ["margin_places is 2.0, frozen was 1.0"]),
+        ("seeds = 8", "seeds = 9", ["seeds is 9, frozen was 8"]),
+        ("seeds = 8", "seeds = 7", ["seeds is 7, frozen was 8"]),
+        (
+            'primary = [["chapter", "none"]]',
+            'primary = [["none", "chapter"]]',
+            [
+                "the comparison of none with chapter was not declared beforehand",
+                "the comparison of chapter with none was declared beforehand, and is not any more",
+            ],
+        ),
+        (
+            "seeds = 8",
+            'seeds = 8\nprimary_metric = "places"',
+            ['primary_metric is "places", frozen was "lexicographic"'],
+        ),
+        (
+            "at = [60, 240]",
+            "at = [60, 241]",
+            [
+                'distributions is [{"kind":"kills","parameters":[["count",[0.0,1.0]],["at",[60.0,241.0]]]}], '
+                'frozen was [{"kind":"kills","parameters":[["count",[0.0,1.0]],["at",[60.0,240.0]]]}]'
+            ],
+        ),
+    ],
+)
+def test_a_study_that_was_edited_is_not_as_frozen(
+    folder: Path, before: str, after: str, sentences: list[str]
+) -> None:
+    frozen(folder)
+    edited(folder / "study.toml", before, after)
+    assert departures(folder) == [f"{one}." for one in sentences]
+
+
+def _scenario(folder: Path) -> None:
+    (folder / "corridor.toml").write_text((folder / "corridor.toml").read_text() + "\n")
+
+
+def _map(folder: Path) -> None:
+    content = bytearray((folder / "corridor.png").read_bytes())
+    content[-1] ^= 1
+    (folder / "corridor.png").write_bytes(content)
+
+
+def _another_map(folder: Path) -> None:
+    (folder / "other.png").write_bytes((folder / "corridor.png").read_bytes())
+    (folder / "other.yaml").write_text((folder / "corridor.yaml").read_text().replace("corridor", "other"))
+    edited(folder / "study.toml", "[set]\n", '[set]\nmap = "other.yaml"\n')
+
+
+@pytest.mark.parametrize(
+    ("change", "sentences"),
+    [
+        (_scenario, ["corridor.toml has another content"]),
+        (_map, ["corridor.png has another content"]),
+        (
+            _another_map,
+            [
+                'settings is [["map","other.yaml"],["robots.count",1]], frozen was [["robots.count",1]]',
+                "corridor.png is not read any more",
+                "corridor.yaml is not read any more",
+                "other.png was not read",
+                "other.yaml was not read",
+            ],
+        ),
+    ],
+)
+def test_a_file_that_was_changed_is_not_as_frozen(
+    folder: Path, change: Callable[[Path], None], sentences: list[str]
+) -> None:
+    frozen(folder)
+    change(folder)
+    assert departures(folder) == [f"{one}." for one in sentences]
+
+
+def test_spelling_order_and_folder_of_a_study_are_no_departures(folder: Path, tmp_path: Path) -> None:
+    frozen(folder)
+    edited(folder / "study.toml", "seeds = 8", "seeds   = 8   # as many as there is time for")
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for path in [path for path in folder.iterdir() if path.is_file()]:
+        path.rename(moved / path.name)
+    assert departures(moved) == []
+
+
+def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frozen(folder)
+    kept, _ = begun(folder)
+    monkeypatch.setattr(plan_taken, "software", lambda: "badc0de")
+    about = "it was made with badc0de, "
+    for changed, end in (
+        (None, "of which nothing shows that it descends from the frozen commit"),
+        ((folder / "study.toml", folder / "study.frozen.json", folder / "corridor.png"), ""),
+        (
+            (folder / "a.py", folder / "b.py"),
+            "which descends from the frozen commit, but 2 files differ (a.py, b.py)",
+        ),
+    ):
+        monkeypatch.setattr(plan_taken, "changed_since", lambda commit, files=changed: files)
+        before = kept.about().departures
+        begun(folder)
+        assert kept.about().departures == (*before, *([about + end] if end else []))
+
+
+def test_what_descends_is_known_from_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def git(*words: str) -> str:
+        name = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
+        done = subprocess.run(
+            ["git", "-C", str(tmp_path), *name, *words], check=True, capture_output=True, text=True
+        )
+        return done.stdout.strip()
+
+    def commit(file: str) -> str:
+        (tmp_path / file).write_text(file)
+        git("add", file)
+        git("commit", "-q", "-m", file)
+        return git("rev-parse", "HEAD")
+
+    monkeypatch.setattr(version, "REPOSITORY", tmp_path)
+    monkeypatch.setattr(version, "IS_CLONE", True)
+    git("init", "-q")
+    first = commit("a")
+    second = commit("b")
+    assert version.changed_since(second) == ()
+    assert version.changed_since(first) == (tmp_path / "b",)
+    (tmp_path / "a").write_text("changed, and not committed")
+    assert version.changed_since(second) == (tmp_path / "a",)
+    git("reset", "-q", "--hard", first)
+    assert version.changed_since(second) is None, "this one is before it"
+    for wrong in ("--output=x", "0" * 40, ""):
+        assert version.changed_since(wrong) is None
+    monkeypatch.setattr(version, "IS_CLONE", False)
+    assert version.changed_since(first) is None
+
+
+def test_software_that_was_changed_is_not_frozen(folder: Path) -> None:
+    with pytest.raises(AcrcError) as caught:
+        frozen_plan.freeze(load_study(folder / "study.toml"), f"{COMMIT}+", ())
+    assert str(caught.value) == (
+        f"the software was changed since its commit {COMMIT}; must be committed before a plan is frozen, "
+        "so that others can get it"
+    )
+
+
+def test_a_plan_is_not_frozen_anew(folder: Path) -> None:
+    path = frozen(folder)
+    before = path.read_bytes()
+    with pytest.raises(AcrcError, match="is there already; must be another file, for what is frozen stays"):
+        frozen(folder)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [('"margin_places": 1.0', '"margin_places": 9.0'), ('"seeds": 8', '"seeds": 80'), (COMMIT, "0" * 40)],
+)
+def test_a_plan_that_was_tampered_with_is_refused(folder: Path, before: str, after: str) -> None:
+    path = frozen(folder)
+    edited(path, before, after)
+    with pytest.raises(AcrcError) as caught:
+        begun(folder)
+    assert f"{path}: no frozen plan: was changed after it was frozen, as its sha256 is " in str(caught.value)
+
+
+def test_a_plan_whose_hash_was_computed_anew_is_another_plan(folder: Path, plain: RunResult) -> None:
+    path = frozen(folder)
+    kept, _ = begun(folder)
+    over(kept, plain)
+    path.unlink()
+    edited(folder / "study.toml", "seeds = 8", "seeds = 8\nmargin_s = 30")
+    frozen(folder)
+    edited(folder / "study.toml", "margin_s = 30", "")
+    with pytest.raises(AcrcError, match=r"was begun with the plan .*; must be that one, or another campaign"):
+        begun(folder)
+    kept.plan_file.write_bytes(path.read_bytes())
+    with pytest.raises(AcrcError, match=r"plan\.json: has SHA-256 .*, but the campaign was begun with "):
+        judge(kept)
+
+
+def test_a_campaign_that_had_runs_takes_no_plan(folder: Path, plain: RunResult) -> None:
+    kept, _ = begun(folder)
+    over(kept, plain, 1)
+    path = frozen(folder)
+    _, said = begun(folder)
+    assert said == [f"{path}: is not taken, as {kept.folder} had runs before it had a plan."]
+    assert plan_taken.told(kept) == [plan_taken.NOTHING_FROZEN]
+
+
+def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plain: RunResult) -> None:
+    path = frozen(folder)
+    kept, said = begun(folder)
+    over(kept, plain, 3)
+    assert "Not as frozen: 10 of 16 runs are still to be made." in plan_taken.told(kept)
+    path.unlink()  # the campaign's own is enough
+    assert begun(folder)[1] == said
+    was = (folder / "corridor.png").read_bytes()
+    _map(folder)
+    begun(folder)
+    (folder / "corridor.png").write_bytes(was)
+    begun(folder)
+    over(kept, plain)
+    assert plan_taken.told(kept)[1] == "Not as frozen: corridor.png has another content."
+
+
+def test_looks_are_part_of_the_plan(folder: Path) -> None:
+    edited(folder / "study.toml", "seeds = 8", "seeds = 25")
+    plan = frozen_plan.read(frozen(folder, until_decided=True))
+    assert plan.looks == (10, 20, 25)
+    _, said = begun(folder)
+    assert said[0].endswith("25 seeds, looks after 10, 20, 25 pairs.")
+    assert said[1:] == [
+        "Not as frozen: it is not looked at on the way, and looks after 10, 20, 25 pairs were planned."
+    ]
+    kept, said = begun(folder, looks=True)
+    assert said[1:] == []
+    assert kept.looks is not None
+    (folder / "study.frozen.json").unlink()
+    (folder / "out").rename(folder / "before")
+    frozen(folder)
+    _, said = begun(folder, looks=True)
+    assert said[1:] == ["Not as frozen: it is looked at on the way, and no look was planned."]
+
+
+def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, tmp_path: Path) -> None:
+    plan = frozen_plan.read(frozen(folder))
+    kept, _ = begun(folder)
+    over(kept, plain)
+    told = judge(kept).declared
+    bundle.make(kept.folder, tmp_path / "b.zip")
+    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
+        archive.extractall(tmp_path / "elsewhere")
+    unpacked = tmp_path / "elsewhere" / "out"
+    assert judge(store.load(unpacked / "results")).declared == told
+    readme = (unpacked / "README.md").read_text()
+    assert f"frozen at commit `{COMMIT}`, with SHA-256 `{plan.sha256}`" in readme
+    assert "\n\n".join(told) in readme
+    assert "The campaign is as frozen." in (unpacked / "report" / "report.html").read_text()
+    again = unpacked / "study.json"
+    made = store.create(unpacked / "reproduced", load_study(again))
+    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    assert said == told[:1]
+    (map_image,) = (unpacked / "inputs").rglob("corridor.png")
+    map_image.write_bytes(map_image.read_bytes() + b"\0")
+    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    assert said[1:] == ["Not as frozen: corridor.png has another content."]
+    assert Study.__struct_fields__  # the plan names every field that a study has
+    assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)
