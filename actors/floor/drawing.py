@@ -43,7 +43,8 @@ def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
     x = (np.arange(columns) + 0.5) * RESOLUTION
     y = (np.arange(rows)[:, None] + 0.5) * RESOLUTION
     for px, py, radius in floor.pillars:
-        pixels[(x - px) ** 2 + (y - py) ** 2 <= radius**2] = BLACK
+        dx, dy = x - px, y - py
+        pixels[dx * dx + dy * dy <= radius * radius] = BLACK
     return np.flipud(pixels)
 
 

@@ -173,7 +173,7 @@ def office_floor(name: str) -> OfficeFloor:
     depths = [int(depth) for depth in shape.integers(*_DEPTH, size=2, endpoint=True)]
     # a side's offices are as wide as they are drawn, or stretched: both sides are as long as the longer one
     sides = [_widths(number, shape) for number in (south, count - south)]
-    length = max(sum(widths) + (len(widths) - 1) * _WALL for widths in sides)
+    length = max(_length(widths) for widths in sides)
     sides = [_stretched(widths, length, shape) for widths in sides]
     y0 = _BORDER + depths[0] + _WALL
     y1 = y0 + corridor
@@ -227,11 +227,16 @@ def _widths(count: int, rng: Generator) -> list[int]:
     return [int(width) for width in rng.integers(*_WIDTH, size=count, endpoint=True)]
 
 
+def _length(widths: list[int]) -> int:
+    """Of a side, from its first office to its last, cells."""
+    return sum(int(width) for width in widths) + (len(widths) - 1) * _WALL
+
+
 def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
     """The same with what is left of the length shared out by chance."""
     if not widths:
         return []
-    left = length - sum(widths) - (len(widths) - 1) * _WALL
+    left = length - _length(widths)
     cuts = sorted(int(cut) for cut in rng.integers(0, left, size=len(widths) - 1, endpoint=True))
     shares = [after - before for before, after in pairwise([0, *cuts, left])]
     return [width + share for width, share in zip(widths, shares, strict=True)]

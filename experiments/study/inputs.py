@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from actors.floor import offices
 from actors.floor.map_file import load_map
 from actors.robot.behaviour import succession
 from actors.robot.behaviour.foreign import is_installed
@@ -71,11 +72,12 @@ def _named(study: Study) -> Iterator[Path]:
 
 
 def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
-    """Of the map also the image; of a strategy of one's own its module, or all of its package."""
-    described = Path(scenario.map)
-    load_map(described)  # what is no map does not travel under its name
-    yield described
-    yield described.parent / yaml.safe_load(regular_file.content(described))["image"]
+    """Of a map file also the image; of a strategy of one's own its module, or all of its package."""
+    load_map(scenario.map)  # what is no map does not travel under its name
+    if not offices.is_name(scenario.map):  # a drawn floor is its name
+        described = Path(scenario.map)
+        yield described
+        yield described.parent / yaml.safe_load(regular_file.content(described))["image"]
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
         if model is not None and model.endswith(".toml"):
             yield Path(model)
