@@ -1,32 +1,37 @@
 """What the seeds of a study draw beside the strategies' luck: starts, places, odometry, shadowing."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import Any, Final
 
 from actors.robot_model import OdometryKind, load_model
 from deploy.scenario.tables import Scenario
+from experiments.study.study import Variant
 
 SHADOWING_DB: Final = 6.0
 """Makes a grey zone like that of measured links, from 70 % of frames upward: docs/radio.md, "Shadowing"."""
 
 
-def drawn_conditions(scenario: Scenario, named: Iterable[str]) -> dict[str, Any]:
-    """Settings with which each seed draws what this scenario has fixed, as `acrc run --set` takes them.
+def drawn_conditions(load: Callable[[Variant], Scenario], own: Variant) -> dict[str, Any]:
+    """Settings with which each seed draws what the scenario has fixed, as `acrc run --set` takes them.
 
-    `named`: keys that the study sets or varies, which stay as they are, as do tables [[robot]] and places
-    that are listed there.
+    `load`: the scenario with such settings; `own`: what the study sets or varies, which stays as it is, as do
+    tables [[robot]] and places that are listed there.
     """
-    settings: dict[str, Any] = {}
+    # on another map a scenario can be loaded only once its starts and places are drawn
+    scenario = load(tuple(pair for pair in own if pair[0] != "map"))
+    found: dict[str, Any] = {}
     if scenario.robots.start:
-        settings["robots.start"] = []
+        found["robots.start"] = []
     if scenario.places.preset == "golden":
-        settings["places.preset"] = "areas" if scenario.area else "free"
+        found["places.preset"] = "free"
     if _odometry(scenario) == "exact":
-        settings["robots.odometry"] = _drifting(scenario)
+        found["robots.odometry"] = _drifting(scenario)
     if not scenario.radio.shadowing_db:
-        settings["radio.shadowing_db"] = SHADOWING_DB
-    kept = tuple(named)
-    return {key: value for key, value in settings.items() if not any(_covers(one, key) for one in kept)}
+        found["radio.shadowing_db"] = SHADOWING_DB
+    settings = {key: value for key, value in found.items() if not any(_covers(one, key) for one, _ in own)}
+    if "places.preset" in settings and load((*own, *settings.items())).area:
+        settings["places.preset"] = "areas"
+    return settings
 
 
 def same_for_all_seeds(scenario: Scenario) -> str | None:

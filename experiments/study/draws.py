@@ -48,7 +48,7 @@ def drawn(study: Study, trial: Trial) -> dict[str, Any]:
     own = study.settings_of(trial.variant)
     settings: dict[str, Any] = {}
     if study.conditions == "drawn":
-        settings |= drawn_conditions(_scenario(study, trial, own), [key for key, _ in own])
+        settings |= drawn_conditions(lambda some: _scenario(study, trial, some), own)
     if not study.distributions:
         return settings
     scenario = _scenario(study, trial, (*own, *settings.items()))

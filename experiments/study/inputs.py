@@ -17,7 +17,8 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from experiments.study.study import Study
+from experiments.study.draws import drawn
+from experiments.study.study import Study, Trial
 
 
 class Inputs(NamedTuple):
@@ -66,7 +67,9 @@ def _texts(told: Any) -> Iterator[str]:
 def _named(study: Study) -> Iterator[Path]:
     for variant in study.variants():
         for strategy in study.strategies:
-            overrides = Overrides(strategy=strategy, settings=study.settings_of(variant))
+            draws = drawn(study, Trial(strategy, study.first_seed, variant))
+            own = (*study.settings_of(variant), *draws.items())
+            overrides = Overrides(strategy=strategy, settings=own)
             for path in _files(load_scenario(Path(study.scenario), overrides), strategy):
                 yield Path(os.path.realpath(path))
 

@@ -5,12 +5,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import Scenario
 from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_for_all_seeds
 from experiments.study.draws import drawn
-from experiments.study.study import Study, Trial
+from experiments.study.study import Study, Trial, Variant
 from experiments.study.study_file import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -53,31 +55,37 @@ def test_a_study_of_before_is_as_written() -> None:
     assert Study("s", "/s.toml", ("none",), 3).conditions == "as written"
 
 
+def chapter(own: Variant) -> Scenario:
+    return load_scenario(CHAPTER, Overrides(settings=own))
+
+
 def test_all_that_the_scenario_fixes_is_drawn() -> None:
-    assert drawn_conditions(load_scenario(CHAPTER), []) == EVERYTHING
+    assert drawn_conditions(chapter, ()) == EVERYTHING
 
 
 @pytest.mark.parametrize("key", EVERYTHING)
 def test_what_the_study_names_stays(key: str) -> None:
-    left = drawn_conditions(load_scenario(CHAPTER), [key, "run.duration"])
+    written = {"robots.start": [[12.0, 5.0, 0.0]], "places.preset": "golden", "robots.odometry": "exact"}
+    left = drawn_conditions(chapter, ((key, written.get(key, 0.0)), ("run.duration", 10.0)))
     assert left == {other: value for other, value in EVERYTHING.items() if other != key}
 
 
 def test_a_table_that_the_study_sets_stays_whole() -> None:
-    assert set(drawn_conditions(load_scenario(CHAPTER), ["robots"])) == {
-        "places.preset",
-        "radio.shadowing_db",
-    }
+    robots = {"count": 2, "start": [[12.0, 5.0, 0.0]]}
+    assert set(drawn_conditions(chapter, (("robots", robots),))) == {"places.preset", "radio.shadowing_db"}
 
 
 def test_what_is_drawn_already_stays() -> None:
-    settings = tuple(EVERYTHING.items())
-    assert drawn_conditions(load_scenario(CHAPTER, Overrides(settings=settings)), []) == {}
+    assert drawn_conditions(chapter, tuple(EVERYTHING.items())) == {}
 
 
-def test_without_areas_places_are_drawn_on_all_floor() -> None:
-    maze: tuple[tuple[str, object], ...] = (("map", "../maps/maze.yaml"), ("area", []))
-    assert drawn_conditions(load_scenario(CHAPTER, Overrides(settings=maze)), [])["places.preset"] == "free"
+def test_on_another_map_starts_and_places_are_drawn_for_that_map() -> None:
+    maze = drawn_conditions(chapter, (("map", "../maps/maze.yaml"),))
+    assert (maze["robots.start"], maze["places.preset"]) == ([], "free")
+    offices = drawn_conditions(chapter, (("map", "offices:7"),))
+    assert (offices["robots.start"], offices["places.preset"]) == ([], "areas")
+    with pytest.raises(OptionError, match=r"must be set together with places\.preset=free"):
+        chapter((("map", "offices:7"), ("robots.start", [])))
 
 
 def test_a_sentence_says_what_all_seeds_have_in_common() -> None:
@@ -107,5 +115,6 @@ def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
 def test_the_chapters_experiment_is_as_written() -> None:
     study = load_study(ROOT / "studies" / "chapter.toml")
     assert study == Study(
-        "chapter", str(CHAPTER), ("none", "chapter"), 10, primary=(("chapter", "none"),)
+        "chapter", str(CHAPTER), ("none-original", "none", "chapter"), 10,
+        primary=(("chapter", "none-original"), ("chapter", "none")),
     )  # fmt: skip

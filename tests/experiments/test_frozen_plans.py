@@ -178,7 +178,7 @@ def _map(folder: Path) -> None:
 def _another_map(folder: Path) -> None:
     (folder / "other.png").write_bytes((folder / "corridor.png").read_bytes())
     (folder / "other.yaml").write_text((folder / "corridor.yaml").read_text().replace("corridor", "other"))
-    edited(folder / "study.toml", "[set]\n", '[set]\nmap = "other.yaml"\n')
+    edited(folder / "study.toml", "[set]\n", '[set]\nmap = "other.yaml"\n"places.preset" = "free"\n')
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,8 @@ def _another_map(folder: Path) -> None:
         (
             _another_map,
             [
-                'settings is [["map","other.yaml"],["robots.count",1]], frozen was [["robots.count",1]]',
+                'settings is [["map","other.yaml"],["places.preset","free"],["robots.count",1]], '
+                'frozen was [["robots.count",1]]',
                 "corridor.png is not read any more",
                 "corridor.yaml is not read any more",
                 "other.png was not read",
