@@ -142,8 +142,10 @@ def _leaving_out(found: AcrossCells) -> Iterator[str]:
     ordered = sorted(found.without, key=lambda one: one.difference)
     least, most = ordered[0], ordered[-1]
     turns = ", ".join(f"{one.map} ({one.difference:+.3g})" for one in found.turning)
+    level = found.fitted is not None and found.fitted.mean.value == 0.0
+    holds = "there is no direction." if level else "the direction holds."
     yield (
         f"Without each of {len(ordered)} maps in turn: {least.difference:+.3g} (without {least.map}) to "
         f"{most.difference:+.3g} (without {most.map}); "
-        + (f"the direction does not hold without {turns}." if turns else "the direction holds.")
+        + (f"the direction does not hold without {turns}." if turns else holds)
     )

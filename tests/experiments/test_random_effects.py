@@ -153,6 +153,12 @@ def test_a_singular_fit_is_told(plain: RunResult) -> None:
     assert maps.endswith("the direction holds.")
 
 
+def test_no_difference_at_all_has_no_direction(plain: RunResult) -> None:
+    same = [msgspec.structs.replace(one, result=plain) for one in campaign(plain)]
+    (found,) = across_cells(same, STUDY)
+    assert found.turning == () and told(found)[-1].endswith("; there is no direction.")
+
+
 def test_fewer_than_three_cells_say_nothing_or_why(plain: RunResult) -> None:
     two = msgspec.structs.replace(STUDY, factors=(Factor("n", (4, 8)),))
     assert across_cells(campaign(plain), two) == []
