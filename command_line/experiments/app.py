@@ -114,8 +114,8 @@ def causes(
 ) -> None:
     """Say where the robots' time went, by cause.
 
-    Causes are waiting at a door, wedged, lost, and others; it also names who blocked whom, and what decisions
-    changed.
+    Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
+    decisions changed.
     """
     from command_line.experiments import causes_command
 

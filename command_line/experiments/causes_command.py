@@ -69,8 +69,10 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         yield f"not shown: {hidden[0]} blockings, {hidden[1]} decisions; --json has them"
     if spent.decisions_left_out:
         yield f"{spent.decisions_left_out} more decisions were not kept by the robots"
-    if spent.wedges.pairs:
-        yield f"wedged pairs: {spent.wedges.pairs}, of which {spent.wedges.came_free} came free"
+    for blame in spent.blames:
+        yield f"at the end of the chain, {blame.robot}: {blame.seconds:.1f} s of others, {blame.cause}"
+    if spent.deadlocks.pairs:
+        yield f"pairs in a deadlock: {spent.deadlocks.pairs}, of which {spent.deadlocks.came_free} came free"
     if (score := spent.diagnosis) is not None:
         precision, recall = (
             "none" if share is None else f"{share:.0%}" for share in (score.precision, score.recall)
