@@ -38,7 +38,8 @@ class SituationVerdict:
 def check(runs: int = 200, first: int = _JUDGED_FROM) -> Measured:
     """Judge so many situations with a planted cause and as many quiet ones.
 
-    Their seeds count from `first`. It holds where nothing is invented in quiet ones and nearly all that was planted is named.
+    Their seeds count from `first`. It holds where nothing is invented in quiet ones and nearly all that was
+    planted is named.
     """
     each = -(-runs // len(PLANTED))
     last = first + each

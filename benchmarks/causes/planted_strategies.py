@@ -1,4 +1,4 @@
-"""Strategies with a fault that is planted: one that sleeps with places left, and one that cannot make up its mind."""
+"""Strategies with a planted fault: one sleeps with places left, one cannot make up its mind."""
 
 from dataclasses import replace
 from typing import Final
@@ -46,7 +46,7 @@ class _Ditherer:
 
 
 def sleeping(start: Start) -> Behaviour:
-    """Setting `asleep_s`: when the last robot falls asleep; the others never do."""
+    """Settings: `who` falls asleep, and when, `asleep_s`."""
     awake = none.behaviour(replace(start, settings={}))
     if start.robot != start.settings["who"]:
         return awake

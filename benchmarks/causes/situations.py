@@ -86,11 +86,9 @@ def dead_robot(seed: int) -> Situation:
     draw = generator(seed, "causes", "dead")
     queue, stander = _queue(draw)
     dead = len(queue) + 1
-    event = {"at": round(draw.uniform(0.2, 2.0), 1), "kill": f"r{dead}"}
+    event = {"at": 0.1, "kill": f"r{dead}"}
     expected = dict.fromkeys(_names(queue), Cause.BY_DEAD)
-    return Situation(
-        "dead robot, queue", seed, (*queue, stander), 40.0, events=[event], expected=expected
-    )
+    return Situation("dead robot, queue", seed, (*queue, stander), 40.0, events=[event], expected=expected)
 
 
 def done(seed: int) -> Situation:
@@ -110,7 +108,13 @@ def asleep(seed: int) -> Situation:
     settings = {"who": sleeper, "asleep_s": round(draw.uniform(0.0, 0.5), 1)}
     expected = dict.fromkeys([*_names(queue), sleeper], Cause.STRATEGY_IDLE)
     return Situation(
-        "sleeping strategy, queue", seed, (*queue, stander), 40.0, SLEEPING, settings=settings, expected=expected
+        "sleeping strategy, queue",
+        seed,
+        (*queue, stander),
+        40.0,
+        SLEEPING,
+        settings=settings,
+        expected=expected,
     )
 
 
@@ -175,10 +179,10 @@ def dithers(seed: int) -> Situation:
     rooms = draw.permutation(2)[: 1 + int(draw.integers(2))]
     robots = []
     for x, y in (_near(draw, _HALLS[k]) for k in rooms):
-        robots.append(Robot((x, y, draw.uniform(-3, 3)), [(x + 4.0, y), (x - 2.2, y)]))
-    settings = {"every_s": round(draw.uniform(4.0, 7.0), 1)}
+        robots.append(Robot((x, y, draw.uniform(-3, 3)), [(x + 4.5, y), (x - 2.2, y)]))
+    settings = {"every_s": round(draw.uniform(3.0, 7.0), 1)}
     expected = dict.fromkeys(_names(robots), Cause.LIVELOCK)
-    return Situation("livelock", seed, robots, 60.0, DITHERING, settings=settings, expected=expected)
+    return Situation("livelock", seed, robots, 80.0, DITHERING, settings=settings, expected=expected)
 
 
 def carried(seed: int) -> Situation:
@@ -186,7 +190,7 @@ def carried(seed: int) -> Situation:
     draw = generator(seed, "causes", "carried")
     here, there = (_EVERYWHERE[k] for k in draw.permutation(len(_EVERYWHERE))[:2])
     x, y = _near(draw, there)
-    at = round(draw.uniform(3.0, 10.0), 1)
+    at = round(draw.uniform(3.0, 7.0), 1)
     away = [{"at": at, "move": "r1", "to": _rounded((x, y, draw.uniform(-3, 3)))}]
     return Situation("carried", seed, (_roaming(draw, here, 12),), 20.0, events=away, found=CARRIED)
 
@@ -204,7 +208,9 @@ def jammed(seed: int) -> Situation:
         "radius": round(radius, 2),
         "duration": round(draw.uniform(8.0, 15.0), 1),
     }
-    robots = (*standing, _roaming(draw, there, 12))
+    office = (12.5, 4.5) if there[0] < 14.0 else (17.3, 4.5)
+    busy = Robot((*_near(draw, there), draw.uniform(-3, 3)), [office])
+    robots = (*standing, busy)
     return Situation("one robot jammed", seed, robots, 30.0, "chapter", [jam], found=NO_CONTACT)
 
 
@@ -212,9 +218,10 @@ def all_jammed(seed: int) -> Situation:
     """A jammer reaches everybody, so that nobody sends, and no frame is lost."""
     draw = generator(seed, "causes", "all jammed")
     here = _HALLS[int(draw.integers(2))]
-    spots = [_near(draw, (here[0] + 2.0 * number, here[1])) for number in range(2 + int(draw.integers(2)))]
-    robots = [Robot((*spot, draw.uniform(-3, 3)), [spot]) for spot in spots]
-    begin, lasts = draw.uniform(0.0, 10.0), draw.uniform(8.0, 15.0)
+    count = 2 + int(draw.integers(2))
+    spots = [_near(draw, (here[0] + 2.2 * number - 1.0, here[1])) for number in range(count)]
+    robots = [_roaming(draw, spot, 20) for spot in spots]
+    begin, lasts = draw.uniform(0.0, 3.0), draw.uniform(8.0, 15.0)
     jam = {"at": round(begin, 1), "jam": here, "radius": 15.0, "duration": round(lasts, 1)}
     return Situation("all robots jammed", seed, robots, 30.0, "chapter", [jam], found=NO_CONTACT)
 
@@ -230,8 +237,8 @@ def quiet(seed: int) -> Situation:
 
 Plant = Callable[[int], Situation]
 PLANTED: Final[Sequence[Plant]] = (
-    dead_robot, done, asleep, head_on, head_on_floor, closed_door, thing_on_place, unreachable, dithers, carried,
-    jammed, all_jammed,
+    dead_robot, done, asleep, head_on, head_on_floor, closed_door, thing_on_place, unreachable, dithers,
+    carried, jammed, all_jammed,
 )  # fmt: skip
 
 

@@ -115,14 +115,15 @@ def _deadlocked(view: ReportView) -> Iterator[str]:
     """How often robots waited for one another in a ring: it decides many runs."""
     told = [
         f"{view.row_name(group)} {sum(run.deadlocks.pairs for run in runs) / len(runs):.2g} "
-        f"({sum(run.deadlocks.came_free for run in runs)} of {sum(run.deadlocks.pairs for run in runs)} came free)"
+        f"({sum(run.deadlocks.came_free for run in runs)} of "
+        f"{sum(run.deadlocks.pairs for run in runs)} came free)"
         for group in view.groups
         if (runs := times(group))
     ]
     if told:
-        yield f"Pairs of robots in a deadlock, in a run on average: {'; '.join(told)}."
+        yield f"Pairs in a deadlock, in a run on average: {'; '.join(told)}."
     elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
-        yield "How often robots came into a deadlock was not recorded with these runs; that decides many of them."
+        yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
 
 
 def _unsound(view: ReportView, group: Group) -> Iterator[str]:

@@ -21,7 +21,8 @@ ON_FLOOR: Final = "open floor"
 
 def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
     """(steps, robots): it stands, and another robot is why."""
-    return classified.stood & (classified.before != NOBODY)
+    blocked: NDArray[np.bool_] = classified.stood & (classified.before != NOBODY)
+    return blocked
 
 
 def events(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:
@@ -43,7 +44,7 @@ def events(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> tupl
 
 
 def deadlocks(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
-    """Pairs that were in a deadlock for `deadlock_s` or longer, and how many came out of it before the end."""
+    """Pairs that were in a deadlock for `deadlock_s` or longer, and how many came free before the end."""
     patience, least = (seconds(each) // tracks.step_us for each in (p.pause_s, p.deadlock_s))
     steps, pairs, free = len(tracks.true), 0, 0
     for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():

@@ -12,7 +12,7 @@ class Roots(NamedTuple):
     """Where the chains of all robots end."""
 
     root: NDArray[np.int32]
-    """(steps, robots): the robot at which its chain ends, itself if it waits for nobody; NOBODY: in a ring."""
+    """(steps, robots): where its chain ends, itself if it waits for nobody; NOBODY: in a ring."""
     ring: NDArray[np.bool_]
     """(steps, robots): it is in a ring itself."""
     at_door: NDArray[np.bool_]
@@ -20,7 +20,7 @@ class Roots(NamedTuple):
 
 
 def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
-    """`before`, (steps, robots): for whom each waits, NOBODY: for none; `at_door`: one of the two is at a door."""
+    """`before`, (steps, robots): for whom each waits, NOBODY: for none; `at_door`: and it does so at a door."""
     root = np.where(before == NOBODY, np.arange(before.shape[1], dtype=np.int32), np.int32(NOBODY))
     doors = at_door & (before != NOBODY)
     while True:

@@ -15,7 +15,7 @@ from observation.accounting import waiting
 from observation.accounting.chains import Roots, behind, roots
 from observation.accounting.episodes import STANDARD, EpisodeParameters
 from observation.accounting.passage import Passages
-from observation.accounting.robot_states import RobotStates, in_wall
+from observation.accounting.robot_states import Flags, RobotStates, in_wall
 from observation.accounting.said import Said
 from observation.accounting.time_spent import Cause
 from observation.accounting.tracks import Tracks
@@ -25,7 +25,6 @@ from observation.accounting.waiting import NOBODY
 CAUSES: Final = tuple(Cause)
 _NONE: Final = 255
 Causes = NDArray[np.uint8]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +84,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
 
 
 def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: EpisodeParameters) -> Causes:
-    """CLOSED_DOOR or UNREACHABLE, where no way leads to the goal or a closed door is first on it; else _NONE."""
+    """CLOSED_DOOR or UNREACHABLE where no way leads to the goal, or a closed door is on it; else _NONE."""
     found = np.full(stuck.shape, _NONE, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
     for robot in range(stuck.shape[1]):
@@ -123,9 +122,7 @@ def _leads_through(
     return found
 
 
-def _doors(
-    tracks: Tracks, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters
-) -> Flags:
+def _doors(tracks: Tracks, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
     """(steps, robots): it waits, and one of the two, or their middle, is in or just before a door."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NOBODY)
@@ -157,7 +154,7 @@ def _followed(
     vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _VAGUE])
     causes[vague] = barred[vague]
     in_ring = waits & (found.root == NOBODY)
-    moving = behind(found.ring & states.loops, np.where(in_ring, before, NOBODY))
+    moving = behind(found.ring & states.roams, np.where(in_ring, before, NOBODY))
     causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
     causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
     return causes, found
@@ -193,4 +190,5 @@ def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
 
 def _stays(states: RobotStates, own: Causes) -> Flags:
     """(steps, robots): who is waited for will not get out of the way soon."""
-    return states.still | states.loops | (own == CAUSES.index(Cause.OFF))
+    stays: Flags = states.still | states.loops | (own == CAUSES.index(Cause.OFF))
+    return stays

@@ -42,6 +42,8 @@ class EpisodeParameters:
     to_and_fro: float = 3.0
     """Who has driven so many times the size of the floor that it was on moves to and fro; who makes a detour
     does not."""
+    turning: float = 0.1
+    """Who turns faster than this, rad/s, does not stand idly."""
     seen: float = 2.5
     """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
     map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""

@@ -84,7 +84,9 @@ def _jam(tracks: Tracks, index: int, begin: int, end: int) -> str:
     for since, jam in tracks.jams:
         gaps = np.hypot(*(tracks.true[begin:end, index, :2] - (jam.x, jam.y)).T)
         within |= (gaps <= jam.radius) & (begins >= since) & (begins < jam.until)
-    return f"; for {seconds_of(tracks, int(within.sum())):g} s within a jammer's reach" if within.any() else ""
+    return (
+        f"; for {seconds_of(tracks, int(within.sum())):g} s within a jammer's reach" if within.any() else ""
+    )
 
 
 def _carried(tracks: Tracks, p: EpisodeParameters) -> Iterator[Finding]:

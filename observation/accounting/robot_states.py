@@ -1,18 +1,21 @@
-"""What holds of each robot by itself, step by step: whether it stands, what it wants, whether it gets nearer to it."""
+"""What holds of each robot by itself: whether it stands, what it wants, whether it gets nearer to that."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
-from actors.instant import seconds
-from observation.accounting.episodes import EpisodeParameters, Episode, lost, runs, standing
+from actors.instant import in_seconds, seconds
+from observation.accounting.episodes import Episode, EpisodeParameters, lost, runs, standing
 from observation.accounting.said import ABORTED, NO_GOAL, REACHED, Said, pursued, spells
 from observation.accounting.tracks import Tracks
 from observation.accounting.true_floor import Stage
 
 Flags = NDArray[np.bool_]
+_OUTLINE: Final = 0.177
+"""Radius of a TurtleBot 2, m."""
 
 
 class RobotStates:
@@ -27,7 +30,10 @@ class RobotStates:
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
         """(steps,): the floor's."""
         self.goal = np.column_stack(
-            [np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, tracks) for one in self.said]
+            [
+                np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, tracks)
+                for one in self.said
+            ]
         )
         """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
         self.on = tracks.stepping
@@ -40,14 +46,21 @@ class RobotStates:
         self.long_waits = self._standing(self.wants, p.turn_s)
         self.done = self.still & ~tracks.busy
         self.asleep = _columns(
-            _longer(self.still[:, index] & ~self.wants[:, index] & tracks.busy[:, index], self._steps(p.pause_s))
+            _longer(
+                self.still[:, index] & ~self.wants[:, index] & tracks.busy[:, index], self._steps(p.pause_s)
+            )
             for index in range(len(self.said))
         )
         """It stands with something left to do, and has no goal."""
         self.planless = _columns(spells(one.planless, tracks) for one in self.said) & self.wants
         self.lost = _columns(_lost(error, p) for error in errors(tracks).T)
-        self.loops = _columns(self._loops(index) for index in range(len(self.said)))
-        """It moves to and fro, and gets no nearer to what it wants."""
+        self._turns = _turns(tracks)
+        turning = np.abs(self._turns) > p.turning * in_seconds(tracks.step_us)
+        idle_ways = [self._no_way(index) for index in range(len(self.said))]
+        self.roams = self._moving(idle_ways, ~self.still)
+        """It drives to and fro, and gets no nearer to what it wants."""
+        self.loops = self.roams | self._moving(idle_ways, ~self.still | turning)
+        """It does, or turns to and fro on the spot."""
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
         """Where one goal of a robot is, m."""
@@ -57,7 +70,7 @@ class RobotStates:
         return goals[number].x, goals[number].y
 
     def far(self, robot: int) -> NDArray[np.float64]:
-        """(steps,): how far it truly was from its goal, m; where no way leads there, beeline; NaN without one."""
+        """(steps,): how far it truly was from its goal, m; by beeline without a way; NaN without a goal."""
         found = np.full(len(self.tracks.true), np.nan)
         here = self.tracks.true[:, robot, :2]
         for rows, goal, stage in self.pursuits(robot, self.wants[:, robot]):
@@ -70,7 +83,7 @@ class RobotStates:
     def pursuits(
         self, robot: int, where: Flags
     ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, Stage]]:
-        """The steps in which something holds, apart by the point that it wants to get to and the floor's stage."""
+        """The steps in which something holds, by the point that it wants to get to and the floor's stage."""
         points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
         rows = np.flatnonzero(where)
         pairs = np.column_stack([self.goal[rows, robot], self.stage[rows]])
@@ -89,21 +102,27 @@ class RobotStates:
             standing(true[:, index, :2], during[:, index], window, self._p.still) for index in robots
         )
 
-    def _loops(self, robot: int) -> Flags:
-        """Over stretches without a step nearer to any goal that it has had."""
-        loops = np.zeros(len(self.tracks.true), np.bool_)
+    def _no_way(self, robot: int) -> list[Episode]:
+        """The stretches without a step nearer to any goal that it has had."""
         if self.said[robot].goals is None:
-            return loops
-        on_way = ~self._gets_on(robot)
-        for stretch in runs(on_way & self.wants[:, robot], self._steps(self._p.wait_s)):
-            during = slice(*stretch)
-            moving = ~self.still[during, robot]
-            loops[during] = 2 * int(moving.sum()) >= moving.size and self._to_and_fro(robot, stretch)
-        return loops
+            return []
+        return runs(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
+
+    def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
+        """(steps, robots): the stretches of each robot of which it moves to and fro most of the time."""
+        found = np.zeros_like(moves)
+        for robot, own in enumerate(stretches):
+            for one in own:
+                during = slice(*one)
+                most = 2 * int(moves[during, robot].sum()) >= one.end - one.begin
+                found[during, robot] = most and self._to_and_fro(robot, one)
+        return found
 
     def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
-        way = self.tracks.true[slice(*stretch), robot, :2]
-        driven = np.hypot(*np.diff(way, axis=0).T).sum()
+        """As a point of its outline goes, it has gone much farther than it has come."""
+        during = slice(*stretch)
+        way = self.tracks.true[during, robot, :2]
+        driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[during, robot]).sum()
         return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
 
     def _gets_on(self, robot: int) -> Flags:
@@ -125,7 +144,7 @@ class RobotStates:
         return gets_on
 
     def _reached(self, robot: int) -> Flags:
-        """(steps,): it came to a goal, as navigation says or, if it was told another one there, as the truth has it."""
+        """(steps,): it came to a goal, as navigation or, if it was told another one there, the truth says."""
         reached = np.zeros(len(self.tracks.true), np.bool_)
         for goal in self.said[robot].goals or ():
             if goal.end is None or goal.how in ABORTED:
@@ -145,6 +164,12 @@ def errors(tracks: Tracks) -> NDArray[np.float64]:
     offset = tracks.held[..., :2] - tracks.true[..., :2]
     far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
     return far
+
+
+def _turns(tracks: Tracks) -> NDArray[np.float64]:
+    """(steps, robots): by how much each heading changes in a step, rad."""
+    turned = np.diff(tracks.true[..., 2], axis=0, append=tracks.true[-1:, :, 2])
+    return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
 
 
 def in_wall(tracks: Tracks, grid: OccupancyGrid) -> Flags:

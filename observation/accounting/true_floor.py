@@ -1,4 +1,4 @@
-"""The floor of a run as it truly was, stage by stage: the map, with doors that were closed and things put on it."""
+"""A run's floor as it truly was, stage by stage: the map, with doors closed and things put on it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 from observation.accounting.episodes import EpisodeParameters
 from observation.accounting.passage import Passages
-from observation.accounting.robot_states import RobotStates
+from observation.accounting.robot_states import Flags, RobotStates
 from observation.accounting.true_floor import Stage
 
 NOBODY: Final = -1
 _APART: Final = 0.1
-"""Points of a way that are so far apart, m, are looked at; who is nearest to the first one is not ahead."""
+"""Points of a way that are so far apart, m, are looked at; who is ahead by less than it is aside is not."""
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-def ahead(states: RobotStates, stuck: NDArray[np.bool_], passages: Passages, p: EpisodeParameters) -> Indices:
+def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
     """(steps, robots): the first robot on its way, where it is stuck; NOBODY: there is none."""
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
@@ -31,7 +31,7 @@ def ahead(states: RobotStates, stuck: NDArray[np.bool_], passages: Passages, p: 
     return found
 
 
-def beside(states: RobotStates, stuck: NDArray[np.bool_], passages: Passages, p: EpisodeParameters) -> Indices:
+def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
     """(steps, robots): the nearest robot that stands, too, so near that neither gets past the other."""
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
@@ -78,12 +78,13 @@ def _first(
     along = gaps.argmin(axis=2)
     limit = np.where(states.long_waits[rows, robot], p.seen, p.near)
     limit[states.planless[rows, robot]] = p.sensed
-    inside = (gaps.min(axis=2) < p.wedge) & (along > 0)
+    aside = gaps.min(axis=2)
+    inside = (aside < p.wedge) & (along * _APART >= np.maximum(aside, _APART))
     inside &= np.hypot(*(there - way[0]).transpose(2, 0, 1)) <= limit[:, None]
     inside[:, robot] = False
     one, other = np.nonzero(inside)
     inside[one, other] = passages.sees(way[along[one, other]], there[one, other])
     order = np.where(inside, along, len(way))
-    first = order.argmin(axis=1).astype(np.int32)
+    first: Indices = order.argmin(axis=1).astype(np.int32)
     first[~inside.any(axis=1)] = NOBODY
     return first
