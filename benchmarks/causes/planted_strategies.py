@@ -50,9 +50,15 @@ def sleeping(start: Start) -> Behaviour:
     awake = none.behaviour(replace(start, settings={}))
     if start.robot != start.settings["who"]:
         return awake
-    return _Sleeper(awake, seconds(float(start.settings["asleep_s"])))
+    return _Sleeper(awake, Instant(_lasting(start, "asleep_s")))
 
 
 def dithering(start: Start) -> Behaviour:
     """Setting `every_s`: after so long it turns round."""
-    return _Ditherer(start, seconds(float(start.settings["every_s"])))
+    return _Ditherer(start, _lasting(start, "every_s"))
+
+
+def _lasting(start: Start, name: str) -> int:
+    value = start.settings[name]
+    assert isinstance(value, float), "the situations say so"
+    return seconds(value)

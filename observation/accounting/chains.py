@@ -20,7 +20,7 @@ class Roots(NamedTuple):
 
 
 def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
-    """`before`, (steps, robots): for whom each waits, NOBODY: for none; `at_door`: and it does so at a door."""
+    """Both (steps, robots): `before`: for whom each waits, NOBODY: for none; `at_door`: it does so at one."""
     root = np.where(before == NOBODY, np.arange(before.shape[1], dtype=np.int32), np.int32(NOBODY))
     doors = at_door & (before != NOBODY)
     while True:

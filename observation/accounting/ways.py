@@ -64,7 +64,8 @@ class Ways:
     def squares(self, points: Points) -> NDArray[np.int64]:
         """(n, 2): row and column of the cells that points, (n, 2), are in; from one cell leads one way."""
         corner = np.array([self._grid.origin.x, self._grid.origin.y])
-        return np.floor((points - corner) / self._grid.resolution).astype(np.int64)[:, ::-1]
+        cells: NDArray[np.int64] = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
+        return cells[:, ::-1]
 
     def _begin(self, row: int, column: int) -> Cell | None:
         if (row, column) not in self._begins:
