@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from numpy.random import Generator
 
 from actors.installation.repository import SHIPPED
 from actors.randomness import generator
+from benchmarks.causes.planted_strategies import DITHERING, SLEEPING
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
+from observation.accounting.findings import CARRIED, NO_CONTACT
+from observation.accounting.time_spent import Cause
 
 _MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 NECKS: Final = (12.44, 17.25)
@@ -43,6 +46,12 @@ class Situation:
     events: Sequence[Mapping[str, object]] = ()
     """As in a scenario."""
     step_us: int = 100_000
+    settings: Mapping[str, object] = field(default_factory=dict)
+    """Of the strategy."""
+    expected: Mapping[str, Cause] = field(default_factory=dict)
+    """By robot what most of the time is to be named for in which it neither drives nor has nothing to do."""
+    found: str = ""
+    """A finding that is to be made of r1."""
 
     def scenario(self, navigation: Mapping[str, object] | None = None) -> Scenario:
         """As a scenario, with this in its table `navigation`."""
@@ -58,6 +67,7 @@ class Situation:
                 "seed": self.seed,
                 "strategy": self.strategy,
             },
+            "strategy": dict(self.settings),
             "localisation": {"preset": "chapter"},
             "navigation": {"preset": "improved", **(navigation or {})},
             "robots": {"count": len(robots)},
@@ -71,32 +81,108 @@ def _rounded(values: Sequence[float]) -> list[float]:
     return [round(value, 3) for value in values]
 
 
-def parked(seed: int) -> Situation:
-    """r2 is switched off in a door; r1 wants through it."""
-    draw = generator(seed, "causes", "parked")
-    x = _neck(draw)
-    switched_off = [{"at": round(draw.uniform(0.2, 2.0), 1), "kill": "r2"}]
-    return Situation(
-        "parked in a door", seed, (_through(draw, x), _stander(draw, x)), 40.0, "none", switched_off
-    )
+def dead_robot(seed: int) -> Situation:
+    """A robot is switched off in a passage; one to three others want through it."""
+    draw = generator(seed, "causes", "dead")
+    queue, stander = _queue(draw)
+    dead = len(queue) + 1
+    event = {"at": 0.1, "kill": f"r{dead}"}
+    expected = dict.fromkeys(_names(queue), Cause.BY_DEAD)
+    return Situation("dead robot, queue", seed, (*queue, stander), 40.0, events=[event], expected=expected)
 
 
 def done(seed: int) -> Situation:
-    """r2 has done all it had to do, and stands in a door; r1 wants through it."""
+    """The same with a robot that has done all it had to do."""
     draw = generator(seed, "causes", "done")
-    x = _neck(draw)
-    stander = _stander(draw, x)
+    queue, stander = _queue(draw)
     finished = Robot(stander.start, [stander.start[:2]])
-    return Situation("done in a door", seed, (_through(draw, x), finished), 40.0)
+    expected = dict.fromkeys(_names(queue), Cause.DONE_IN_WAY)
+    return Situation("done robot, queue", seed, (*queue, finished), 40.0, expected=expected)
 
 
-def wedged(seed: int) -> Situation:
-    """Two robots stand head-on in a passage, so near that neither of them finds a way."""
-    draw = generator(seed, "causes", "wedged")
-    x, y, apart = _neck(draw), draw.uniform(8.6, 10.0), draw.uniform(0.36, 0.39)
+def asleep(seed: int) -> Situation:
+    """The same with a robot whose strategy sleeps, with places left."""
+    draw = generator(seed, "causes", "asleep")
+    queue, stander = _queue(draw)
+    sleeper = f"r{len(queue) + 1}"
+    settings = {"who": sleeper, "asleep_s": round(draw.uniform(0.0, 0.5), 1)}
+    expected = dict.fromkeys([*_names(queue), sleeper], Cause.STRATEGY_IDLE)
+    return Situation(
+        "sleeping strategy, queue",
+        seed,
+        (*queue, stander),
+        40.0,
+        SLEEPING,
+        settings=settings,
+        expected=expected,
+    )
+
+
+def head_on(seed: int) -> Situation:
+    """Two robots stand head-on in a passage, so near that neither finds a way; up to two wait behind one."""
+    draw = generator(seed, "causes", "head on")
+    x, y, apart = _neck(draw), draw.uniform(8.9, 9.6), draw.uniform(0.36, 0.39)
     south = Robot((x, y, math.pi / 2), [(x, 12.3)])
     north = Robot((x, y + apart, -math.pi / 2), [(x, 4.0)])
-    return Situation("wedged", seed, (south, north), 30.0)
+    behind = _line(draw, x, y - 0.9, int(draw.integers(3)))
+    robots = (south, north, *behind)
+    expected = dict.fromkeys(_names(robots), Cause.DEADLOCK)
+    return Situation("deadlock in a passage", seed, robots, 30.0, expected=expected)
+
+
+def head_on_floor(seed: int) -> Situation:
+    """Two robots stand head-on in the wide corridor, as near."""
+    draw = generator(seed, "causes", "head on floor")
+    x, y, apart = draw.uniform(8.0, 11.0), draw.uniform(12.0, 13.0), draw.uniform(0.36, 0.38)
+    west = Robot((x, y, 0.0), [(x + 8.0, 12.4)])
+    east = Robot((x + apart, y, math.pi), [(max(x - 3.0, 6.8), 12.4)])
+    expected = dict.fromkeys(("r1", "r2"), Cause.DEADLOCK)
+    return Situation("deadlock in a corridor", seed, (west, east), 30.0, expected=expected)
+
+
+def closed_door(seed: int) -> Situation:
+    """The only door is closed before one to three robots that want through it."""
+    draw = generator(seed, "causes", "closed")
+    x = _neck(draw)
+    queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
+    event = {"at": 0.5, "close": (x, 9.48)}
+    expected = dict.fromkeys(_names(queue), Cause.CLOSED_DOOR)
+    return Situation("closed door", seed, queue, 40.0, events=[event], expected=expected)
+
+
+def thing_on_place(seed: int) -> Situation:
+    """Something is put on the place that r1 wants to get to."""
+    draw = generator(seed, "causes", "thing")
+    here, there = (_HALLS[k] for k in draw.permutation(2))
+    x, y = _near(draw, here)
+    place = (here[0] + math.copysign(3.0, there[0] - here[0]) * draw.uniform(0.8, 1.2), y)
+    event = {"at": 0.5, "obstacle": _rounded(place), "radius": round(draw.uniform(0.4, 0.6), 2)}
+    robot = Robot((x, y, draw.uniform(-3, 3)), [place])
+    return Situation(
+        "thing on the place", seed, (robot,), 40.0, events=[event], expected={"r1": Cause.UNREACHABLE}
+    )
+
+
+def unreachable(seed: int) -> Situation:
+    """Something fills the passage to r1's place, with up to two others behind r1."""
+    draw = generator(seed, "causes", "unreachable")
+    x = _neck(draw)
+    queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
+    event = {"at": 0.5, "obstacle": _rounded((x, draw.uniform(9.0, 9.8))), "radius": 0.4}
+    expected = dict.fromkeys(_names(queue), Cause.UNREACHABLE)
+    return Situation("unreachable place", seed, queue, 40.0, events=[event], expected=expected)
+
+
+def dithers(seed: int) -> Situation:
+    """One or two robots turn round before they get to either of their places."""
+    draw = generator(seed, "causes", "dithers")
+    rooms = draw.permutation(2)[: 1 + int(draw.integers(2))]
+    robots = []
+    for x, y in (_near(draw, _HALLS[k]) for k in rooms):
+        robots.append(Robot((x, y, draw.uniform(-3, 3)), [(x + 4.5, y), (x - 2.2, y)]))
+    settings = {"every_s": round(draw.uniform(3.0, 7.0), 1)}
+    expected = dict.fromkeys(_names(robots), Cause.LIVELOCK)
+    return Situation("livelock", seed, robots, 80.0, DITHERING, settings=settings, expected=expected)
 
 
 def carried(seed: int) -> Situation:
@@ -104,9 +190,9 @@ def carried(seed: int) -> Situation:
     draw = generator(seed, "causes", "carried")
     here, there = (_EVERYWHERE[k] for k in draw.permutation(len(_EVERYWHERE))[:2])
     x, y = _near(draw, there)
-    at = round(draw.uniform(3.0, 10.0), 1)
+    at = round(draw.uniform(3.0, 7.0), 1)
     away = [{"at": at, "move": "r1", "to": _rounded((x, y, draw.uniform(-3, 3)))}]
-    return Situation("carried", seed, (_roaming(draw, here, 12),), 20.0, "none", away)
+    return Situation("carried", seed, (_roaming(draw, here, 12),), 20.0, events=away, found=CARRIED)
 
 
 def jammed(seed: int) -> Situation:
@@ -122,7 +208,22 @@ def jammed(seed: int) -> Situation:
         "radius": round(radius, 2),
         "duration": round(draw.uniform(8.0, 15.0), 1),
     }
-    return Situation("jammed", seed, (*standing, _roaming(draw, there, 12)), 30.0, "chapter", [jam])
+    office = (12.5, 4.5) if there[0] < 14.0 else (17.3, 4.5)
+    busy = Robot((*_near(draw, there), draw.uniform(-3, 3)), [office])
+    robots = (*standing, busy)
+    return Situation("one robot jammed", seed, robots, 30.0, "chapter", [jam], found=NO_CONTACT)
+
+
+def all_jammed(seed: int) -> Situation:
+    """A jammer reaches everybody, so that nobody sends, and no frame is lost."""
+    draw = generator(seed, "causes", "all jammed")
+    here = _HALLS[int(draw.integers(2))]
+    count = 2 + int(draw.integers(2))
+    spots = [_near(draw, (here[0] + 2.2 * number - 1.0, here[1])) for number in range(count)]
+    robots = [_roaming(draw, spot, 20) for spot in spots]
+    begin, lasts = draw.uniform(0.0, 3.0), draw.uniform(8.0, 15.0)
+    jam = {"at": round(begin, 1), "jam": here, "radius": 15.0, "duration": round(lasts, 1)}
+    return Situation("all robots jammed", seed, robots, 30.0, "chapter", [jam], found=NO_CONTACT)
 
 
 def quiet(seed: int) -> Situation:
@@ -135,7 +236,14 @@ def quiet(seed: int) -> Situation:
 
 
 Plant = Callable[[int], Situation]
-PLANTED: Final[Sequence[Plant]] = (parked, done, wedged, carried, jammed)
+PLANTED: Final[Sequence[Plant]] = (
+    dead_robot, done, asleep, head_on, head_on_floor, closed_door, thing_on_place, unreachable, dithers,
+    carried, jammed, all_jammed,
+)  # fmt: skip
+
+
+def _names(robots: Sequence[Robot]) -> list[str]:
+    return [f"r{number}" for number in range(1, len(robots) + 1)]
 
 
 def _neck(draw: Generator) -> float:
@@ -147,12 +255,21 @@ def _stander(draw: Generator, x: float) -> Robot:
     return Robot((x, draw.uniform(8.6, 10.2), draw.uniform(-3, 3)), [(27.0, 12.4)])
 
 
-def _through(draw: Generator, x: float) -> Robot:
-    """From the office out, or the other way round."""
-    office, corridor = (x + draw.uniform(-0.2, 0.2), 5.5), (x + draw.uniform(-0.5, 0.5), 12.4)
-    if draw.integers(2):
-        return Robot((*office, math.pi / 2), [corridor])
-    return Robot((*corridor, -math.pi / 2), [office])
+def _queue(draw: Generator) -> tuple[Sequence[Robot], Robot]:
+    """One to three robots, the first one before a passage, and who stands in it."""
+    x = _neck(draw)
+    stander = _stander(draw, x)
+    y = stander.start[1] - draw.uniform(1.0, 2.0)
+    return _line(draw, x, y, 1 + int(draw.integers(3))), stander
+
+
+def _line(draw: Generator, x: float, y: float, count: int) -> Sequence[Robot]:
+    """One behind the other in front of a passage, from y southwards; all want to the corridor behind it."""
+    starts = [y - number * draw.uniform(0.7, 0.9) for number in range(count)]
+    return [
+        Robot((x + draw.uniform(-0.1, 0.1), start, math.pi / 2), [(x + draw.uniform(-0.5, 0.5), 12.4)])
+        for start in starts
+    ]
 
 
 def _near(draw: Generator, spot: _Spot) -> _Spot:

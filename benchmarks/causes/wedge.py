@@ -71,7 +71,7 @@ def part(task: WedgeTask) -> Parted:
         spent = account(plan.out)
         true = read_run(plan.out).true
     apart = np.hypot(*(true[:, 0, :2] - true[:, 1, :2]).T)
-    wedged = [each[Cause.WEDGED.value] for each in spent.robots.values()]
+    wedged = [each[Cause.DEADLOCK.value] for each in spent.robots.values()]
     return Parted(bool((apart > _APART).any()), result.places_done, sum(wedged) / len(wedged))
 
 

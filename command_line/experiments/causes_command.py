@@ -9,6 +9,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.robot.behaviour.foreign import Permit
+from deploy.branches.what_if import MOST, omissions, what_if
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, TimeSpent
 
@@ -16,9 +18,12 @@ _MOST: Final = 20
 """Blockings and decisions that are shown one by one; --json has all."""
 
 
-def run(folder: Path, *, json_output: bool) -> None:
-    """Account for the run in the folder, and print what came of it."""
+def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
+    """Account for the run in the folder, and print what came of it; `asks`: and what without what kept it."""
     spent = account(folder)
+    omitted = omissions(folder, spent) if asks else ()
+    told = what_if(folder, omitted[:MOST], permit) if omitted else ()
+    spent = msgspec.structs.replace(spent, what_if=tuple(told))
     if json_output:
         sys.stdout.write(msgspec.json.encode(spent).decode() + "\n")
         return
@@ -29,6 +34,15 @@ def run(folder: Path, *, json_output: bool) -> None:
             console.print(table)
     for sentence in _sentences(spent):
         console.print(sentence)
+    if asks and not omitted:
+        console.print("nothing that was ordered kept the robots, so there is nothing to leave out")
+    for one in spent.what_if:
+        console.print(
+            f"without {one.without}: {'+' if one.places >= 0 else '-'} {abs(one.places)} places "
+            "(by the end of the run)"
+        )
+    if len(omitted) > MOST:
+        console.print(f"not tried: {len(omitted) - MOST} more orders")
 
 
 def _times(spent: TimeSpent) -> Table:
@@ -69,8 +83,10 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         yield f"not shown: {hidden[0]} blockings, {hidden[1]} decisions; --json has them"
     if spent.decisions_left_out:
         yield f"{spent.decisions_left_out} more decisions were not kept by the robots"
-    if spent.wedges.pairs:
-        yield f"wedged pairs: {spent.wedges.pairs}, of which {spent.wedges.came_free} came free"
+    for blame in spent.blames:
+        yield f"at the end of the chain, {blame.robot}: {blame.seconds:.1f} s of others, {blame.cause}"
+    if spent.deadlocks.pairs:
+        yield f"pairs in a deadlock: {spent.deadlocks.pairs}, of which {spent.deadlocks.came_free} came free"
     if (score := spent.diagnosis) is not None:
         precision, recall = (
             "none" if share is None else f"{share:.0%}" for share in (score.precision, score.recall)

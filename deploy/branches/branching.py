@@ -14,11 +14,12 @@ from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
-from deploy.branches.change import Change, boundary, with_events
+from deploy.branches.change import Change, boundary, with_events, without
 from deploy.branches.divergence import Divergence, divergence
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import swarm
 from deploy.run.options import RunOptions
+from deploy.scenario import events
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 from observation.replay.record_check import check
@@ -76,6 +77,8 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         raise AcrcError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
+    gone = () if change.without is None else change.without.orders
+    scenario = events.without(scenario, gone, step_us)
     chosen = change.strategy is not None or bool(change.settings)
     changed = settings_changed.changed(scenario, change) if chosen else scenario
     modules = admitted(origin / SCENARIO, entry(changed.run.strategy), module_folders(changed), permit)
@@ -86,7 +89,8 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         changed, anew = scenario, None
 
     def carry_out(of: Scenario, into: RunOptions, watch: _StepWatch) -> RunResult:
-        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
+        recorded = without(recorded_orders(files["world"]), gone)
+        orders = OrderBus(with_events(recorded, change.events, step_us))
         return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
 
     watch = _StepWatch(first)

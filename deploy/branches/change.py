@@ -1,6 +1,6 @@
 """What is changed where a branch leaves its run: read from the command line, and brought among the orders."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
@@ -29,6 +29,16 @@ class BranchEvent:
 
 
 @dataclass(frozen=True)
+class Omission:
+    """Something that was ordered in the run, and is not ordered in the branch."""
+
+    words: str
+    """What there is not then, as in `r2 dead`."""
+    orders: tuple[tuple[int, Order], ...]
+    """By the steps at whose beginning they were taken, the first one first; those that undo it included."""
+
+
+@dataclass(frozen=True)
 class Change:
     """Where a branch leaves its run, and how."""
 
@@ -39,6 +49,7 @@ class Change:
     """Of the strategy from there on: where they differ from what they were, or another one has."""
     events: tuple[BranchEvent, ...] = ()
     """In the order in which they were given."""
+    without: Omission | None = None
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -50,8 +61,9 @@ class Change:
 
     @property
     def events_words(self) -> tuple[str, ...]:
-        """The same of the events alone."""
-        return tuple(f"{event.words} at {event.at_s:g} s" for event in self.events)
+        """The same of what is ordered alone."""
+        omitted = () if self.without is None else (f"without {self.without.words}",)
+        return (*omitted, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
 
 
 def place(text: str) -> tuple[Path, float]:
@@ -107,6 +119,15 @@ def with_events(
         given.append(control)
     given += [TimedControl(step, _encoded(tuple(one.order for one in group))) for step, group in own.items()]
     return given
+
+
+def without(recorded: Iterable[TimedControl], gone: Sequence[tuple[int, Order]]) -> Iterator[TimedControl]:
+    """The orders that a run was given, but for some."""
+    for taken in recorded:
+        told = decode(at(CONTROL).topic, CONTROL.key(), taken.payload)
+        assert isinstance(told, Control)
+        kept = tuple(order for order in told.orders if (taken.step, order) not in gone)
+        yield taken if kept == told.orders else TimedControl(taken.step, _encoded(kept, told.ticket))
 
 
 @dataclass(frozen=True)

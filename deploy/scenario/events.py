@@ -1,7 +1,7 @@
 """The events of a scenario: whether they make sense one after the other, and the orders they stand for."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from actors import orders
@@ -45,6 +45,14 @@ def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
         TimedOrder(seconds(scenario.event[index].at), _order(scenario.event[index]))
         for index in _by_instant(scenario)
     )
+
+
+def without(scenario: Scenario, gone: Sequence[tuple[int, Order]], step_us: int) -> Scenario:
+    """The scenario without the events that give these orders at the beginning of these steps."""
+    kept = [
+        event for event in scenario.event if (-(-seconds(event.at) // step_us), _order(event)) not in gone
+    ]
+    return scenario.model_copy(update={"event": kept})
 
 
 def action_of(event: EventTable) -> str:

@@ -26,7 +26,7 @@ def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: 
         *_incomplete(sources),
         *_bounds(view),
         *(line for group in view.groups for line in _limits(view, group)),
-        *_wedged(view),
+        *_deadlocked(view),
         *(line for group in view.groups for line in _unsound(view, group)),
         *_software(sources),
     ]
@@ -111,18 +111,19 @@ def _limits(view: ReportView, group: Group) -> Iterator[str]:
         )
 
 
-def _wedged(view: ReportView) -> Iterator[str]:
-    """How often robots were so near to one another that neither found a way out: it decides many runs."""
+def _deadlocked(view: ReportView) -> Iterator[str]:
+    """How often robots waited for one another in a ring: it decides many runs."""
     told = [
-        f"{view.row_name(group)} {sum(run.wedges.pairs for run in runs) / len(runs):.2g} "
-        f"({sum(run.wedges.came_free for run in runs)} of {sum(run.wedges.pairs for run in runs)} came free)"
+        f"{view.row_name(group)} {sum(run.deadlocks.pairs for run in runs) / len(runs):.2g} "
+        f"({sum(run.deadlocks.came_free for run in runs)} of "
+        f"{sum(run.deadlocks.pairs for run in runs)} came free)"
         for group in view.groups
         if (runs := times(group))
     ]
     if told:
-        yield f"Pairs of robots that wedged, in a run on average: {'; '.join(told)}."
+        yield f"Pairs in a deadlock, in a run on average: {'; '.join(told)}."
     elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
-        yield "How often robots wedged was not recorded with these runs; that decides many of them."
+        yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
 
 
 def _unsound(view: ReportView, group: Group) -> Iterator[str]:

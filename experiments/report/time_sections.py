@@ -15,11 +15,16 @@ LOOKS: Final = {
     Cause.DRIVING.value: ("#009e73", ""),
     Cause.DOOR.value: ("#0072b2", ""),
     Cause.OPEN_FLOOR.value: ("#56b4e9", "//"),
-    Cause.WEDGED.value: ("#d55e00", ""),
+    Cause.DEADLOCK.value: ("#d55e00", ""),
+    Cause.LIVELOCK.value: ("#f0a57a", "++"),
+    Cause.BY_DEAD.value: ("#9c1c3a", ""),
     Cause.DONE_IN_WAY.value: ("#e69f00", "\\\\"),
+    Cause.CLOSED_DOOR.value: ("#5e3c1a", ""),
+    Cause.UNREACHABLE.value: ("#20356b", "oo"),
     Cause.NO_PROGRESS.value: ("#8c6d46", "xx"),
     Cause.NO_PLAN.value: ("#cc79a7", ""),
     Cause.LOST.value: ("#7b4ea3", ".."),
+    Cause.STRATEGY_IDLE.value: ("#f0e442", ""),
     Cause.IDLE.value: ("#c8ccd1", ""),
     Cause.OFF.value: ("#6a737d", "--"),
 }
@@ -117,9 +122,9 @@ def blockings(view: ReportView) -> Section | None:
                 ("runs", "place", "cause", "blockings", "median length, s", "lasted to the end"), _blockings,
             ),
             view.table(
-                "wedges", "Pairs of robots that were wedged, nearer than 0.45 m",
+                "deadlocks", "Pairs of robots in a deadlock",
                 ("runs", "pairs", "came free", "pairs in a run"),
-                lambda group: [_wedges(group)] if times(group) else [],
+                lambda group: [_deadlocks(group)] if times(group) else [],
             ),
             view.table(
                 "diagnosis", "The strategy's own diagnosis",
@@ -145,10 +150,10 @@ def _blockings(group: Group) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _wedges(group: Group) -> tuple[Cell, ...]:
+def _deadlocks(group: Group) -> tuple[Cell, ...]:
     runs = times(group)
-    pairs = sum(run.wedges.pairs for run in runs)
-    return len(runs), pairs, sum(run.wedges.came_free for run in runs), pairs / len(runs)
+    pairs = sum(run.deadlocks.pairs for run in runs)
+    return len(runs), pairs, sum(run.deadlocks.came_free for run in runs), pairs / len(runs)
 
 
 def _diagnosis(group: Group) -> list[tuple[Cell, ...]]:

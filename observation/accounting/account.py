@@ -1,24 +1,29 @@
 """Where the time of a simulated run went, from the folder that it has left."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from actors.instant import in_seconds
+from actors.messages import CONTROL, Control
 from actors.robot_model import load_model
+from actors.runtime.codec import decode
+from actors.runtime.core import at
 from observation.accounting import blockings, decisions, diagnosis
 from observation.accounting.classify import CAUSES, Classified, classify
 from observation.accounting.episodes import STANDARD, EpisodeParameters
-from observation.accounting.findings import findings
-from observation.accounting.passage import Passages
+from observation.accounting.findings import FrameCounts, findings
 from observation.accounting.said import Said, said_by
-from observation.accounting.time_spent import TimeSpent
+from observation.accounting.time_spent import Blame, TimeSpent
 from observation.accounting.tracks import Tracks, tracks_of
-from observation.evidence.recorded import outcome
+from observation.accounting.true_floor import FloorOrder, TrueFloor
+from observation.accounting.waiting import NOBODY
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
+from observation.replay.recorded_orders import recorded_orders
 from observation.replay.run_recordings import recordings
 
 
@@ -26,6 +31,7 @@ class Judged(NamedTuple):
     """A run, and what each step of each robot went into."""
 
     tracks: Tracks
+    floor: TrueFloor
     said: Mapping[str, Said]
     causes: Classified
 
@@ -38,8 +44,19 @@ def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
     }
     radius = max(load_model(robot.model).footprint.circumradius for robot in run.setup.robots)
     tracks = tracks_of(run)
-    passages = Passages(run.grid, radius, parameters.neck)
-    return Judged(tracks, said, classify(tracks, said, passages, parameters))
+    floor = TrueFloor(run.grid, radius, [*_floor_orders(run, files["world"])], parameters)
+    return Judged(tracks, floor, said, classify(tracks, said, floor, parameters))
+
+
+def _floor_orders(run: RunEvidence, world: Path) -> Iterator[FloorOrder]:
+    """The scenario's and those from outside, in the order in which the world took them."""
+    step_us = run.setup.step_us
+    events = [FloorOrder(-(-one.instant // step_us), one.order) for one in run.setup.events]
+    for step, payload in recorded_orders(world):
+        told = decode(at(CONTROL).topic, CONTROL.key(), payload)
+        assert isinstance(told, Control)
+        events += [FloorOrder(step, order) for order in told.orders]
+    yield from sorted(events, key=attrgetter("step"))
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
@@ -47,15 +64,17 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
 
     Raises EvidenceError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
     """
-    tracks, said, classified = judge(read_run(out), parameters)
+    run = read_run(out)
+    tracks, floor, said, classified = judge(run, parameters)
     return TimeSpent(
         robots=_robots(tracks, classified),
         blockings=blockings.events(tracks, classified, parameters),
         diagnosis=diagnosis.score(tracks, said, classified),
         decisions=decisions.events(tracks, said, classified, parameters),
         decisions_left_out=sum(one.left_out for one in said.values()),
-        findings=findings(tracks, _frames(recordings(out)["radio"]), parameters),
-        wedges=blockings.wedges(tracks, classified, parameters),
+        findings=findings(tracks, FrameCounts(run.sent, run.heard), floor.passages, parameters),
+        deadlocks=blockings.deadlocks(tracks, classified, parameters),
+        blames=_blames(tracks, classified),
     )
 
 
@@ -71,5 +90,12 @@ def _robots(tracks: Tracks, classified: Classified) -> dict[str, dict[str, float
     return spent
 
 
-def _frames(radio: Path) -> Mapping[str, Mapping[str, int]]:
-    return outcome(radio, "frames_by_robot", dict[str, dict[str, int]], "a radio") or {}
+def _blames(tracks: Tracks, classified: Classified) -> tuple[Blame, ...]:
+    """In s, from whole µs."""
+    waits = (classified.before != NOBODY) & (classified.root != NOBODY)
+    pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
+    kinds, counts = np.unique(pairs, axis=0, return_counts=True)
+    return tuple(
+        Blame(tracks.robots[root], CAUSES[cause].value, in_seconds(count * tracks.step_us))
+        for (root, cause), count in zip(kinds.tolist(), counts.tolist(), strict=True)
+    )

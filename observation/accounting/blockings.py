@@ -11,17 +11,18 @@ from actors.instant import seconds
 from observation.accounting.classify import CAUSES, Classified
 from observation.accounting.episodes import Blocking, EpisodeParameters, runs
 from observation.accounting.said import seconds_of
-from observation.accounting.time_spent import BlockingEvent, Cause, WedgeCount
+from observation.accounting.time_spent import BlockingEvent, Cause, DeadlockCount
 from observation.accounting.tracks import Tracks
+from observation.accounting.waiting import NOBODY
 
-BY_ROBOTS: Final = (Cause.WEDGED, Cause.DONE_IN_WAY, Cause.DOOR, Cause.OPEN_FLOOR)
 AT_DOOR: Final = "door"
 ON_FLOOR: Final = "open floor"
 
 
 def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
     """(steps, robots): it stands, and another robot is why."""
-    return classified.is_(*BY_ROBOTS)
+    blocked: NDArray[np.bool_] = classified.stood & (classified.before != NOBODY)
+    return blocked
 
 
 def events(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:
@@ -42,15 +43,15 @@ def events(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> tupl
     return tuple(_event(tracks, classified, one) for one in found)
 
 
-def wedges(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> WedgeCount:
-    """Pairs that were wedged for `wedged_s` or longer, and how many of them were parted before the end."""
-    patience, least = (seconds(each) // tracks.step_us for each in (p.pause_s, p.wedged_s))
+def deadlocks(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
+    """Pairs that were in a deadlock for `deadlock_s` or longer, and how many came free before the end."""
+    patience, least = (seconds(each) // tracks.step_us for each in (p.pause_s, p.deadlock_s))
     steps, pairs, free = len(tracks.true), 0, 0
-    for mask in _pairs(classified, classified.is_(Cause.WEDGED)).values():
+    for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():
         for episode in runs(_bridged(mask, patience), least):
             pairs += 1
             free += episode.end < steps
-    return WedgeCount(pairs, free)
+    return DeadlockCount(pairs, free)
 
 
 def _pairs(classified: Classified, where: NDArray[np.bool_]) -> dict[tuple[int, int], NDArray[np.bool_]]:

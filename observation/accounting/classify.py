@@ -1,180 +1,194 @@
-"""Each step of each robot by what its time went into, from ground truth; the order of `Cause` decides."""
+"""Each step of each robot by what its time went into, from ground truth; the order of `Cause` decides.
 
-from collections.abc import Iterable, Mapping
+A robot that stands, or moves to and fro, waits for the first robot on its way, and that for the next one. The
+last one of the chain says what all of its time went into; where there is no last one, it is a deadlock.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.grid import OccupancyGrid
-from actors.instant import seconds
-from observation.accounting.episodes import STANDARD, EpisodeParameters, lost, standing
+from observation.accounting import waiting
+from observation.accounting.chains import Roots, behind, roots
+from observation.accounting.episodes import STANDARD, EpisodeParameters
 from observation.accounting.passage import Passages
-from observation.accounting.said import Said, pursuit, spells
+from observation.accounting.robot_states import Flags, RobotStates, in_wall
+from observation.accounting.said import Said
 from observation.accounting.time_spent import Cause
 from observation.accounting.tracks import Tracks
+from observation.accounting.true_floor import TrueFloor
+from observation.accounting.waiting import NOBODY
 
 CAUSES: Final = tuple(Cause)
-NOBODY: Final = -1
+_NONE: Final = 255
+Causes = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
 class Classified:
     """What every step of every robot went into."""
 
-    causes: NDArray[np.uint8]
+    causes: Causes
     """(steps, robots): index in CAUSES."""
     before: NDArray[np.int32]
-    """(steps, robots): the robot that it stands before, NOBODY if none is why."""
-    stood: NDArray[np.bool_]
+    """(steps, robots): the robot for which it waits, NOBODY if none is why."""
+    root: NDArray[np.int32]
+    """(steps, robots): at which the chain of those ends; itself if it waits for nobody, NOBODY in a ring."""
+    ring: Flags
+    """(steps, robots): it is in a ring of robots that wait for one another."""
+    stood: Flags
     """(steps, robots): it stood although it wanted to be elsewhere, whatever the cause."""
-    at_door: NDArray[np.bool_]
-    """(steps, robots): it stood before a robot, and one of the two in or at a door."""
+    at_door: Flags
+    """(steps, robots): it waited for a robot, and one of the two was in or at a door."""
 
-    def is_(self, *wanted: Cause) -> NDArray[np.bool_]:
+    def is_(self, *wanted: Cause) -> Flags:
         """(steps, robots): where one of these is the cause."""
         return np.isin(self.causes, [CAUSES.index(cause) for cause in wanted])
-
-
-class _Robots:
-    """The states of all robots that follow from one robot each."""
-
-    def __init__(
-        self, tracks: Tracks, said: Mapping[str, Said], grid: OccupancyGrid, p: EpisodeParameters
-    ) -> None:
-        steps = len(tracks.true)
-        always = np.ones(steps, np.bool_)
-        robots = [said.get(robot, Said()) for robot in tracks.robots]
-        self.still, self.long_still = (
-            _columns(
-                standing(tracks.true[:, index, :2], always, min(window, steps), p.still)
-                for index in range(len(robots))
-            )
-            for window in (seconds(each) // tracks.step_us for each in (p.pause_s, p.turn_s))
-        )
-        """For `pause_s` and for `turn_s`."""
-        wants = _columns(pursuit(one.goals, tracks) for one in robots)
-        self.on = tracks.stepping
-        self.wants = wants & tracks.busy & self.on
-        """It has a goal not reached yet, and something left to do."""
-        self.waits = self.still & self.wants
-        """It stands, and so waits for whoever is near."""
-        self.planless = _columns(spells(one.planless, tracks) for one in robots) | _in_wall(tracks, grid)
-        self.lost = _columns(_lost(error, p) for error in errors(tracks).T)
 
 
 def classify(
     tracks: Tracks,
     said: Mapping[str, Said],
-    passages: Passages,
+    floor: TrueFloor,
     parameters: EpisodeParameters = STANDARD,
 ) -> Classified:
     """What every robot's time went into."""
-    robots = _Robots(tracks, said, passages.grid, parameters)
-    causes = np.full(robots.on.shape, CAUSES.index(Cause.DRIVING), np.uint8)
-    before = np.full(robots.on.shape, NOBODY, np.int32)
-    at_door = np.zeros(robots.on.shape, np.bool_)
-    long_waits = robots.long_still & robots.wants
-    causes[long_waits] = CAUSES.index(Cause.NO_PROGRESS)
-    for robot in range(len(tracks.robots)):
-        steps = np.flatnonzero(robots.waits[:, robot] & ~robots.lost[:, robot] & ~robots.planless[:, robot])
-        if steps.size and len(tracks.robots) > 1:
-            _others(tracks, robots, robot, steps, passages, parameters, (causes, before, at_door))
-    _queue(causes, before, at_door)
+    states = RobotStates(tracks, said, floor.stages(tracks.true), parameters)
+    own = _own(states, in_wall(tracks, floor.grid))
+    stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
+    before = waiting.ahead(states, stuck, floor.passages, parameters)
+    barred = _barred(states, stuck, before, parameters)
+    alone = stuck & states.waits & (before == NOBODY) & (barred == _NONE)
+    near = waiting.beside(states, alone, floor.passages, parameters)
+    before = np.where(alone, near, before)
+    causes, found = _followed(states, own, before, barred, _doors(tracks, before, floor.passages, parameters))
+    stood = (states.waits & (before != NOBODY)) | states.long_waits
+    return Classified(causes, before, found.root, found.ring, stood, found.at_door)
+
+
+def _own(states: RobotStates, walled: Flags) -> Causes:
+    """What holds of a robot whoever is in its way; _NONE: nothing does."""
+    own = np.full(states.on.shape, _NONE, np.uint8)
     for cause, where in (
-        (Cause.NO_PLAN, robots.planless & robots.wants),
-        (Cause.LOST, robots.lost),
-        (Cause.IDLE, robots.still & ~robots.wants),
-        (Cause.OFF, ~robots.on),
+        (Cause.NO_PLAN, walled & states.wants),
+        (Cause.STRATEGY_IDLE, states.asleep),
+        (Cause.LOST, states.lost),
+        (Cause.IDLE, states.done),
+        (Cause.OFF, ~states.on),
     ):  # the last one wins
-        causes[where] = CAUSES.index(cause)
-    stood = (robots.waits & (before != NOBODY)) | long_waits
-    return Classified(causes, before, stood, at_door)
+        own[where] = CAUSES.index(cause)
+    return own
 
 
-def errors(tracks: Tracks) -> NDArray[np.float64]:
-    """(steps, robots): how far each robot is from where it holds itself to be, m; NaN where nobody knows."""
-    offset = tracks.held[..., :2] - tracks.true[..., :2]
-    far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
-    return far
+def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: EpisodeParameters) -> Causes:
+    """CLOSED_DOOR or UNREACHABLE where no way leads to the goal, or a closed door is on it; else _NONE."""
+    found = np.full(stuck.shape, _NONE, np.uint8)
+    closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
+    for robot in range(stuck.shape[1]):
+        for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
+            if goal is None:
+                continue
+            here = states.tracks.true[rows, robot, :2]
+            no_way = ~np.isfinite(stage.ways.far(here, goal))
+            found[rows[no_way], robot] = closed
+            found[rows[no_way & ~np.isfinite(stage.opened.far(here, goal))], robot] = unreachable
+            if len(stage.leaves):
+                first = rows[~no_way & (before[rows, robot] == NOBODY)]
+                for step in first[_leads_through(states, robot, first, goal, p)].tolist():
+                    found[step, robot] = closed
+    return found
 
 
-def _others(
-    tracks: Tracks,
-    robots: _Robots,
-    robot: int,
-    steps: NDArray[Any],
-    passages: Passages,
-    p: EpisodeParameters,
-    into: tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.bool_]],
-) -> None:
-    """Before whom one robot stands in these steps: the nearest one that nothing hides."""
-    causes, before, at_door = into
-    here = tracks.true[steps, robot, :2]
-    there = tracks.true[steps, :, :2]
-    gaps = np.hypot(there[..., 0] - here[:, None, 0], there[..., 1] - here[:, None, 1])
-    gaps[:, robot] = np.inf
-    limit = np.where(robots.long_still[steps, robot], p.seen, p.near)
-    gaps[gaps > limit[:, None]] = np.inf
-    near = np.nonzero(np.isfinite(gaps))
-    gaps[near] = np.where(passages.sees(here[near[0]], there[near]), gaps[near], np.inf)
-    wedged = (gaps < p.wedge) & robots.waits[steps]
-    nearest = np.where(wedged.any(axis=1), wedged.argmax(axis=1), gaps.argmin(axis=1))
-    rows = np.arange(len(steps))
-    close = np.flatnonzero(np.isfinite(gaps[rows, nearest]))
-    if not close.size:
-        return
-    steps, nearest, rows = steps[close], nearest[close], rows[close]  # type: ignore[assignment]
-    other = there[rows, nearest]
-    doors = _at_doors(passages, here[rows], other, p.beside)
-    done = robots.still[steps, nearest] & ~robots.wants[steps, nearest]
-    found = np.where(doors, CAUSES.index(Cause.DOOR), CAUSES.index(Cause.OPEN_FLOOR))
-    found[done] = CAUSES.index(Cause.DONE_IN_WAY)
-    found[wedged[rows, nearest]] = CAUSES.index(Cause.WEDGED)
-    causes[steps, robot], before[steps, robot], at_door[steps, robot] = found, nearest, doors
+def _leads_through(
+    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: EpisodeParameters
+) -> Flags:
+    """(rows,): a closed door fills the way that it would go if all were open, before it has gone far."""
+    found = np.zeros(len(rows), np.bool_)
+    here = states.tracks.true[rows, robot, :2]
+    for number in np.unique(states.stage[rows]).tolist():
+        stage, same = states.stages[number], states.stage[rows] == number
+        squares, which = np.unique(stage.opened.squares(here), axis=0, return_inverse=True)
+        for square in range(len(squares)):
+            inside = same & (which.reshape(-1) == square)
+            if inside.any():
+                x, y = here[inside.argmax()].tolist()
+                way = stage.opened.way((x, y), goal, p.seen)
+                if way is not None:
+                    gaps = np.hypot(*(way[:, None] - stage.leaves).transpose(2, 0, 1))
+                    found[inside] = gaps.min() <= p.still
+    return found
 
 
-def _queue(causes: NDArray[np.uint8], before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> None:
-    """Who stands on open floor before somebody who waits at a door waits there, too."""
-    floor, door = CAUSES.index(Cause.OPEN_FLOOR), CAUSES.index(Cause.DOOR)
-    rows, robots = np.nonzero(causes == floor)
-    while rows.size:
-        joins = causes[rows, before[rows, robots]] == door
-        if not joins.any():
-            return
-        causes[rows[joins], robots[joins]], at_door[rows[joins], robots[joins]] = door, True
-        rows, robots = rows[~joins], robots[~joins]
+def _doors(tracks: Tracks, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
+    """(steps, robots): it waits, and one of the two, or their middle, is in or just before a door."""
+    doors = np.zeros(before.shape, np.bool_)
+    rows, robots = np.nonzero(before != NOBODY)
+    if rows.size:
+        one, other = tracks.true[rows, robots, :2], tracks.true[rows, before[rows, robots], :2]
+        at = passages.at(np.concatenate([one, other, (one + other) / 2]), p.beside)
+        doors[rows, robots] = np.any(at.reshape(3, -1), axis=0)
+    return doors
 
 
-def _at_doors(
-    passages: Passages, one: NDArray[np.float64], other: NDArray[np.float64], beside: float
-) -> NDArray[np.bool_]:
-    """(k,): one of the two, or their middle, is in or just before a door."""
-    at = passages.at(np.concatenate([one, other, (one + other) / 2]), beside)
-    any_of: NDArray[np.bool_] = np.any(at.reshape(3, -1), axis=0)
-    return any_of
+def _followed(
+    states: RobotStates, own: Causes, before: NDArray[np.int32], barred: Causes, doors: Flags
+) -> tuple[Causes, Roots]:
+    """The cause of everybody, from the roots of all chains."""
+    is_barred = barred != _NONE
+    found = roots(before, doors)
+    before = np.where(found.ring & is_barred, NOBODY, before)  # who gets nowhere anyway is no part of a ring
+    found = roots(before, doors)
+    alone = _alone(states, own, barred)
+    causes = alone.copy()
+    rows, robots = np.nonzero((before != NOBODY) & (found.root != NOBODY))
+    root = found.root[rows, robots]
+    at_root = np.where(_stays(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
+    causes[rows, robots] = _BEHIND[at_root]
+    gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
+    causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
+    causes[gets_on & states.loops] = CAUSES.index(Cause.LIVELOCK)
+    waits = before != NOBODY
+    vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _VAGUE])
+    causes[vague] = barred[vague]
+    in_ring = waits & (found.root == NOBODY)
+    moving = behind(found.ring & states.roams, np.where(in_ring, before, NOBODY))
+    causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
+    causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
+    return causes, found
 
 
-def _in_wall(tracks: Tracks, grid: OccupancyGrid) -> NDArray[np.bool_]:
-    """(steps, robots): it holds itself to be where something is; not where it has not said anything."""
-    corner = np.array([grid.origin.x, grid.origin.y])
-    known = np.isfinite(tracks.held[..., 0])
-    cells = np.floor((np.where(known[..., None], tracks.held[..., :2], corner) - corner) / grid.resolution)
-    cells = cells.astype(np.int64)
-    inside = ((cells >= 0) & (cells < [grid.columns, grid.rows])).all(axis=-1)
-    cells[~inside] = 0
-    taken: NDArray[np.bool_] = known & (~inside | grid.blocking[cells[..., 1], cells[..., 0]])
-    return taken
+_BEHIND: Final = np.array(
+    [
+        CAUSES.index(
+            {
+                Cause.OFF: Cause.BY_DEAD,
+                Cause.IDLE: Cause.DONE_IN_WAY,
+                Cause.DRIVING: Cause.OPEN_FLOOR,
+            }.get(cause, cause)
+        )
+        for cause in CAUSES
+    ],
+    np.uint8,
+)
+"""By the cause of the last one of a chain, that of those who wait."""
+_VAGUE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN, Cause.LIVELOCK)
+"""Whoever waits for such a robot, and has no way anyway, waits for the way."""
 
 
-def _lost(error: NDArray[np.float64], p: EpisodeParameters) -> NDArray[np.bool_]:
-    during = np.zeros(error.size, np.bool_)
-    if np.nanmax(error, initial=0.0) > p.lost:
-        for begin, end in lost(error, p):
-            during[begin:end] = True
-    return during
+def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
+    """What everybody's time would go into if nobody else was there."""
+    causes = np.full(own.shape, CAUSES.index(Cause.DRIVING), np.uint8)
+    causes[states.long_waits] = CAUSES.index(Cause.NO_PROGRESS)
+    causes[states.loops] = CAUSES.index(Cause.LIVELOCK)
+    causes[states.planless] = CAUSES.index(Cause.NO_PLAN)
+    causes = np.where(barred != _NONE, barred, causes)
+    return np.where(own != _NONE, own, causes)
 
 
-def _columns(parts: Iterable[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    return np.column_stack(list(parts))
+def _stays(states: RobotStates, own: Causes) -> Flags:
+    """(steps, robots): who is waited for will not get out of the way soon."""
+    stays: Flags = states.still | states.loops | (own == CAUSES.index(Cause.OFF))
+    return stays

@@ -35,14 +35,34 @@ class EpisodeParameters:
     turn_s: float = 10.0
     """The same of a robot with nobody within `near`: move_base's oscillation_timeout. Measured: a turn on the
     spot takes a robot alone up to 7.9 s."""
+    wait_s: float = 30.0
+    """Who moves, and gets no nearer to any of its goals for so many s, is in a livelock: as `window_s`."""
+    nearer: float = 0.25
+    """To be nearer than ever by so much, m, is to get on; less is what a robot that turns comes to."""
+    to_and_fro: float = 3.0
+    """Who has driven so many times the size of the floor that it was on moves to and fro; who makes a detour
+    does not."""
+    turning: float = 0.1
+    """Who turns faster than this, rad/s, does not stand idly."""
     seen: float = 2.5
     """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
     map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
     wedge: float = 0.45
-    """Two robots that do not get on, nearer than this, centre to centre, are wedged, m: nearer than their two
-    inscribed circles and two cells of the local map, so that the local planner finds no way out."""
-    wedged_s: float = 10.0
-    """A pair counts as wedged from so many s on; for less it is a touch and go."""
+    """A robot nearer to another one's way than this, m, is in it: nearer than their two inscribed circles and
+    two cells of the local map, so that the local planner finds no way past. Two that do not get on and are so
+    near to each other are in each other's way wherever they go."""
+    sensed: float = 5.0
+    """So far on its way, m, another robot keeps it from finding a plan: as far as its sensor sees."""
+    deadlock_s: float = 10.0
+    """A pair counts as a deadlock from so many s on; for less it is a touch and go."""
+    reported: float = 0.5
+    """A goal can be reached where a robot can come so near, m: as robots report places."""
+    contact: float = 5.0
+    """Robots so near, m, with no wall between are within each other's reach by radio: half of the range of
+    the radio `chapter`."""
+    silent_s: float = 5.0
+    """Who hears nobody for so many s although others within reach have frames to send has no contact: they
+    publish once a second."""
     beside: float = 0.5
     """A robot is at a door if it is so near to where one robot closes the way, m."""
     neck: float = 1.6

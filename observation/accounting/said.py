@@ -14,7 +14,11 @@ from observation.evidence.recorded import outcomes
 from observation.evidence.said_decisions import SaidDecision, adaptation
 from observation.results.navigation_result import GivenGoal, navigation_outcome
 
-_ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
+NO_GOAL: Final = -1
+REACHED: Final = "succeeded"
+"""How a goal ended to which the robot came."""
+ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
+"""How goals ended that navigation gave up."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +61,19 @@ def said_by(records: Sequence[Path]) -> Said:
     return Said(None if goals is None else tuple(goals), tuple(planless), said, tuple(decisions), left_out)
 
 
-def pursuit(goals: Sequence[GivenGoal] | None, tracks: Tracks) -> NDArray[np.bool_]:
-    """(steps,): when a robot has a goal that it has not reached; always, where nobody knows its goals.
+def pursued(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.int64]:
+    """(steps,): which of the goals a robot has and has not reached; NO_GOAL: none.
 
     A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
     robot that it need not go there any more.
     """
-    if goals is None:
-        return np.ones(len(tracks.true), np.bool_)
-    pursuing = np.zeros(len(tracks.true), np.bool_)
-    for number, goal in enumerate(goals, start=1):
+    pursuing = np.full(len(tracks.true), NO_GOAL, np.int64)
+    for number, goal in enumerate(goals):
         end = goal.end
-        if end is None or goal.how in _ABORTED:
-            end = goals[number].begin if number < len(goals) else None
+        if end is None or goal.how in ABORTED:
+            end = goals[number + 1].begin if number + 1 < len(goals) else None
         last = len(pursuing) if end is None else end // tracks.step_us
-        pursuing[goal.begin // tracks.step_us : last] = True
+        pursuing[goal.begin // tracks.step_us : last] = number
     return pursuing
 
 

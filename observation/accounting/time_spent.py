@@ -1,34 +1,52 @@
 """What is told of where a run's time went; see docs/experiments.md for what each word means."""
 
 from enum import Enum
+from typing import Final
 
 import msgspec
 
 
 class Cause(Enum):
-    """What a robot's time went into. Where several hold at once, the first of them does."""
+    """What a robot's time went into. Where several hold at once, the first of them does.
+
+    Who waits for another robot has the cause for which the last one of the chain does not get on: if that is
+    off, BY_DEAD; if it is idle, DONE_IN_WAY; else what it has itself.
+    """
 
     OFF = "off"
     """Its process was ended or frozen."""
     IDLE = "idle"
-    """It has nothing left to do, or no goal."""
+    """It stands, and has nothing left to do."""
     LOST = "lost"
     """It holds itself to be somewhere else."""
-    NO_PLAN = "no plan"
-    """It holds itself to be in a wall, or navigation finds no way to its goal."""
-    WEDGED = "wedged"
-    """It stands so near to another robot, which does not get on either, that its local planner finds no way
-    out."""
+    STRATEGY_IDLE = "strategy idle"
+    """It stands with places left, and its strategy asks for no goal."""
+    DEADLOCK = "deadlock"
+    """Robots that stand wait for one another in a ring."""
+    BY_DEAD = "blocked by dead robot"
+    """The chain ends at a robot that is off."""
     DONE_IN_WAY = "done robot in the way"
-    """It stands before a robot that wants nowhere any more, or is off."""
+    """The chain ends at a robot that is idle."""
+    CLOSED_DOOR = "closed door"
+    """It does not get on, and a door that was closed is in its way."""
+    UNREACHABLE = "unreachable"
+    """It does not get on, and no way leads to its goal, whichever doors are open."""
+    NO_PLAN = "no plan"
+    """It holds itself to be in a wall, or navigation finds no way although there is one."""
+    LIVELOCK = "livelock"
+    """It moves, alone or with others, and makes no way towards its goals."""
     DOOR = "waiting at a door"
-    """It stands in or at a door before another robot that wants to get somewhere."""
+    """The chain ends at a robot that gets on, and leads through a door or up to one."""
     OPEN_FLOOR = "blocked on open floor"
     """The same anywhere else."""
     NO_PROGRESS = "no progress"
     """It stands for longer than a turn on the spot takes, and none of these is why."""
     DRIVING = "driving"
     """None of these: it gets on."""
+
+
+BY_ROBOTS: Final = (Cause.DEADLOCK, Cause.BY_DEAD, Cause.DONE_IN_WAY, Cause.DOOR, Cause.OPEN_FLOOR)
+"""Another robot is why."""
 
 
 class BlockingEvent(msgspec.Struct, frozen=True):
@@ -100,18 +118,37 @@ class Finding(msgspec.Struct, frozen=True):
     """Something that holds of the run and not of a robot's second."""
 
     name: str
-    """As in `radio jammed`."""
+    """`no contact` or `carried`."""
     robots: tuple[str, ...]
     says: str
     """One sentence."""
 
 
-class WedgeCount(msgspec.Struct, frozen=True):
-    """Pairs of robots that were wedged."""
+class DeadlockCount(msgspec.Struct, frozen=True):
+    """Pairs of robots in the ring of a deadlock, one of which waits for the other."""
 
     pairs: int
     came_free: int
     """Of them, before the end of the run."""
+
+
+class Blame(msgspec.Struct, frozen=True):
+    """A robot at which chains ended."""
+
+    robot: str
+    cause: str
+    """Of `Cause`: what those had that waited."""
+    seconds: float
+    """Of all that waited, together."""
+
+
+class WhatIf(msgspec.Struct, frozen=True):
+    """What had come of the run without one thing that kept robots from getting on."""
+
+    without: str
+    """As in `r2 dead`."""
+    places: int
+    """So many more were done by the end of the run; negative: fewer."""
 
 
 class TimeSpent(msgspec.Struct, frozen=True):
@@ -126,4 +163,8 @@ class TimeSpent(msgspec.Struct, frozen=True):
     decisions_left_out: int = 0
     """Made, and not listed."""
     findings: tuple[Finding, ...] = ()
-    wedges: WedgeCount = WedgeCount(0, 0)
+    deadlocks: DeadlockCount = DeadlockCount(0, 0)
+    blames: tuple[Blame, ...] = ()
+    """In the order of the scenario's robots; a deadlock has none."""
+    what_if: tuple[WhatIf, ...] = ()
+    """Of the orders behind it, each left out; empty unless somebody asked."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
 from actors.task.referee import PlaceOutcome, Verdict
-from observation.accounting.blockings import BY_ROBOTS
 from observation.accounting.spells import Spell
+from observation.accounting.time_spent import BY_ROBOTS
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import style
 

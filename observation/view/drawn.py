@@ -17,9 +17,8 @@ from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose, warn
-from observation.accounting.blockings import BY_ROBOTS
 from observation.accounting.spells import spells
-from observation.accounting.time_spent import Cause
+from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer, ExplanationError
 from observation.replay.run_recordings import recordings
@@ -32,9 +31,9 @@ from observation.view.story import Source, Story
 
 FILE_NAME: Final = "view.rrd"
 _LANES: Final = {
-    **dict.fromkeys((*BY_ROBOTS, Cause.NO_PROGRESS), "standing"),
-    **dict.fromkeys((Cause.LOST, Cause.NO_PLAN, Cause.DRIVING), "driving"),
-    Cause.IDLE: "idle",
+    **dict.fromkeys((*BY_ROBOTS, Cause.CLOSED_DOOR, Cause.UNREACHABLE, Cause.NO_PROGRESS), "standing"),
+    **dict.fromkeys((Cause.LOST, Cause.NO_PLAN, Cause.LIVELOCK, Cause.DRIVING), "driving"),
+    **dict.fromkeys((Cause.IDLE, Cause.STRATEGY_IDLE), "idle"),
     Cause.OFF: "off",
 }
 """What a robot seems to be about, seen from outside."""
