@@ -22,7 +22,9 @@ from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]
 HEAD = "scenario = 's.toml'\nstrategies = ['none', 'chapter']\n"
-FLOORS = '{name = "one", map = "one.yaml"}, {name = "two", map = "two.yaml", places.preset = "free"}'
+FLOORS = (
+    '{name = "one", map = "one.yaml", area = []}, {name = "two", map = "two.yaml", places.preset = "free"}'
+)
 RANDOM = (
     f"{HEAD}seeds = 3\nsamples = 6\n[[vary]]\nkey = 'robots.count'\nbetween = [4, 12]\n"
     f"[[vary]]\nfactor = 'floor'\namong = [{FLOORS}]\n"

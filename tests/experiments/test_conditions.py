@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from actors.installation.usage import OptionError
+from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -14,6 +15,7 @@ from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_fo
 from experiments.study.draws import drawn
 from experiments.study.study import Study, Trial, Variant
 from experiments.study.study_file import load_study
+from experiments.study.study_wishes import StudyWishes, check, study_of
 
 ROOT = Path(__file__).parents[2]
 CHAPTER = ROOT / "scenarios" / "chapter.toml"
@@ -98,6 +100,14 @@ def test_a_sentence_says_what_all_seeds_have_in_common() -> None:
     assert ten is not None and "9 of 10 robots begin in the same positions" in ten
     overrides = Overrides(settings=tuple(EVERYTHING.items()))
     assert same_for_all_seeds(load_scenario(CHAPTER, overrides)) is None
+
+
+def test_a_campaign_says_that_all_seeds_begin_alike() -> None:
+    written = msgspec.structs.replace(STUDY, conditions="as written")
+    (sentence,) = [line for line in check(written, Permit(), CHAPTER)[0] if "the same positions" in line]
+    assert sentence == same_for_all_seeds(load_scenario(CHAPTER))
+    assert not any("the same positions" in line for line in check(STUDY, Permit(), CHAPTER)[0])
+    assert study_of(StudyWishes(scenario=CHAPTER, strategies="none")).conditions == "as written"
 
 
 def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
