@@ -22,10 +22,16 @@ _FROZEN: Final = "Frozen before the first run,"
 _ALL_ELSE: Final = "Whatever else is compared was not declared, and is exploration."
 
 
-def plan_of(study: Path | None) -> Path | None:
-    """The plan beside a study's file; None if there is none."""
-    beside = study.with_suffix(SUFFIX) if study is not None else None
-    return beside if beside is not None and beside.exists() else None
+def plan_of(given: Path | None, study_file: Path | None) -> Path | None:
+    """The file of the plan: what is given, or what lies beside the study's file; None if there is none.
+
+    Raises AcrcError for a plan that is not as it was frozen.
+    """
+    beside = study_file.with_suffix(SUFFIX) if study_file is not None else None
+    path = given or (beside if beside is not None and beside.exists() else None)
+    if path is not None:
+        frozen_plan.read(path)
+    return path
 
 
 def take_in(kept: Store, given: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:

@@ -64,7 +64,7 @@ def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]
     kept = store.create(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
-    return kept, plan_taken.take_in(kept, plan_taken.plan_of(source), source, looks=looks)
+    return kept, plan_taken.take_in(kept, plan_taken.plan_of(None, source), source, looks=looks)
 
 
 def over(kept: store.Store, plain: RunResult, seeds: int = 8) -> None:
@@ -371,11 +371,11 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     assert "The campaign is as frozen." in (unpacked / "report" / "report.html").read_text()
     again = unpacked / "study.json"
     made = store.create(unpacked / "reproduced", load_study(again))
-    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    said = plan_taken.take_in(made, plan_taken.plan_of(None, again), again, looks=False)
     assert said == told[:1]
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
-    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    said = plan_taken.take_in(made, plan_taken.plan_of(None, again), again, looks=False)
     assert said[1:] == ["Not as frozen: corridor.png has another content."]
     assert Study.__struct_fields__  # the plan names every field that a study has
     assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)
