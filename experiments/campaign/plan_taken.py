@@ -12,6 +12,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import keep, keep_bytes
+from experiments.campaign.trust import other_software
 from experiments.study import frozen_plan
 from experiments.study.frozen_plan import SUFFIX, FrozenPlan
 from experiments.study.inputs import inputs
@@ -96,6 +97,7 @@ def departures(kept: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
     if plan.looks and not looks:
         yield f"it is not looked at on the way, and {_looks(plan)} were planned"
     yield from kept.about().departures
+    yield from other_software(kept)
 
 
 def _looks(plan: FrozenPlan) -> str:
