@@ -1,7 +1,7 @@
 """`acrc verify verdicts`: how often a difference is claimed that is not there, and one found that is."""
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
@@ -16,7 +16,7 @@ from experiments.comparison.family import PairVerdict, tests_of, verdicts
 from experiments.comparison.metrics import FAILED, PLACES, JudgedRun
 from experiments.comparison.pilot import redrawn, told_apart
 from experiments.statistics.effect_size import a12, a12_bounds, mean_interval
-from experiments.statistics.paired_tests import ALPHA
+from experiments.statistics.paired_tests import ALPHA, equivalence_p
 from experiments.statistics.sample_size import Effect, power
 from experiments.study.study import Study
 
@@ -28,6 +28,9 @@ _NEGATIVE: Final = -0.3
 """A correlation of runs with the same seed that hardly occurs: it is shown, and not held to anything."""
 _NORMAL: Final = "normal places, A12 = "
 _CAP: Final = 40
+_SPLITS: Final = 20
+"""Ways to divide the real campaign into a pilot and what is delivered after it."""
+_MARGIN: Final = Study("", "", (), 0).margin_places
 _FAILURES: Final = 0.05
 """Share of runs that fail in some of the drawn campaigns, whatever their strategy."""
 _SHARES: Final = (0.5, 0.6, 0.71, 0.8, 0.9, 0.95, 0.97, 0.99)
@@ -43,18 +46,19 @@ def check(runs: int = 5000, draws: int = 4000, campaigns: int = 300, seed: int =
     `runs`: campaigns of strategies with themselves, for each row of the first table. `draws`: of samples for
     each cell of the coverage. `campaigns`: for each power. It holds where no more than 6 % of campaigns claim
     a difference that is not there (of few campaigns: 5 % and three standard errors), intervals of A12 hold
-    93 % at least, and normal effects are told as often as promised, less three standard errors.
+    93 % at least, of the real runs, too, and normal effects are told as often as promised, less three
+    standard errors.
     """
     rng = np.random.default_rng(seed)
     errors = _errors(runs, rng)
     powers = _powers(campaigns, rng)
     coverage = _coverage(draws, np.random.default_rng([seed, 1]))
     means = _coverage_of_means(draws, np.random.default_rng([seed, 2]))
+    real = _coverage_on_rows(draws, np.random.default_rng([seed, 3]))
+    equivalent = _false_equivalence(draws // 4, np.random.default_rng([seed, 4]))
     worst = min(
-        float(str(row[str(share)]))
-        for row in coverage
-        if row["correlation"] != _NEGATIVE
-        for share in _SHARES
+        *(row[str(share)] for row in coverage if row["correlation"] != _NEGATIVE for share in _SHARES),
+        *(row[str(pairs)] for row in real for pairs in _PAIRS),
     )
     kept = all(
         float(str(row["delivered"])) >= float(str(row["promised"])) - _chance(0.5, campaigns)
@@ -79,19 +83,30 @@ def check(runs: int = 5000, draws: int = 4000, campaigns: int = 300, seed: int =
             f"power: promised by acrc study plan, delivered by compare in {campaigns} campaigns",
         ),
         table_of(
-            [{key: str(value) for key, value in row.items()} for row in coverage],
+            coverage,
             f"coverage of the 95 % interval by A12, {draws} samples a cell; at least {_LEAST_COVERAGE:g}",
         ),
         table_of(
-            [{key: str(value) for key, value in row.items()} for row in means],
+            real,
+            f"the same of the real campaign's places, with ties and ceilings; at least {_LEAST_COVERAGE:g}",
+        ),
+        table_of(
+            means,
             f"coverage of the 95 % interval of a mean difference, {draws} samples a cell; only measured",
+        ),
+        table_of(
+            equivalent,
+            f"equality claimed where the mean differs by the margin, {_MARGIN:g} place; {draws // 4} samples "
+            "a cell; only measured",
         ),
     )
     figures = {
         "errors": {name: found.value for name, found in errors},
         "powers": powers,
         "coverage": coverage,
+        "coverage_on_rows": real,
         "coverage_of_means": means,
+        "false_equivalence": equivalent,
     }
     return Measured(figures, shown, holds)
 
@@ -175,8 +190,8 @@ def _failing(run: JudgedRun, rng: Generator) -> JudgedRun:
 def _powers(campaigns: int, rng: Generator) -> list[dict[str, object]]:
     """What `acrc study plan` promises of normal effects, and of half of the seeds, beside what is delivered.
 
-    The latter, as if the pilot were drawn itself, beside campaigns drawn from the other half of the seeds:
-    two halves of a campaign differ by chance.
+    The latter, as if the pilot were drawn itself, beside campaigns drawn from the other half of the seeds, on
+    average over halves that are drawn by lot.
     """
     rows: list[dict[str, object]] = []
     study = Study("normal", "", ("one", "other"), _CAP, primary=(("one", "other"),))
@@ -187,18 +202,20 @@ def _powers(campaigns: int, rng: Generator) -> list[dict[str, object]]:
             promised = power(Effect(share, tests=tests_of(study)), pairs)
             rows.append(_power_row(f"{_NORMAL}{share}", pairs, promised, told / campaigns))
     real, family = campaign_rows.samples(_PRIMARY), campaign_rows.study(_PRIMARY, _CAP)
-    half = len(real[0].pairs) // 2
-    pilot, rest = (
-        [one._replace(pairs=one.pairs[part]) for one in real] for part in (slice(half), slice(half, None))
-    )
+    known, each = len(real[0].pairs), -(-campaigns // _SPLITS)
     for pairs in (10, 20, 40):
-        promises = told_apart(pilot, family, pairs, rng, campaigns, cautious=True)
-        shares = told_apart(rest, family, pairs, rng, campaigns)
-        for sample, promised, delivered in zip(real, promises, shares, strict=True):
-            rows.append(
-                _power_row(f"{sample.one} and {sample.other}{sample.where}", pairs, promised, delivered)
-            )
+        found = np.zeros((len(real), 2))
+        for _ in range(_SPLITS):
+            pilot, rest = (redrawn(real, half) for half in np.split(rng.permutation(known), 2))
+            found[:, 0] += told_apart(pilot, family, pairs, rng, each, cautious=True)
+            found[:, 1] += told_apart(rest, family, pairs, rng, each)
+        for sample, (promised, delivered) in zip(real, (found / _SPLITS).tolist(), strict=True):
+            rows.append(_power_row(_name(sample), pairs, promised, delivered))
     return rows
+
+
+def _name(sample: PairedSample) -> str:
+    return f"{sample.one} and {sample.other}{sample.where}"
 
 
 def _power_row(name: str, pairs: int, promised: float, delivered: float) -> dict[str, object]:
@@ -224,12 +241,12 @@ def _normal(share: float, pairs: int, rng: Generator) -> PairedSample:
     return PairedSample("one", "other", (), tuple(zip(ones, others, strict=True)))
 
 
-def _coverage(draws: int, rng: Generator) -> list[dict[str, object]]:
+def _coverage(draws: int, rng: Generator) -> list[dict[str, Any]]:
     """How often the interval of A12 holds the truth, for pairs of normal values with a correlation."""
     rows = []
     for correlation in (_NEGATIVE, 0.0, 0.3, 0.6):
         for pairs in _PAIRS:
-            row: dict[str, object] = {"correlation": correlation, "pairs": pairs}
+            row: dict[str, Any] = {"correlation": correlation, "pairs": pairs}
             for share in _SHARES:
                 shift = np.sqrt(2.0) * norm.ppf(share)
                 ones, others = rng.multivariate_normal(
@@ -238,6 +255,46 @@ def _coverage(draws: int, rng: Generator) -> list[dict[str, object]]:
                 low, high = a12_bounds(a12(ones, others), pairs)
                 row[str(share)] = round(float(((low <= share) & (share <= high)).mean()), 3)
             rows.append(row)
+    return rows
+
+
+def _coverage_on_rows(draws: int, rng: Generator) -> list[dict[str, Any]]:
+    """How often the interval of A12 holds that of the real runs, whose pairs are drawn with replacement."""
+    rows = []
+    for sample in campaign_rows.samples(_PRIMARY):
+        ones, others, *_ = scores(PLACES, sample.pairs)
+        share = a12(ones, others)
+        row: dict[str, Any] = {"comparison": _name(sample), "A12": round(float(share), 3)}
+        for pairs in _PAIRS:
+            chosen = rng.integers(ones.size, size=(draws, pairs))
+            low, high = a12_bounds(a12(ones[chosen], others[chosen]), pairs)
+            row[str(pairs)] = round(float(((low <= share) & (share <= high)).mean()), 3)
+        rows.append(row)
+    return rows
+
+
+def _false_equivalence(draws: int, rng: Generator) -> list[dict[str, object]]:
+    """How often a mean difference that is the margin is claimed to be within it.
+
+    Rare: a share of the pairs differs by what makes the mean the margin, all others are equal. Few pairs may
+    have none of the rare ones, and then nothing shows them.
+    """
+    rows: list[dict[str, object]] = []
+    for name, share in (
+        ("all pairs alike, and normal", 1.0),
+        ("1 pair in 2", 0.5),
+        ("1 in 5", 0.2),
+        ("1 in 10", 0.1),
+    ):
+        row: dict[str, object] = {"pairs that differ": name}
+        for pairs in _PAIRS:
+            size = (draws, pairs)
+            noise = rng.normal(size=size) if share == 1.0 else np.zeros(size)
+            drawn = np.where(rng.random(size) < share, _MARGIN / share, 0.0) + noise
+            row[str(pairs)] = round(
+                float(np.mean([equivalence_p(one, _MARGIN) <= ALPHA for one in drawn])), 3
+            )
+        rows.append(row)
     return rows
 
 
@@ -250,7 +307,7 @@ def _coverage_of_means(draws: int, rng: Generator) -> list[dict[str, object]]:
         "2 more in 85 %, 11 fewer in 15 %": np.where(rare, -11.0, 2.0) + rng.normal(size=_POPULATION),
     }
     for sample in campaign_rows.samples(_PRIMARY):
-        populations[f"{sample.one} and {sample.other}{sample.where}"] = scores(PLACES, sample.pairs).gains
+        populations[_name(sample)] = scores(PLACES, sample.pairs).gains
     return [
         {"differences": name, **{str(pairs): _held(population, pairs, draws, rng) for pairs in _PAIRS}}
         for name, population in populations.items()

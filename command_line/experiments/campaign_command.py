@@ -46,14 +46,14 @@ def run(
         choose(True)  # refused here, not run by run
     source = path_of(wishes)
     hints, modules = check(study, permit, source)
+    plan_file = plan_taken.plan_of(plan, None if study.tuning else source)
     options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     kept = store.create(folder.absolute(), study)
     watch = decision.Watch(kept) if until_decided else None
     if watch is not None:
         kept.declare_looks()
-    beside = None if study.tuning else plan_taken.plan_of(source)
-    frozen = plan_taken.take_in(kept, plan or beside, source, looks=until_decided)
+    frozen = plan_taken.take_in(kept, plan_file, source, looks=until_decided)
     say = Console(stderr=True, soft_wrap=True, highlight=False)
     for line in [] if json_output else (*hints, *foreseen(study), *frozen):
         say.print(line, markup=False)

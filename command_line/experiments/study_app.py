@@ -63,6 +63,11 @@ def freeze(
     freeze_command.run(study, out, until_decided=until_decided)
 
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Plan a study, and freeze the plan.")
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Plan a study, and freeze the plan.",
+)
 for _command in (plan, freeze):
     app.command()(_command)

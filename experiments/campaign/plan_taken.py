@@ -12,6 +12,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import keep, keep_bytes
+from experiments.campaign.trust import other_software
 from experiments.study import frozen_plan
 from experiments.study.frozen_plan import SUFFIX, FrozenPlan
 from experiments.study.inputs import inputs
@@ -22,10 +23,16 @@ _FROZEN: Final = "Frozen before the first run,"
 _ALL_ELSE: Final = "Whatever else is compared was not declared, and is exploration."
 
 
-def plan_of(study: Path | None) -> Path | None:
-    """The plan beside a study's file; None if there is none."""
-    beside = study.with_suffix(SUFFIX) if study is not None else None
-    return beside if beside is not None and beside.exists() else None
+def plan_of(given: Path | None, study_file: Path | None) -> Path | None:
+    """The file of the plan: what is given, or what lies beside the study's file; None if there is none.
+
+    Raises AcrcError for a plan that is not as it was frozen.
+    """
+    beside = study_file.with_suffix(SUFFIX) if study_file is not None else None
+    path = given or (beside if beside is not None and beside.exists() else None)
+    if path is not None:
+        frozen_plan.read(path)
+    return path
 
 
 def take_in(kept: Store, given: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
@@ -90,6 +97,7 @@ def departures(kept: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
     if plan.looks and not looks:
         yield f"it is not looked at on the way, and {_looks(plan)} were planned"
     yield from kept.about().departures
+    yield from other_software(kept)
 
 
 def _looks(plan: FrozenPlan) -> str:

@@ -21,14 +21,26 @@ _MOST_TOLD: Final = 3
 def protection(kept: Store) -> list[str]:
     """What is protected in these runs and what is not, in sentences that come before all others."""
     results = [record.result for record in kept.records() if record.result is not None]
+    other = [f"{line}." for line in other_software(kept)]
     if kept.study.isolated:
         open_ = sum(result.isolation != "full" for result in results)
-        return (
-            [f"{open_} of {len(results)} runs were NOT isolated, as the study wants."]
-            if open_
-            else [ISOLATED]
+        isolated = (
+            f"{open_} of {len(results)} runs were NOT isolated, as the study wants." if open_ else ISOLATED
         )
-    return [IN_MEMORY, *_repeated(kept, results)]
+        return [isolated, *other]
+    return [IN_MEMORY, *_repeated(kept, results), *other]
+
+
+def other_software(kept: Store) -> list[str]:
+    """Which runs were made with software that was changed or committed after the campaign had begun."""
+    made = [record.result.origin.commit for record in kept.records() if record.result is not None]
+    others = [commit for commit in made if commit != kept.commit]
+    if not others:
+        return []
+    return [
+        f"{len(others)} of {len(made)} runs were made with other software than {kept.commit}, with which the "
+        f"campaign began: {', '.join(dict.fromkeys(others))}"
+    ]
 
 
 def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:

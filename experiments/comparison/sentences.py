@@ -10,6 +10,7 @@ from experiments.comparison import metrics
 from experiments.comparison.comparison import LEAST, Comparison, PairedSample, scores
 from experiments.comparison.family import ComparedMetric, PairVerdict, tests_of
 from experiments.comparison.metrics import TimeMetric, horizon
+from experiments.statistics.effect_size import most
 from experiments.study.study import Study
 from observation.results.result import RunResult
 
@@ -140,7 +141,7 @@ def _step(step: ComparedMetric) -> str:
     if step.equivalent:
         return (
             f"{sample.one} is as good as {sample.other} {by}, within {_amount(step.margin or 0.0, step)}: "
-            f"{numbers}, p = {step.equivalence_p:.2g} for equivalence."
+            f"{numbers}, p = {step.equivalence_p:.2g} for equivalence; {_beyond(step)}."
         )
     if not step.tested:
         differing = f"{step.test.differing} of {len(sample.pairs)} pairs differ"
@@ -149,6 +150,14 @@ def _step(step: ComparedMetric) -> str:
             f"a test needs {step.fewest}: {numbers}."
         )
     return f"{sample.one} cannot be told from {sample.other} {by}: {numbers}, {_p(step)}."
+
+
+def _beyond(step: ComparedMetric) -> str:
+    """In how many pairs the strategies are not equal, which equal means can hide."""
+    gains = scores(metrics.BY_NAME[step.metric], step.sample.pairs).gains
+    beyond = int((np.abs(gains) > (step.margin or 0.0)).sum())
+    bound = most(beyond, gains.size)
+    return f"{beyond} of {gains.size} seeds differ by more, so that of all up to {100 * bound:.0f} % may"
 
 
 def _nothing(step: ComparedMetric) -> str:

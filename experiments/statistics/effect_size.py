@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, rankdata, sem, t
+from scipy.stats import beta, norm, rankdata, sem, t
 
 Floats = NDArray[np.float64]
 CONFIDENCE: Final = 0.95
@@ -73,3 +73,12 @@ def a12_interval(one: ArrayLike, other: ArrayLike) -> Interval:
     share = a12(one, other)
     low, high = a12_bounds(share, np.size(one))
     return Interval(float(share), float(low), float(high))
+
+
+def most(found: int, of: int) -> float:
+    """The upper 95 % bound of a share that was found so many times of at least one.
+
+    Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
+    Biometrika 26, 1934; one-sided.
+    """
+    return 1.0 if found == of else float(beta.ppf(CONFIDENCE, found + 1, of - found))

@@ -142,6 +142,16 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("compare campaigns/a --metric radio --json", r'"none"'),
         Line("bundle campaigns/a --out a.zip --author 'Ada Lovelace'", r"a.zip", "a.zip"),
         Line("study plan --pilot campaigns/a --metric radio", r"pairs"),
+        Line(  # refused where sources have been changed
+            "study freeze studies/drawn_places.toml --until-decided --out plan.json",
+            r"^Frozen at commit|must be committed before a plan is frozen",
+            codes=(0, 1),
+        ),
+        Line(
+            "campaign --strategies none --seeds 1 --duration 1 --plan study.toml --out campaigns/p",
+            r"study.toml: no frozen plan",
+            codes=(1,),
+        ),
         Line("study plan --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2", r"pairs"),
         Line(
             "campaign --preset chapter --seeds 1 --robots 2 --duration 1 --check-every 0 --until-decided "

@@ -28,6 +28,7 @@ REASONS = {
         "makes 75 runs",
         "makes many runs",
         "wants these runs",
+        "wants software without changes",
         "ends with exit code 1",
         "opens a window",
         "wants the 240 runs",

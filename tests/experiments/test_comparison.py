@@ -33,6 +33,7 @@ def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     slow = [run(40, None if seed % 7 == 0 else 400.0 + seed) for seed in range(20)]
     said = verdict(verdict_of(fast, slow))
     assert said.startswith("one is as good as other by places done, within 1 place: 40 against 40")
+    assert "for equivalence; 0 of 20 seeds differ by more, so that of all up to 14 % may. So time" in said
     assert "So time decides: one is better than other by running time: 309.5 against " in said
     # places that vary and do not differ on average: neither different nor shown to be equal
     rng = np.random.default_rng(2)

@@ -16,6 +16,7 @@ from command_line.experiments import freeze_command
 from experiments.bundle import bundle
 from experiments.campaign import plan_taken, store
 from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.campaign.trust import protection
 from experiments.comparison.judgement import judge
 from experiments.study import frozen_plan
 from experiments.study.study import Study
@@ -64,13 +65,15 @@ def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]
     kept = store.create(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
-    return kept, plan_taken.take_in(kept, plan_taken.plan_of(source), source, looks=looks)
+    return kept, plan_taken.take_in(kept, plan_taken.plan_of(None, source), source, looks=looks)
 
 
-def over(kept: store.Store, plain: RunResult, seeds: int = 8) -> None:
+def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMMIT) -> None:
     for trial in kept.study.trials():
         if trial.seed <= seeds:
-            result = msgspec.structs.replace(plain, seed=trial.seed, places_done=3 * len(trial.strategy))
+            origin = msgspec.structs.replace(plain.origin, commit=commit)
+            places = 3 * len(trial.strategy)
+            result = msgspec.structs.replace(plain, seed=trial.seed, places_done=places, origin=origin)
             keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
 
 
@@ -236,6 +239,18 @@ def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.Monke
         assert kept.about().departures == (*before, *([about + end] if end else []))
 
 
+def test_runs_made_after_a_commit_on_the_way_are_told(folder: Path, plain: RunResult) -> None:
+    frozen(folder)
+    kept, _ = begun(folder)
+    over(kept, plain, commit="badc0de")
+    over(kept, plain, 5)
+    said = (
+        f"6 of 16 runs were made with other software than {COMMIT}, with which the campaign began: badc0de."
+    )
+    assert protection(kept)[-1] == said
+    assert plan_taken.told(kept)[1:-1] == [f"Not as frozen: {said}"]
+
+
 def test_what_descends_is_known_from_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def git(*words: str) -> str:
         name = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
@@ -371,11 +386,11 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     assert "The campaign is as frozen." in (unpacked / "report" / "report.html").read_text()
     again = unpacked / "study.json"
     made = store.create(unpacked / "reproduced", load_study(again))
-    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    said = plan_taken.take_in(made, plan_taken.plan_of(None, again), again, looks=False)
     assert said == told[:1]
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
-    said = plan_taken.take_in(made, plan_taken.plan_of(again), again, looks=False)
+    said = plan_taken.take_in(made, plan_taken.plan_of(None, again), again, looks=False)
     assert said[1:] == ["Not as frozen: corridor.png has another content."]
     assert Study.__struct_fields__  # the plan names every field that a study has
     assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import norm
 
-from experiments.statistics.effect_size import a12, a12_bounds, a12_interval, mean_interval
+from experiments.statistics.effect_size import a12, a12_bounds, a12_interval, mean_interval, most
 from experiments.statistics.paired_tests import (
     decidable,
     equivalence_p,
@@ -206,6 +206,16 @@ def test_an_interval_of_a12_holds_at_its_edge() -> None:
     assert below < value < above
     mirrored = a12_interval(AFTER, BEFORE)
     assert [mirrored.low, mirrored.high] == pytest.approx([1 - above, 1 - below])
+
+
+def test_the_most_that_a_share_may_be_holds_for_every_share() -> None:
+    """Rule of three, and 95 % by the binomial itself for whatever share is true."""
+    assert most(0, 100) == pytest.approx(0.03, abs=0.001)
+    assert most(6, 6) == 1.0
+    for of in (6, 20):
+        bounds = np.array([most(found, of) for found in range(of + 1)])
+        for share in np.linspace(0.01, 0.99, 99):
+            assert stats.binom.pmf(np.arange(of + 1), of, share)[bounds < share].sum() <= 0.05 + 1e-9
 
 
 def test_the_interval_of_a_mean_is_student_s() -> None:
