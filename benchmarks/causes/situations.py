@@ -88,7 +88,7 @@ def dead_robot(seed: int) -> Situation:
     dead = len(queue) + 1
     event = {"at": 0.1, "kill": f"r{dead}"}
     expected = dict.fromkeys(_names(queue), Cause.BY_DEAD)
-    return Situation("dead robot, queue", seed, (*queue, stander), 40.0, events=[event], expected=expected)
+    return Situation("dead robot, queue", seed, (*queue, stander), 25.0, events=[event], expected=expected)
 
 
 def done(seed: int) -> Situation:
@@ -97,7 +97,7 @@ def done(seed: int) -> Situation:
     queue, stander = _queue(draw)
     finished = Robot(stander.start, [stander.start[:2]])
     expected = dict.fromkeys(_names(queue), Cause.DONE_IN_WAY)
-    return Situation("done robot, queue", seed, (*queue, finished), 40.0, expected=expected)
+    return Situation("done robot, queue", seed, (*queue, finished), 25.0, expected=expected)
 
 
 def asleep(seed: int) -> Situation:
@@ -111,7 +111,7 @@ def asleep(seed: int) -> Situation:
         "sleeping strategy, queue",
         seed,
         (*queue, stander),
-        40.0,
+        25.0,
         SLEEPING,
         settings=settings,
         expected=expected,
@@ -127,7 +127,7 @@ def head_on(seed: int) -> Situation:
     behind = _line(draw, x, y - 0.9, int(draw.integers(3)))
     robots = (south, north, *behind)
     expected = dict.fromkeys(_names(robots), Cause.DEADLOCK)
-    return Situation("deadlock in a passage", seed, robots, 30.0, expected=expected)
+    return Situation("deadlock in a passage", seed, robots, 15.0, expected=expected)
 
 
 def head_on_floor(seed: int) -> Situation:
@@ -137,7 +137,7 @@ def head_on_floor(seed: int) -> Situation:
     west = Robot((x, y, 0.0), [(x + 8.0, 12.4)])
     east = Robot((x + apart, y, math.pi), [(max(x - 3.0, 6.8), 12.4)])
     expected = dict.fromkeys(("r1", "r2"), Cause.DEADLOCK)
-    return Situation("deadlock in a corridor", seed, (west, east), 30.0, expected=expected)
+    return Situation("deadlock in a corridor", seed, (west, east), 15.0, expected=expected)
 
 
 def closed_door(seed: int) -> Situation:
@@ -147,7 +147,7 @@ def closed_door(seed: int) -> Situation:
     queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
     event = {"at": 0.5, "close": (x, 9.48)}
     expected = dict.fromkeys(_names(queue), Cause.CLOSED_DOOR)
-    return Situation("closed door", seed, queue, 40.0, events=[event], expected=expected)
+    return Situation("closed door", seed, queue, 25.0, events=[event], expected=expected)
 
 
 def thing_on_place(seed: int) -> Situation:
@@ -159,7 +159,7 @@ def thing_on_place(seed: int) -> Situation:
     event = {"at": 0.5, "obstacle": _rounded(place), "radius": round(draw.uniform(0.4, 0.6), 2)}
     robot = Robot((x, y, draw.uniform(-3, 3)), [place])
     return Situation(
-        "thing on the place", seed, (robot,), 40.0, events=[event], expected={"r1": Cause.UNREACHABLE}
+        "thing on the place", seed, (robot,), 30.0, events=[event], expected={"r1": Cause.UNREACHABLE}
     )
 
 
@@ -170,7 +170,7 @@ def unreachable(seed: int) -> Situation:
     queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
     event = {"at": 0.5, "obstacle": _rounded((x, draw.uniform(9.0, 9.8))), "radius": 0.4}
     expected = dict.fromkeys(_names(queue), Cause.UNREACHABLE)
-    return Situation("unreachable place", seed, queue, 40.0, events=[event], expected=expected)
+    return Situation("unreachable place", seed, queue, 30.0, events=[event], expected=expected)
 
 
 def dithers(seed: int) -> Situation:
@@ -182,7 +182,7 @@ def dithers(seed: int) -> Situation:
         robots.append(Robot((x, y, draw.uniform(-3, 3)), [(x + 4.5, y), (x - 2.2, y)]))
     settings = {"every_s": round(draw.uniform(3.0, 7.0), 1)}
     expected = dict.fromkeys(_names(robots), Cause.LIVELOCK)
-    return Situation("livelock", seed, robots, 80.0, DITHERING, settings=settings, expected=expected)
+    return Situation("livelock", seed, robots, 60.0, DITHERING, settings=settings, expected=expected)
 
 
 def carried(seed: int) -> Situation:

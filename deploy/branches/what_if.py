@@ -32,7 +32,7 @@ _SAME_DOOR: Final = 1.0
 
 
 def omissions(out: Path, spent: TimeSpent) -> tuple[Omission, ...]:
-    """What was ordered in the run and has kept robots from getting on, each once, in the order of the instants.
+    """What was ordered in the run and has kept robots from getting on, in the order of the instants.
 
     Raises AcrcError where the run cannot be made again.
     """

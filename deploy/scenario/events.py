@@ -49,9 +49,9 @@ def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
 
 def without(scenario: Scenario, gone: Sequence[tuple[int, Order]], step_us: int) -> Scenario:
     """The scenario without the events that give these orders at the beginning of these steps."""
-    kept = [
+    kept = tuple(
         event for event in scenario.event if (-(-seconds(event.at) // step_us), _order(event)) not in gone
-    ]
+    )
     return scenario.model_copy(update={"event": kept})
 
 

@@ -53,13 +53,30 @@ class Ways:
         return metres[which.reshape(-1)]
 
     def way(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
-        """(n, 2): points from this one on, for so many m, one for each cell; None without a way."""
+        """(n, 2): points from this one on, for so many m, about as far apart as cells; None without a way."""
         field, begin = self._field(goal), self._begin(*self.squares(np.array([point]))[0].tolist())
         if field is None or begin is None or field[begin] == UNREACHABLE:
             return None
         cells = descent(self._costs, field, *begin)[: int(length / self._grid.resolution) + 1]
         x, y = self._grid.centres()
-        return np.column_stack([x[cells[:, 1]], y[cells[:, 0]]])
+        return self._straight(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]))
+
+    def _straight(self, way: Points) -> Points:
+        """The same way without the bends that come of going from cell to cell in eight directions."""
+        parts, here = [way[:1]], 0
+        while here < len(way) - 1:
+            there = next(
+                k for k in range(len(way) - 1, here, -1) if k == here + 1 or self._clear(*way[[here, k]])
+            )
+            parts.append(np.linspace(way[here], way[there], there - here + 1)[1:])
+            here = there
+        return np.concatenate(parts)
+
+    def _clear(self, one: Points, other: Points) -> bool:
+        """True if a robot fits everywhere on the straight line between two points."""
+        count = 2 * int(np.hypot(*(other - one)) / self._grid.resolution) + 2
+        rows, columns = self.squares(np.linspace(one, other, count)).T
+        return bool(self._fits[rows, columns].all())
 
     def squares(self, points: Points) -> NDArray[np.int64]:
         """(n, 2): row and column of the cells that points, (n, 2), are in; from one cell leads one way."""

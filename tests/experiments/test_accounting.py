@@ -1,7 +1,7 @@
 """Where the time went: on tracks made by hand, in planted situations, and from a run over the mesh."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.messages import Jam
+from actors.orders import CloseDoor, Obstacle, OpenDoor
 from actors.runtime.recording import RecordingError
 from benchmarks.causes import situations
 from benchmarks.causes.causes import judge
@@ -23,11 +24,11 @@ from observation.accounting import blockings, decisions, diagnosis
 from observation.accounting.account import account
 from observation.accounting.classify import CAUSES, Classified, classify
 from observation.accounting.episodes import STANDARD
-from observation.accounting.findings import findings
-from observation.accounting.passage import Passages
+from observation.accounting.findings import FrameCounts, findings
 from observation.accounting.said import Said
-from observation.accounting.time_spent import Cause, WedgeCount
+from observation.accounting.time_spent import Cause, DeadlockCount
 from observation.accounting.tracks import TimedJam, Tracks
+from observation.accounting.true_floor import FloorOrder, TrueFloor
 from observation.evidence.said_decisions import SaidDecision
 from observation.results.navigation_result import GivenGoal
 
@@ -35,17 +36,20 @@ STEP = 100_000
 STEPS = 300
 GOAL = (GivenGoal(0, 9.0, 3.0),)
 WANTS = Said(goals=GOAL)
+BACK = Said(goals=(GivenGoal(0, 1.0, 0.5),))
+WEST = Said(goals=(GivenGoal(0, 0.4, 3.0),))
 IDLE = Said()
+SLEEPS = Said(goals=())
 
 
-def passages() -> Passages:
+def floor(*orders: FloorOrder) -> TrueFloor:
     """10 m by 6 m; a wall at x = 5 with a door of 0.8 m around y = 3."""
     cells = np.full((120, 200), FREE, np.uint8)
     cells[[0, -1]] = OCCUPIED
     cells[:, [0, -1]] = OCCUPIED
     cells[:52, 100:102] = OCCUPIED
     cells[68:, 100:102] = OCCUPIED
-    return Passages(OccupancyGrid(cells, 0.05), 0.177)
+    return TrueFloor(OccupancyGrid(cells, 0.05), 0.177, orders)
 
 
 def at(x: float, y: float) -> NDArray[np.float64]:
@@ -64,33 +68,96 @@ def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) 
     return Tracks(names, STEP, together, said, together, always, always.copy())
 
 
-def classified(of: Tracks, *said: Said) -> Classified:
-    return classify(of, dict(zip(of.robots, said, strict=True)), passages())
+def classified(of: Tracks, *said: Said, orders: Sequence[FloorOrder] = ()) -> Classified:
+    """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
+    for robot, one in enumerate(said):
+        of.busy[:, robot] &= one is not IDLE
+    return classify(of, dict(zip(of.robots, said, strict=True)), floor(*orders))
 
 
-def causes(of: Tracks, *said: Said) -> list[set[Cause]]:
-    found = classified(of, *said).causes
+def causes(of: Tracks, *said: Said, orders: Sequence[FloorOrder] = ()) -> list[set[Cause]]:
+    found = classified(of, *said, orders=orders).causes
     return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
 
 
 @pytest.mark.parametrize(
     ("there", "who", "cause"),
     [
-        ((2.43, 1.0), WANTS, Cause.WEDGED),
-        ((2.43, 1.0), IDLE, Cause.DONE_IN_WAY),
-        ((3.3, 1.0), WANTS, Cause.OPEN_FLOOR),
-        ((3.3, 1.0), IDLE, Cause.DONE_IN_WAY),
-        ((4.4, 1.0), WANTS, Cause.OPEN_FLOOR),
-        ((4.6, 1.0), WANTS, Cause.NO_PROGRESS),
+        ((2.3, 1.3), BACK, Cause.DEADLOCK),
+        ((2.43, 1.0), WANTS, Cause.DEADLOCK),
+        ((2.3, 1.3), IDLE, Cause.DONE_IN_WAY),
+        ((2.8, 1.6), SLEEPS, Cause.STRATEGY_IDLE),
+        ((3.3, 1.9), BACK, Cause.DEADLOCK),
+        ((3.3, 1.9), WANTS, Cause.NO_PROGRESS),
+        ((3.3, 1.0), IDLE, Cause.NO_PROGRESS),
+        ((1.2, 0.5), IDLE, Cause.NO_PROGRESS),
+        ((4.0, 2.5), IDLE, Cause.DONE_IN_WAY),
+        ((4.8, 3.0), IDLE, Cause.NO_PROGRESS),
     ],
 )
-def test_who_stands_before_another_one(there: tuple[float, float], who: Said, cause: Cause) -> None:
+def test_who_waits_for_the_first_robot_on_its_way(
+    there: tuple[float, float], who: Said, cause: Cause
+) -> None:
     assert causes(tracks(at(2.0, 1.0), at(*there)), WANTS, who)[0] == {cause}
 
 
-def test_head_on_in_a_door_both_wait_there_and_so_does_who_queues_behind() -> None:
-    three = tracks(at(4.4, 3.0), at(5.7, 3.0), at(3.0, 2.4))
-    assert causes(three, WANTS, WANTS, WANTS) == [{Cause.DOOR}] * 3
+def test_head_on_in_a_door_is_a_deadlock_also_for_who_queues_behind() -> None:
+    three = tracks(at(4.4, 3.0), at(5.7, 3.0), at(3.2, 2.4))
+    found = classified(three, WANTS, BACK, WANTS)
+    assert found.is_(Cause.DEADLOCK).all()
+    assert found.ring.all(axis=0).tolist() == [True, True, False] and found.before[0].tolist() == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("root", "cause"), [("off", Cause.BY_DEAD), ("idle", Cause.DONE_IN_WAY), ("asleep", Cause.STRATEGY_IDLE)]
+)
+def test_a_queue_has_the_cause_of_the_one_at_its_head(root: str, cause: Cause) -> None:
+    four = tracks(at(5.0, 3.0), at(4.0, 3.0), at(3.2, 2.4), at(2.5, 1.8))
+    four.stepping[:, 0] = root != "off"
+    head = {"off": WANTS, "idle": IDLE, "asleep": SLEEPS}[root]
+    found = classified(four, head, WANTS, WANTS, WANTS)
+    assert found.is_(cause)[:, 1:].all() and not found.root[:, 1:].any()
+    assert found.at_door[:, 1:].all(), "the queue leads through the door"
+
+
+def test_a_queue_before_one_that_gets_on_waits_at_the_door() -> None:
+    through = driving(4.6, 3.0)
+    two = tracks(through, at(3.9, 3.0))
+    found = classified(two, WANTS, WANTS)
+    assert CAUSES[found.causes[0, 1]] is Cause.DOOR and CAUSES[found.causes[0, 0]] is Cause.DRIVING
+
+
+def test_a_closed_door_and_what_lies_on_a_place_keep_a_queue() -> None:
+    queue = tracks(at(3.2, 3.0), at(2.4, 2.9))
+    close = FloorOrder(0, CloseDoor(5.0, 3.0))
+    thing = FloorOrder(0, Obstacle(9.0, 3.0, 0.6))
+    for orders, cause in (((close,), Cause.CLOSED_DOOR), ((thing,), Cause.UNREACHABLE)):
+        assert causes(queue, WANTS, WANTS, orders=orders) == [{cause}] * 2
+    again = (close, FloorOrder(100, OpenDoor(5.0, 3.0)))
+    assert causes(queue, WANTS, WANTS, orders=again)[0] == {Cause.CLOSED_DOOR, Cause.NO_PROGRESS}
+    assert causes(queue, WANTS, WANTS, orders=(FloorOrder(0, Obstacle(9.0, 3.0, 0.2)),))[0] == {
+        Cause.NO_PROGRESS
+    }
+
+
+def test_a_door_closes_once_nobody_stands_in_it() -> None:
+    leaves = driving(5.0, 3.0)
+    stages = floor(FloorOrder(10, CloseDoor(5.0, 3.0))).stages(np.stack([leaves, at(2.0, 1.0)], axis=1))
+    assert [one.begin for one in stages if len(one.leaves)] == pytest.approx([30], abs=5)
+
+
+def test_who_moves_and_gets_no_nearer_is_in_a_livelock() -> None:
+    swings = at(2.0, 1.0)
+    swings = np.concatenate([swings, swings])
+    swings[:, 0] += 0.6 * np.sin(np.arange(2 * STEPS) / 15)
+    together = swings[:, None]
+    always = np.ones((2 * STEPS, 1), np.bool_)
+    alone = Tracks(("r1",), STEP, together, together, together, always, always.copy())
+    assert Cause.LIVELOCK in causes(alone, WANTS)[0]
+    nearer = together.copy()
+    nearer[:, 0, 0] += np.arange(2 * STEPS) * 0.004
+    gets_on = Tracks(("r1",), STEP, nearer, nearer, nearer, always, always.copy())
+    assert causes(gets_on, WANTS) == [{Cause.DRIVING}]
 
 
 def test_a_wall_between_two_robots_is_none_of_their_business() -> None:
@@ -104,7 +171,7 @@ def test_what_comes_first_decides() -> None:
     assert causes(lost, IDLE, WANTS)[0] == {Cause.IDLE}
     off = tracks(at(2.0, 1.0), at(2.4, 1.0))
     off.stepping[100:, 0] = False
-    assert causes(off, WANTS, WANTS)[0] == {Cause.WEDGED, Cause.OFF}
+    assert causes(off, WANTS, WANTS) == [{Cause.DEADLOCK, Cause.OFF}, {Cause.DEADLOCK, Cause.NO_PROGRESS}]
     in_wall = tracks(at(2.0, 1.0), held=np.stack([at(2.0, 0.01)], axis=1))
     assert causes(in_wall, WANTS) == [{Cause.NO_PLAN}]
     planless = Said(goals=GOAL, planless=((0, STEPS * STEP),))
@@ -119,8 +186,8 @@ def test_a_turn_on_the_spot_is_driving_and_so_is_a_short_pause() -> None:
     alone = driving(2.0, 1.0)
     alone[50:129] = alone[50]
     assert causes(tracks(alone), WANTS) == [{Cause.DRIVING}]
-    beside = tracks(alone, at(alone[50, 0] + 1.0, 1.0))
-    assert causes(beside, WANTS, WANTS)[0] == {Cause.DRIVING, Cause.OPEN_FLOOR}
+    before = tracks(alone, at(alone[50, 0] + 0.8, 1.5))
+    assert causes(before, WANTS, BACK)[0] == {Cause.DRIVING, Cause.DEADLOCK}
 
 
 def test_a_blocking_has_instants_robots_place_and_cause() -> None:
@@ -130,17 +197,17 @@ def test_a_blocking_has_instants_robots_place_and_cause() -> None:
     other[:, 0] = 2 * one[100, 0] + 1.3 - one[:, 0]
     other[200:, 1] += 0.02 * np.arange(100)
     pair = tracks(one, other)
-    (event,) = blockings.events(pair, classified(pair, WANTS, WANTS), STANDARD)
-    assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.OPEN_FLOOR.value)
+    (event,) = blockings.events(pair, classified(pair, WANTS, WEST), STANDARD)
+    assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.DEADLOCK.value)
     assert event.begin_s == pytest.approx(9.0, abs=0.5) and event.end_s == pytest.approx(20.6, abs=0.7)
     assert not event.at_end
 
 
-def test_wedged_pairs_are_counted_and_whether_they_come_free() -> None:
+def test_pairs_in_a_deadlock_are_counted_and_whether_they_come_free() -> None:
     one, other = at(2.0, 1.0), at(2.4, 1.0)
     other[200:, 0] += 0.02 * np.arange(100)
     for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
-        assert blockings.wedges(pair, classified(pair, WANTS, WANTS), STANDARD) == WedgeCount(1, free)
+        assert blockings.deadlocks(pair, classified(pair, WANTS, WANTS), STANDARD) == DeadlockCount(1, free)
 
 
 def test_the_diagnosis_is_scored_by_time() -> None:
@@ -149,7 +216,7 @@ def test_the_diagnosis_is_scored_by_time() -> None:
     pair = tracks(one, at(4.0, 1.0))
     spells = ((seconds(1), seconds(2)), (seconds(15), seconds(20)))
     said = {"r1": Said(goals=GOAL, blocked=spells), "r2": IDLE}
-    found = classify(pair, said, passages())
+    found = classify(pair, said, floor())
     score = diagnosis.score(pair, said, found)
     assert score is not None and (score.spells, score.noticed, score.false_alarms) == (1, 1, 1)
     assert score.precision == pytest.approx(5 / 6, abs=0.01)
@@ -176,9 +243,10 @@ def test_what_came_of_a_decision(
     one = at(2.0, 1.0)
     one[moves_from:again_from, 1] += 0.02 * np.arange(again_from - moves_from)
     one[again_from:] = one[again_from - 1]
-    pair = tracks(one, at(2.0, 2.5))
+    pair = tracks(one, at(2.9, 1.6))
+    pair.busy[:, 1] = False
     said = {"r1": Said(goals=GOAL, decisions=(decision(20.0, new),)), "r2": IDLE}
-    (event,) = decisions.events(pair, said, classify(pair, said, passages()), STANDARD)
+    (event,) = decisions.events(pair, said, classify(pair, said, floor()), STANDARD)
     assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
     assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
 
@@ -187,35 +255,42 @@ def test_a_decision_is_overtaken_by_the_next_one() -> None:
     still = tracks(at(2.0, 1.0), at(3.0, 1.0))
     both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
     said = {"r1": Said(goals=GOAL, decisions=both), "r2": IDLE}
-    found = decisions.events(still, said, classify(still, said, passages()), STANDARD)
+    found = decisions.events(still, said, classify(still, said, floor()), STANDARD)
     assert [one.outcome for one in found] == ["overtaken", "end"]
 
 
-def test_a_jammer_that_spoils_nothing_is_no_finding() -> None:
-    alone = tracks(at(2.0, 1.0))
-    jammed = Tracks(
-        alone.robots, STEP, alone.true, alone.held, alone.wished, alone.stepping, alone.busy,
-        (TimedJam(0, Jam(2.5, 1.0, 1.0, seconds(4))),),
-    )  # fmt: skip
-    counts: Sequence[Mapping[str, Mapping[str, int]]] = ({"r1": {"copies_lost_disturbed": 2}}, {})
-    assert [len(findings(jammed, each, STANDARD)) for each in counts] == [1, 0]
-    assert not findings(alone, counts[0], STANDARD)
+def test_no_contact_is_who_hears_nobody_while_others_within_reach_have_frames_to_send() -> None:
+    pair = tracks(at(2.0, 1.0), at(4.0, 1.0), at(8.0, 1.0))
+    jammed = replace(pair, jams=(TimedJam(0, Jam(2.5, 1.0, 1.0, seconds(4))),))
+    sent, heard = (np.zeros((STEPS, 3), np.int64) for _ in range(2))
+    sent[::10], heard[5::10] = 1, 1
+    heard[100:180, :2] = 0
+    found = findings(jammed, FrameCounts(sent, heard), floor().passages, STANDARD)
+    assert [(one.name, one.robots) for one in found] == [("no contact", ("r1",)), ("no contact", ("r2",))]
+    assert found[0].says == "r1 heard nobody from 9.6 s to 18.5 s, with r2 within 5 m"
+    sent[:, 1] = 0
+    assert [one.robots for one in findings(pair, FrameCounts(sent, heard), floor().passages, STANDARD)] == [
+        ("r2",)
+    ]
+    heard[:] = 0
+    (deaf,) = findings(jammed, FrameCounts(sent, heard), floor().passages, STANDARD)
+    assert deaf.robots == ("r2",), "r3 stands behind a wall"
 
 
 @pytest.mark.parametrize("plant", situations.PLANTED)
 def test_what_was_planted_is_named(plant: situations.Plant) -> None:
-    verdict = judge(plant(2))
+    verdict = judge(plant(3))
     assert verdict.named, verdict.says
 
 
 def test_nothing_is_invented() -> None:
-    verdict = judge(situations.quiet(2))
+    verdict = judge(situations.quiet(3))
     assert not verdict.named, verdict.says
 
 
 @pytest.mark.usefixtures("forked_servers")
 def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: Path) -> None:
-    scenario = replace(situations.wedged(1), duration=4.1).scenario()
+    scenario = replace(situations.head_on_floor(1), duration=4.1).scenario()
     spent = []
     for bus in ("memory", "zenoh"):
         options = RunOptions(tmp_path / bus, bus=bus, json=True)
@@ -226,8 +301,8 @@ def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: P
         assert list(each) == [cause.value for cause in Cause]
         assert sum(round(lasted * 1e6) for lasted in each.values()) == 4_100_000
     told = CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh"), "--json"])
-    assert json.loads(told.output)["robots"]["r1"]["wedged"] == 4.1
-    assert "wedged" in CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh")]).output
+    assert json.loads(told.output)["robots"]["r1"]["deadlock"] == 4.1
+    assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh")]).output
 
 
 def test_a_folder_without_a_run_is_said_to_be_none(tmp_path: Path) -> None:

@@ -15,9 +15,8 @@ from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
 from actors.topic import Message
 from observation.accounting.account import account
-from observation.accounting.blockings import BY_ROBOTS
 from observation.accounting.spells import spells
-from observation.accounting.time_spent import Cause
+from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_evidence import EvidenceError, RunEvidence
 from observation.evidence.run_reader import read_run
 from observation.picture.floor_picture import meetings

@@ -12,11 +12,11 @@ from experiments.study.study import Study, Trial
 from observation.accounting.time_spent import (
     BlockingEvent,
     Cause,
+    DeadlockCount,
     DecisionEvent,
     DiagnosisScore,
     KnowledgeUsed,
     TimeSpent,
-    WedgeCount,
 )
 from observation.results.result import RobotResult, RunResult
 
@@ -74,7 +74,7 @@ def _result(
 
 
 def _time(rng: np.random.Generator) -> TimeSpent:
-    weights = np.array([0.1, 3, 0.3, 1, 30, 5, 2, 12, 3, 4])
+    weights = np.array([0.1, 3, 0.3, 0.1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
     robots = {
         f"r{robot}": dict(
             zip([cause.value for cause in Cause], (rng.dirichlet(weights) * LENGTH).tolist(), strict=True)
@@ -98,5 +98,5 @@ def _time(rng: np.random.Generator) -> TimeSpent:
     ]  # fmt: skip
     return TimeSpent(
         robots, tuple(spells), DiagnosisScore(0.8, 0.6, 3.5, 5, 4, 1), tuple(decisions),
-        wedges=WedgeCount(int(rng.integers(0, 2)), 0),
+        deadlocks=DeadlockCount(int(rng.integers(0, 2)), 0),
     )  # fmt: skip

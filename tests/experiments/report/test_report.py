@@ -140,8 +140,8 @@ def test_shares_of_time_are_those_of_all_robot_seconds(
 ) -> None:
     for row in rows(written, "time"):
         robots = [part for one in records[row["strategy"]] if one.time for part in one.time.robots.values()]
-        assert float(row["wedged"]) == pytest.approx(
-            100 * sum(part["wedged"] for part in robots) / (LENGTH * len(robots))
+        assert float(row["deadlock"]) == pytest.approx(
+            100 * sum(part["deadlock"] for part in robots) / (LENGTH * len(robots))
         )
         assert sum(float(row[name]) for name in robots[0]) == pytest.approx(100.0)
 
@@ -289,7 +289,7 @@ def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
         "five: 1 of 21 runs failed and are in no picture",
         "oracle uses what no robot can know: it is an upper bound",
         "runs did all places. The number of places is at its ceiling",
-        "Pairs of robots that wedged, in a run on average: none ",
+        "Pairs in a deadlock, in a run on average: none ",
         "none: no run was complete by its end",
     ):
         assert told in page
