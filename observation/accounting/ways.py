@@ -75,7 +75,7 @@ class Ways:
     def _clear(self, one: Points, other: Points) -> bool:
         """True if a robot fits everywhere on the straight line between two points."""
         count = 2 * int(np.hypot(*(other - one)) / self._grid.resolution) + 2
-        rows, columns = self.squares(np.linspace(one, other, count)).T
+        rows, columns = self.squares(np.linspace(one, other, count).astype(np.float64)).T
         return bool(self._fits[rows, columns].all())
 
     def squares(self, points: Points) -> NDArray[np.int64]:
