@@ -56,13 +56,13 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
     looks = Watch(kept).looked_at() if kept.looks is not None else []
     decided = [one.verdict for one in looks] if kept.looks is not None else verdicts(found, study)
     return CampaignJudgement(
-        sentences.failures(records, study),
-        plan_taken.told(kept),
-        sentences.too_few(found),
-        sentences.family(decided, study) if len(study.strategies) > 1 else [],
-        [one for one in decided if len(one.sample.pairs)],
-        looks,
-        across_cells(records, study),
-        found,
-        compare(found, only),
+        failures=sentences.failures(records, study),
+        declared=plan_taken.told(kept),
+        too_few=sentences.too_few(found),
+        family=sentences.family(decided, study) if len(study.strategies) > 1 else [],
+        verdicts=[one for one in decided if len(one.sample.pairs)],
+        looks=looks,
+        across=across_cells(records, study),
+        samples=found,
+        estimates=compare(found, only),
     )
