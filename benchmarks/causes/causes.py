@@ -11,7 +11,7 @@ from benchmarks.causes.situations import PLANTED, Situation, quiet
 from benchmarks.statistics.measured import Measured, proportion
 from benchmarks.statistics.runs import in_memory, in_order
 from observation.accounting.account import account
-from observation.accounting.time_spent import Cause, TimeSpent
+from observation.accounting.time_spent import Cause, DeadlockCount, TimeSpent
 
 _NAMED: Final = 0.95
 """At least this share of the planted causes is to be named."""
@@ -35,16 +35,15 @@ class SituationVerdict:
     """What the accounting says, shortly."""
 
 
-def check(runs: int = 200, first: int = _JUDGED_FROM) -> Measured:
+def check(runs: int = 200, seed: int = _JUDGED_FROM) -> Measured:
     """Judge so many situations with a planted cause and as many quiet ones.
 
-    Their seeds count from `first`. It holds where nothing is invented in quiet ones and nearly all that was
+    Their seeds count from `seed`. It holds where nothing is invented in quiet ones and nearly all that was
     planted is named.
     """
     each = -(-runs // len(PLANTED))
-    last = first + each
-    situations = [plant(seed) for seed in range(first, last) for plant in PLANTED][:runs]
-    situations += [quiet(seed) for seed in range(first, first + runs)]
+    situations = [plant(seed) for seed in range(seed, seed + each) for plant in PLANTED][:runs]
+    situations += [quiet(seed) for seed in range(seed, seed + runs)]
     verdicts = list(in_order(judge, situations))
     invented = sum(one.named for one in verdicts if one.kind == "quiet")
     named = sum(one.named for one in verdicts if one.kind != "quiet")
@@ -74,7 +73,7 @@ def _mostly(lasted: Mapping[str, float], cause: Cause) -> bool:
 
 def _invented(spent: TimeSpent) -> bool:
     strange = any(s for each in spent.robots.values() for name, s in each.items() if Cause(name) not in _WELL)
-    return strange or bool(spent.blockings) or bool(spent.findings) or spent.deadlocks.pairs > 0
+    return strange or bool(spent.blockings) or bool(spent.findings) or spent.deadlocks != DeadlockCount(0, 0)
 
 
 def _shortly(spent: TimeSpent) -> str:

@@ -85,7 +85,7 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         yield f"{spent.decisions_left_out} more decisions were not kept by the robots"
     for blame in spent.blames:
         yield f"at the end of the chain, {blame.robot}: {blame.seconds:.1f} s of others, {blame.cause}"
-    if spent.deadlocks.pairs:
+    if spent.deadlocks is not None and spent.deadlocks.pairs:
         yield f"pairs in a deadlock: {spent.deadlocks.pairs}, of which {spent.deadlocks.came_free} came free"
     if (score := spent.diagnosis) is not None:
         precision, recall = (

@@ -8,7 +8,7 @@ from experiments.report import quantities
 from experiments.report.cases import CaseSource
 from experiments.report.findings import Findings
 from experiments.report.section import UPPER_BOUNDS, Group, ReportView
-from experiments.report.time_sections import times
+from experiments.report.time_sections import deadlocks
 from observation.field_trial.trial_result import TrialResult
 from observation.results.result import RunResult
 
@@ -114,11 +114,10 @@ def _limits(view: ReportView, group: Group) -> Iterator[str]:
 def _deadlocked(view: ReportView) -> Iterator[str]:
     """How often robots waited for one another in a ring: it decides many runs."""
     told = [
-        f"{view.row_name(group)} {sum(run.deadlocks.pairs for run in runs) / len(runs):.2g} "
-        f"({sum(run.deadlocks.came_free for run in runs)} of "
-        f"{sum(run.deadlocks.pairs for run in runs)} came free)"
+        f"{view.row_name(group)} {sum(run.pairs for run in runs) / len(runs):.2g} "
+        f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} came free)"
         for group in view.groups
-        if (runs := times(group))
+        if (runs := deadlocks(group))
     ]
     if told:
         yield f"Pairs in a deadlock, in a run on average: {'; '.join(told)}."

@@ -9,7 +9,7 @@ from experiments.report import charts
 from experiments.report.charts import Bar
 from experiments.report.numbers import Cell
 from experiments.report.section import Group, Picture, ReportView, Section
-from observation.accounting.time_spent import Cause, DecisionEvent, TimeSpent
+from observation.accounting.time_spent import Cause, DeadlockCount, DecisionEvent, TimeSpent
 
 LOOKS: Final = {
     Cause.DRIVING.value: ("#009e73", ""),
@@ -124,7 +124,7 @@ def blockings(view: ReportView) -> Section | None:
             view.table(
                 "deadlocks", "Pairs of robots in a deadlock",
                 ("runs", "pairs", "came free", "pairs in a run"),
-                lambda group: [_deadlocks(group)] if times(group) else [],
+                lambda group: [_deadlocks(group)] if deadlocks(group) else [],
             ),
             view.table(
                 "diagnosis", "The strategy's own diagnosis",
@@ -150,10 +150,15 @@ def _blockings(group: Group) -> list[tuple[Cell, ...]]:
     return rows
 
 
+def deadlocks(group: Group) -> tuple[DeadlockCount, ...]:
+    """Of the group's runs in which they were counted."""
+    return tuple(run.deadlocks for run in times(group) if run.deadlocks is not None)
+
+
 def _deadlocks(group: Group) -> tuple[Cell, ...]:
-    runs = times(group)
-    pairs = sum(run.deadlocks.pairs for run in runs)
-    return len(runs), pairs, sum(run.deadlocks.came_free for run in runs), pairs / len(runs)
+    runs = deadlocks(group)
+    pairs = sum(run.pairs for run in runs)
+    return len(runs), pairs, sum(run.came_free for run in runs), pairs / len(runs)
 
 
 def _diagnosis(group: Group) -> list[tuple[Cell, ...]]:

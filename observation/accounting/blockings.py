@@ -1,4 +1,4 @@
-"""Who blocked whom, from when to when, where and why; and the pairs that were wedged."""
+"""Who blocked whom, from when to when, where and why; and the pairs that were in a deadlock."""
 
 from collections import Counter
 from itertools import pairwise

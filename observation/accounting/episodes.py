@@ -47,7 +47,7 @@ class EpisodeParameters:
     seen: float = 2.5
     """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
     map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
-    wedge: float = 0.45
+    in_way: float = 0.45
     """A robot nearer to another one's way than this, m, is in it: nearer than their two inscribed circles and
     two cells of the local map, so that the local planner finds no way past. Two that do not get on and are so
     near to each other are in each other's way wherever they go."""

@@ -163,7 +163,8 @@ class TimeSpent(msgspec.Struct, frozen=True):
     decisions_left_out: int = 0
     """Made, and not listed."""
     findings: tuple[Finding, ...] = ()
-    deadlocks: DeadlockCount = DeadlockCount(0, 0)
+    deadlocks: DeadlockCount | None = None
+    """None in records from before they were counted."""
     blames: tuple[Blame, ...] = ()
     """In the order of the scenario's robots; a deadlock has none."""
     what_if: tuple[WhatIf, ...] = ()

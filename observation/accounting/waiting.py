@@ -39,7 +39,7 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodePara
         there, here = states.tracks.true[rows, :, :2], states.tracks.true[rows, robot, :2]
         gaps = np.hypot(*(there - here[:, None]).transpose(2, 0, 1))
         gaps[:, robot] = np.inf
-        gaps[~states.waits[rows] | (gaps >= p.wedge)] = np.inf
+        gaps[~states.waits[rows] | (gaps >= p.in_way)] = np.inf
         nearest = gaps.argmin(axis=1)
         near = np.flatnonzero(np.isfinite(gaps.min(axis=1)))
         near = near[passages.sees(here[near], there[near, nearest[near]])]
@@ -79,7 +79,7 @@ def _first(
     limit = np.where(states.long_waits[rows, robot], p.seen, p.near)
     limit[states.planless[rows, robot]] = p.sensed
     aside = gaps.min(axis=2)
-    inside = (aside < p.wedge) & (along * _APART >= np.maximum(aside, _APART))
+    inside = (aside < p.in_way) & (along * _APART >= np.maximum(aside, _APART))
     inside &= np.hypot(*(there - way[0]).transpose(2, 0, 1)) <= limit[:, None]
     inside[:, robot] = False
     one, other = np.nonzero(inside)
