@@ -140,8 +140,8 @@ CLAIMS: Final = (
         "`acrc compare` claims a difference that is not there in 6 of 100 campaigns at most; its intervals "
         "of A12 hold.",
         "1.5 to 4.3 % of 5000 campaigns each, drawn from a real one, after all runs or with looks on the "
-        "way, also where runs fail. From six pairs on, A12 from 0.5 to 0.99, intervals hold 94 % or more, and "
-        "98 % or more of the real runs, with their ties and ceilings.",
+        "way, also where runs fail. From six pairs on, A12 from 0.5 to 0.99, intervals hold 94 % or more, "
+        "and 98 % or more of the real runs, with their ties and ceilings.",
         "benchmarks.verdicts.verdicts", small={"runs": 100, "draws": 1000, "campaigns": 100},
         full={"runs": 5000, "draws": 4000, "campaigns": 300}, seconds=(15, 360),
         takes=("runs", "seed"),
