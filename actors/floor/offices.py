@@ -111,7 +111,7 @@ class OfficeFloor:
 
 
 @dataclass(frozen=True)
-class _Room:
+class _DrawnRoom:
     """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north, or to its south."""
 
     x0: int
@@ -179,8 +179,8 @@ def office_floor(name: str) -> OfficeFloor:
     y1 = y0 + corridor
     top = y1 + (_WALL + depths[1] if sides[1] else 0)
     rooms = [
-        [_Room(x0, x1, _BORDER, y0 - _WALL, northward=True) for x0, x1 in _spans(sides[0])],
-        [_Room(x0, x1, y1 + _WALL, top, northward=False) for x0, x1 in _spans(sides[1])],
+        [_DrawnRoom(x0, x1, _BORDER, y0 - _WALL, northward=True) for x0, x1 in _spans(sides[0])],
+        [_DrawnRoom(x0, x1, y1 + _WALL, top, northward=False) for x0, x1 in _spans(sides[1])],
     ]
     doors = _doors(told, rooms)
     hall = (_BORDER, y0, _BORDER + length, y1)
@@ -251,7 +251,7 @@ def _spans(widths: list[int]) -> list[tuple[int, int]]:
 _Cells = tuple[int, int, int, int]
 
 
-def _doors(told: Offices, sides: list[list[_Room]]) -> list[_Cells]:
+def _doors(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
     rng = told.stream("doors")
     found: list[_Cells] = []
     for room in (room for side in sides for room in side):
@@ -273,7 +273,7 @@ def _doors(told: Offices, sides: list[list[_Room]]) -> list[_Cells]:
     return found
 
 
-def _furniture(told: Offices, sides: list[list[_Room]]) -> list[_Cells]:
+def _furniture(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
     """In the corners that are farthest from the corridor, where no door is."""
     rng = told.stream("furniture")
     found: list[_Cells] = []

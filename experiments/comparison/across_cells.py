@@ -39,7 +39,7 @@ class AcrossCells(NamedTuple):
         return tuple(one for one in self.without if whole and one.difference * whole <= 0)
 
 
-class _Difference(NamedTuple):
+class _CellDifference(NamedTuple):
     cell: int
     seed: int
     places: float
@@ -60,12 +60,12 @@ def across_cells(records: Iterable[TrialRecord], study: Study) -> list[AcrossCel
 
 def _differences(
     one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study
-) -> Iterator[_Difference]:
+) -> Iterator[_CellDifference]:
     for cell, (variant, by_strategy) in enumerate(runs.items()):
         mine, theirs = by_strategy.get(one, {}), by_strategy.get(other, {})
         for seed in (seed for seed in mine if seed in theirs):
             places = float(mine[seed].places_done - theirs[seed].places_done)
-            yield _Difference(cell, seed, places, _map(variant, study))
+            yield _CellDifference(cell, seed, places, _map(variant, study))
 
 
 def _map(variant: Variant, study: Study) -> str:
@@ -77,7 +77,7 @@ def _map(variant: Variant, study: Study) -> str:
     return ""
 
 
-def _across(one: str, other: str, found: Sequence[_Difference]) -> AcrossCells:
+def _across(one: str, other: str, found: Sequence[_CellDifference]) -> AcrossCells:
     cells = len({each.cell for each in found})
     if cells < FEWEST_CELLS:
         return AcrossCells(one, other, None, cells)
@@ -89,11 +89,11 @@ def _across(one: str, other: str, found: Sequence[_Difference]) -> AcrossCells:
     return AcrossCells(one, other, _fitted(found), cells, tuple(without))
 
 
-def _fitted(found: Sequence[_Difference]) -> RandomEffectsFit:
+def _fitted(found: Sequence[_CellDifference]) -> RandomEffectsFit:
     return fit([one.places for one in found], [one.cell for one in found], [one.seed for one in found])
 
 
-def _mean(found: Sequence[_Difference]) -> float:
+def _mean(found: Sequence[_CellDifference]) -> float:
     """That of the model; of too few cells for it the mean of theirs."""
     cells = dict.fromkeys(one.cell for one in found)
     if len(cells) >= FEWEST_CELLS:

@@ -14,7 +14,7 @@ from actors.geometry import Point
 from actors.orders import CloseDoor, Obstacle, OpenDoor, Order, Wall
 from observation.accounting.episodes import STANDARD, EpisodeParameters
 from observation.accounting.passage import Passages
-from observation.accounting.ways import Ways
+from observation.accounting.ways import FloorWays
 
 _HALF_WALL: Final = 0.05
 """Half of how thick a wall is that was ordered, m, as in `actors.world.body`."""
@@ -33,9 +33,9 @@ class Stage:
     """The floor from one step on until the next stage."""
 
     begin: int
-    ways: Ways
+    ways: FloorWays
     """As it is."""
-    opened: Ways
+    opened: FloorWays
     """If all doors were open."""
     leaves: NDArray[np.float64]
     """(n, 2): the middles of the cells that closed doors fill, m."""
@@ -123,16 +123,16 @@ class TrueFloor:
         opened = self._ways(things)
         return Stage(begin, self._ways(things | leaves) if shut else opened, opened, self._middles(leaves))
 
-    def _ways(self, taken: NDArray[np.bool_]) -> Ways:
+    def _ways(self, taken: NDArray[np.bool_]) -> FloorWays:
         key = taken.tobytes()
         if key not in self._known:
             cells = np.where(taken, np.uint8(OCCUPIED), self.grid.cells)
             floor = replace(self.grid, cells=cells) if taken.any() else self.grid
-            self._known[key] = Ways(floor, self._radius, self._reach)
+            self._known[key] = FloorWays(floor, self._radius, self._reach)
         return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[bytes, Ways]:
+    def _known(self) -> dict[bytes, FloorWays]:
         return {}
 
     @cached_property

@@ -23,7 +23,7 @@ _ASIDE: Final = 0.3
 _CELL_COST: Final = 2 * STRAIGHT * _OPEN
 
 
-class Ways:
+class FloorWays:
     """Of discs of one radius on one floor; what was computed for a goal is kept."""
 
     def __init__(self, grid: OccupancyGrid, radius: float, reach: float) -> None:

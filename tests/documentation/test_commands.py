@@ -26,6 +26,7 @@ REASONS = {
     ),
     *(
         "makes 75 runs",
+        "makes 1600 runs",
         "makes many runs",
         "wants these runs",
         "wants software without changes",
@@ -33,6 +34,8 @@ REASONS = {
         "opens a window",
         "wants the 240 runs",
         "wants the 75 runs",
+        "wants the 1600 runs",
+        "tests/floor/test_offices.py calls the script",
     ),
     *("wants a TurtleBot", "wants a browser", "wants a network", "wants a run that goes on"),
     *("wants folders of yours", "wants somebody to talk to", "wants the two above", "wants two terminals"),
