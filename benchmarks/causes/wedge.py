@@ -56,9 +56,9 @@ def check(runs: int = 5) -> Measured:
         group = parted[number * runs : (number + 1) * runs]
         where = "passage" if passage else "open floor"
         free, places = sum(one.free for one in group), sum(one.places for one in group)
-        wedged = sum(one.deadlock_s for one in group) / runs
+        stood = sum(one.deadlock_s for one in group) / runs
         row = (where, f"{gap[0]:.2f} to {gap[1]:.2f}", strategy, str(back_off).lower(), f"{free} of {runs}")
-        table.add_row(*row, f"{places} of {2 * runs}", f"{wedged:.1f}")
+        table.add_row(*row, f"{places} of {2 * runs}", f"{stood:.1f}")
     figures = [asdict(task) | asdict(one) for task, one in zip(tasks, parted, strict=True)]
     holds = all(one.free for task, one in zip(tasks, parted, strict=True) if task.back_off)
     return Measured(figures, (table,), holds)

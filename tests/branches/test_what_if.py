@@ -1,4 +1,4 @@
-"""What would have come of a run without what kept its robots: on one run with a dead robot and a closed door."""
+"""What would have come of a run without what kept its robots: a dead robot and a closed door."""
 
 import json
 from pathlib import Path
