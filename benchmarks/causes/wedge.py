@@ -42,13 +42,13 @@ class Parted:
     free: bool
     places: int
     """Done, of two."""
-    wedged_s: float
+    deadlock_s: float
     """Of a robot, on average."""
 
 
 def check(runs: int = 5) -> Measured:
     """Run so many pairs of each kind; it holds where each pair that backs off comes free."""
-    table = Table("where", "apart, m", "strategy", "back_off", "came free", "places", "wedged, s per robot")
+    table = Table("where", "apart, m", "strategy", "back_off", "came free", "places", "deadlock, s per robot")
     kinds = list(product((True, False), _GAPS, ("none", "chapter"), (False, True)))
     tasks = [WedgeTask(*kind, seed) for kind in kinds for seed in range(1, runs + 1)]
     parted = list(in_order(part, tasks))
@@ -56,9 +56,9 @@ def check(runs: int = 5) -> Measured:
         group = parted[number * runs : (number + 1) * runs]
         where = "passage" if passage else "open floor"
         free, places = sum(one.free for one in group), sum(one.places for one in group)
-        wedged = sum(one.wedged_s for one in group) / runs
+        stood = sum(one.deadlock_s for one in group) / runs
         row = (where, f"{gap[0]:.2f} to {gap[1]:.2f}", strategy, str(back_off).lower(), f"{free} of {runs}")
-        table.add_row(*row, f"{places} of {2 * runs}", f"{wedged:.1f}")
+        table.add_row(*row, f"{places} of {2 * runs}", f"{stood:.1f}")
     figures = [asdict(task) | asdict(one) for task, one in zip(tasks, parted, strict=True)]
     holds = all(one.free for task, one in zip(tasks, parted, strict=True) if task.back_off)
     return Measured(figures, (table,), holds)
@@ -71,8 +71,8 @@ def part(task: WedgeTask) -> Parted:
         spent = account(plan.out)
         true = read_run(plan.out).true
     apart = np.hypot(*(true[:, 0, :2] - true[:, 1, :2]).T)
-    wedged = [each[Cause.DEADLOCK.value] for each in spent.robots.values()]
-    return Parted(bool((apart > _APART).any()), result.places_done, sum(wedged) / len(wedged))
+    stood = [each[Cause.DEADLOCK.value] for each in spent.robots.values()]
+    return Parted(bool((apart > _APART).any()), result.places_done, sum(stood) / len(stood))
 
 
 def _pair(task: WedgeTask) -> tuple[Robot, Robot]:
