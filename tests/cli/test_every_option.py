@@ -115,6 +115,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("record info runs/a r1/drive --follow --from 1 --to 2 --json", r'"r1/drive"'),
         Line("record plot runs/a r1/drive vx --from 1 --to 2 --out vx.png", r"vx.png", "vx.png"),
         Line("causes runs/a --json", r'"r1"'),
+        Line("causes runs/a --what-if --modules . --trust", r"nothing that was ordered kept the robots"),
         Line("report runs/a --out page", r"page", "page/report.html"),
     ),
     "viewer": (

@@ -266,6 +266,7 @@ def test_a_campaign_for_strangers_makes_every_run_as_isolated_processes(tmp_path
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     (tmp_path / "study.toml").write_text(
         'scenario = "s.toml"\nstrategies = ["cheat:quiet"]\nseeds = 1\nisolated = true\n'
+        'conditions = "as written"\n'
         '[set]\n"robots.count" = 2\n"run.duration" = 2.0\n'
     )
     out = tmp_path / "out"
