@@ -34,6 +34,10 @@ class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     instant: int
     order: Order
 
+    def step(self, step_us: int) -> int:
+        """The step at whose boundary that is."""
+        return -(-self.instant // step_us)
+
 
 class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything a world needs to know."""

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.robot.behaviour.foreign import Permit
-from deploy.branches.what_if import MOST, omissions, what_if
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, TimeSpent
 
@@ -20,10 +19,14 @@ _MOST: Final = 20
 
 def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
     """Account for the run in the folder, and print what came of it; `asks`: and what without what kept it."""
-    spent = account(folder)
-    omitted = omissions(folder, spent) if asks else ()
-    told = what_if(folder, omitted[:MOST], permit) if omitted else ()
-    spent = msgspec.structs.replace(spent, what_if=tuple(told))
+    spent, more = account(folder), 0
+    if asks:
+        from deploy.branches.what_if import MOST, omissions, what_if
+
+        omitted = omissions(folder, spent)
+        more = max(len(omitted) - MOST, 0)
+        told = what_if(folder, omitted[:MOST], permit) if omitted else ()
+        spent = msgspec.structs.replace(spent, what_if=tuple(told))
     if json_output:
         sys.stdout.write(msgspec.json.encode(spent).decode() + "\n")
         return
@@ -34,15 +37,15 @@ def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
             console.print(table)
     for sentence in _sentences(spent):
         console.print(sentence)
-    if asks and not omitted:
+    if asks and not spent.what_if:
         console.print("nothing that was ordered kept the robots, so there is nothing to leave out")
     for one in spent.what_if:
         console.print(
             f"without {one.without}: {'+' if one.places >= 0 else '-'} {abs(one.places)} places "
             "(by the end of the run)"
         )
-    if len(omitted) > MOST:
-        console.print(f"not tried: {len(omitted) - MOST} more orders")
+    if more:
+        console.print(f"not tried: {more} more orders")
 
 
 def _times(spent: TimeSpent) -> Table:

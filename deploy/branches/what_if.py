@@ -7,14 +7,11 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from actors.instant import in_seconds, milliseconds
-from actors.messages import CONTROL, Control
 from actors.orders import CloseDoor, Freeze, Kill, Obstacle, OpenDoor, Order, Restart, StartJam, Thaw, Wall
 from actors.robot.behaviour.foreign import Permit
-from actors.runtime.codec import decode
-from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from deploy.branches.branching import branch
-from deploy.branches.change import Change, Omission, boundary
+from deploy.branches.change import Change, Omission
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run.options import RunOptions
 from deploy.scenario.events import timed_orders
@@ -22,7 +19,7 @@ from deploy.scenario.scenario_file import load_scenario
 from observation.accounting.findings import NO_CONTACT
 from observation.accounting.time_spent import Cause, TimeSpent, WhatIf
 from observation.evidence.run_evidence import result
-from observation.replay.recorded_orders import recorded_orders
+from observation.replay.recorded_orders import given_orders
 from observation.replay.run_recordings import recordings
 
 MOST: Final = 10
@@ -38,7 +35,9 @@ def omissions(out: Path, spent: TimeSpent) -> tuple[Omission, ...]:
     """
     if not (out / SCENARIO).is_file():
         raise AcrcError(f"{out}: has no {SCENARIO}, so it cannot be made again without what kept its robots")
-    given = _given(out)
+    scenario = load_scenario(out / SCENARIO)
+    step_us = milliseconds(scenario.run.step_ms)
+    given = given_orders(timed_orders(scenario), step_us, recordings(out)["world"])
     found = []
     for number, (step, order) in enumerate(given):
         words = _words(order, spent)
@@ -60,17 +59,6 @@ def what_if(out: Path, omitted: Sequence[Omission], permit: Permit) -> Iterator[
             options = RunOptions(Path(folder) / "branch", bus="memory", json=True)
             branched = branch(out, Change(at_s, without=one), options, permit=permit)
         yield WhatIf(one.words, branched.result.places_done - done.places_done)
-
-
-def _given(out: Path) -> list[tuple[int, Order]]:
-    scenario = load_scenario(out / SCENARIO)
-    step_us = milliseconds(scenario.run.step_ms)
-    given = [(boundary(in_seconds(one.instant), step_us), one.order) for one in timed_orders(scenario)]
-    for step, payload in recorded_orders(recordings(out)["world"]):
-        told = decode(at(CONTROL).topic, CONTROL.key(), payload)
-        assert isinstance(told, Control)
-        given += [(step, order) for order in told.orders]
-    return sorted(given, key=lambda one: one[0])
 
 
 def _words(order: Order, spent: TimeSpent) -> str:

@@ -41,10 +41,8 @@ def claim(parent: Path, name: str) -> Path:
 
 def newest(parent: Path) -> Path | None:
     """The run in `parent` that was begun last; None if there is none."""
-    runs = [file for file in parent.glob("*/scenario.toml") if file.is_file()]
-    return (
-        max(runs, key=lambda file: (file.stat().st_mtime_ns, file), default=Path()).parent if runs else None
-    )
+    runs = [file.parent for file in parent.glob("*/scenario.toml")]
+    return max(runs, key=lambda run: ((run / "scenario.toml").stat().st_mtime_ns, run), default=None)
 
 
 @contextmanager

@@ -41,18 +41,18 @@ def fault(scenario: Scenario) -> str | None:
 
 def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
     """The orders in order of their instants; those of one instant in the order of the file."""
-    return tuple(
-        TimedOrder(seconds(scenario.event[index].at), _order(scenario.event[index]))
-        for index in _by_instant(scenario)
-    )
+    return tuple(_timed(scenario.event[index]) for index in _by_instant(scenario))
 
 
 def without(scenario: Scenario, gone: Sequence[tuple[int, Order]], step_us: int) -> Scenario:
     """The scenario without the events that give these orders at the beginning of these steps."""
-    kept = tuple(
-        event for event in scenario.event if (-(-seconds(event.at) // step_us), _order(event)) not in gone
-    )
+    timed = [(event, _timed(event)) for event in scenario.event]
+    kept = tuple(event for event, one in timed if (one.step(step_us), one.order) not in gone)
     return scenario.model_copy(update={"event": kept})
+
+
+def _timed(event: EventTable) -> TimedOrder:
+    return TimedOrder(seconds(event.at), _order(event))
 
 
 def action_of(event: EventTable) -> str:
@@ -138,7 +138,7 @@ def _by_instant(scenario: Scenario) -> list[int]:
 def _boundary(event: EventTable, scenario: Scenario) -> Instant:
     """The step boundary at which the event happens: the first that is not before it."""
     step = milliseconds(scenario.run.step_ms)
-    return Instant(-(-seconds(event.at) // step) * step)
+    return Instant(_timed(event).step(step) * step)
 
 
 def _last_boundary(scenario: Scenario) -> Instant:

@@ -1,17 +1,13 @@
 """Where the time of a simulated run went, from the folder that it has left."""
 
-from collections.abc import Iterator, Mapping
-from operator import attrgetter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from actors.instant import in_seconds
-from actors.messages import CONTROL, Control
 from actors.robot_model import load_model
-from actors.runtime.codec import decode
-from actors.runtime.core import at
 from observation.accounting import blockings, decisions, diagnosis
 from observation.accounting.classify import CAUSES, Classified, classify
 from observation.accounting.episodes import STANDARD, EpisodeParameters
@@ -19,11 +15,11 @@ from observation.accounting.findings import FrameCounts, findings
 from observation.accounting.said import Said, said_by
 from observation.accounting.time_spent import Blame, TimeSpent
 from observation.accounting.tracks import Tracks, tracks_of
-from observation.accounting.true_floor import FloorOrder, TrueFloor
+from observation.accounting.true_floor import TrueFloor
 from observation.accounting.waiting import NOBODY
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
-from observation.replay.recorded_orders import recorded_orders
+from observation.replay.recorded_orders import given_orders
 from observation.replay.run_recordings import recordings
 
 
@@ -44,19 +40,9 @@ def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
     }
     radius = max(load_model(robot.model).footprint.circumradius for robot in run.setup.robots)
     tracks = tracks_of(run)
-    floor = TrueFloor(run.grid, radius, [*_floor_orders(run, files["world"])], parameters)
+    orders = given_orders(run.setup.events, run.setup.step_us, files["world"])
+    floor = TrueFloor(run.grid, radius, orders, parameters)
     return Judged(tracks, floor, said, classify(tracks, said, floor, parameters))
-
-
-def _floor_orders(run: RunEvidence, world: Path) -> Iterator[FloorOrder]:
-    """The scenario's and those from outside, in the order in which the world took them."""
-    step_us = run.setup.step_us
-    events = [FloorOrder(-(-one.instant // step_us), one.order) for one in run.setup.events]
-    for step, payload in recorded_orders(world):
-        told = decode(at(CONTROL).topic, CONTROL.key(), payload)
-        assert isinstance(told, Control)
-        events += [FloorOrder(step, order) for order in told.orders]
-    yield from sorted(events, key=attrgetter("step"))
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:

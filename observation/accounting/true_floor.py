@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +11,14 @@ from numpy.typing import NDArray
 from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point
-from actors.orders import CloseDoor, Obstacle, OpenDoor, Order, Wall
+from actors.orders import CloseDoor, Obstacle, OpenDoor, Wall
 from observation.accounting.episodes import STANDARD, EpisodeParameters
 from observation.accounting.passage import Passages
 from observation.accounting.ways import FloorWays
+from observation.replay.recorded_orders import GivenOrder
 
 _HALF_WALL: Final = 0.05
 """Half of how thick a wall is that was ordered, m, as in `actors.world.body`."""
-
-
-class FloorOrder(NamedTuple):
-    """An order that changes the floor."""
-
-    step: int
-    """At whose beginning."""
-    order: Order
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +41,7 @@ class TrueFloor:
         self,
         grid: OccupancyGrid,
         radius: float,
-        orders: Sequence[FloorOrder] = (),
+        orders: Sequence[GivenOrder] = (),
         parameters: EpisodeParameters = STANDARD,
     ) -> None:
         """`grid`: the robots' map; `radius`: of the largest robot, m; `orders`: in their order."""

@@ -28,8 +28,9 @@ from observation.accounting.findings import FrameCounts, findings
 from observation.accounting.said import Said
 from observation.accounting.time_spent import Cause, DeadlockCount
 from observation.accounting.tracks import TimedJam, Tracks
-from observation.accounting.true_floor import FloorOrder, TrueFloor
+from observation.accounting.true_floor import TrueFloor
 from observation.evidence.said_decisions import SaidDecision
+from observation.replay.recorded_orders import GivenOrder
 from observation.results.navigation_result import GivenGoal
 
 STEP = 100_000
@@ -42,7 +43,7 @@ IDLE = Said()
 SLEEPS = Said(goals=())
 
 
-def floor(*orders: FloorOrder) -> TrueFloor:
+def floor(*orders: GivenOrder) -> TrueFloor:
     """10 m by 6 m; a wall at x = 5 with a door of 0.8 m around y = 3."""
     cells = np.full((120, 200), FREE, np.uint8)
     cells[[0, -1]] = OCCUPIED
@@ -68,14 +69,14 @@ def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) 
     return Tracks(names, STEP, together, said, together, always, always.copy())
 
 
-def classified(of: Tracks, *said: Said, orders: Sequence[FloorOrder] = ()) -> Classified:
+def classified(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> Classified:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
         of.busy[:, robot] &= one is not IDLE
     return classify(of, dict(zip(of.robots, said, strict=True)), floor(*orders))
 
 
-def causes(of: Tracks, *said: Said, orders: Sequence[FloorOrder] = ()) -> list[set[Cause]]:
+def causes(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> list[set[Cause]]:
     found = classified(of, *said, orders=orders).causes
     return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
 
@@ -129,20 +130,20 @@ def test_a_queue_before_one_that_gets_on_waits_at_the_door() -> None:
 
 def test_a_closed_door_and_what_lies_on_a_place_keep_a_queue() -> None:
     queue = tracks(at(3.2, 3.0), at(2.4, 2.9))
-    close = FloorOrder(0, CloseDoor(5.0, 3.0))
-    thing = FloorOrder(0, Obstacle(9.0, 3.0, 0.6))
+    close = GivenOrder(0, CloseDoor(5.0, 3.0))
+    thing = GivenOrder(0, Obstacle(9.0, 3.0, 0.6))
     for orders, cause in (((close,), Cause.CLOSED_DOOR), ((thing,), Cause.UNREACHABLE)):
         assert causes(queue, WANTS, WANTS, orders=orders) == [{cause}] * 2
-    again = (close, FloorOrder(100, OpenDoor(5.0, 3.0)))
+    again = (close, GivenOrder(100, OpenDoor(5.0, 3.0)))
     assert causes(queue, WANTS, WANTS, orders=again)[0] == {Cause.CLOSED_DOOR, Cause.NO_PROGRESS}
-    assert causes(queue, WANTS, WANTS, orders=(FloorOrder(0, Obstacle(9.0, 3.0, 0.2)),))[0] == {
+    assert causes(queue, WANTS, WANTS, orders=(GivenOrder(0, Obstacle(9.0, 3.0, 0.2)),))[0] == {
         Cause.NO_PROGRESS
     }
 
 
 def test_a_door_closes_once_nobody_stands_in_it() -> None:
     leaves = driving(5.0, 3.0)
-    stages = floor(FloorOrder(10, CloseDoor(5.0, 3.0))).stages(np.stack([leaves, at(2.0, 1.0)], axis=1))
+    stages = floor(GivenOrder(10, CloseDoor(5.0, 3.0))).stages(np.stack([leaves, at(2.0, 1.0)], axis=1))
     assert [one.begin for one in stages if len(one.leaves)] == pytest.approx([30], abs=5)
 
 
