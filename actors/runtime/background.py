@@ -11,7 +11,11 @@ from typing import Final
 
 import msgspec
 
+from actors.runtime.lifecycle.log import keep_room
 from actors.runtime.recording import Recorder, UnwritableError
+
+_LOG: Final = 2
+"""The descriptor of standard error, which a process's log is."""
 
 _FAREWELL_S: Final = 5.0
 """How long a slow disk is waited for in the end; own choice, as long as a process may take to end."""
@@ -107,7 +111,9 @@ class SparingRecorder(Recorder):
         self._attempt(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
 
     def flush(self) -> None:
-        """As in Recorder."""
+        """As in Recorder; as long as the disk has room, it keeps some for what is said once there is none."""
+        if self._full is None:
+            keep_room(_LOG)
         self._attempt(super().flush, 0)
         self._unflushed = 0
 

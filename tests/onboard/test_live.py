@@ -176,7 +176,6 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
     assert processes_of(out) == [] and leftovers(out) == []
 
 
-@pytest.mark.alone  # three processes in real time fill one disk, in the order in which they get to run
 def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp_path: Path) -> None:
     fleet, disk = tmp_path / "fleet.toml", tmp_path / "disk"
     fleet.write_text(FLEET.format(root=ROOT, links=links))

@@ -27,6 +27,9 @@ sys.excepthook = lambda kind, error, trace: say("failed", kind, error, trace.tb_
 write_to(create_log(folder / "r1.log"))
 recorders = {kind: kind(folder / f"{kind.__name__}.mcap", 100_000)
              for kind in (SparingRecorder, BackgroundRecorder, Recorder)}
+for line in range(150):  # more than a log has room for in the beginning
+    sys.stderr.write(f"{line:79}\\n")
+sys.stderr.flush()
 for step in range(3):
     for recorder in recorders.values():
         recorder.received("swarm/a", step, step, message(step))
@@ -62,7 +65,7 @@ say("log", (folder / "r1.log").read_text())
 
 def test_records_are_lost_and_counted_the_pose_is_kept_and_the_log_has_room(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
-    words = on_small_disk(disk, "64k", [sys.executable, "-P", "-c", PROGRAM, str(disk)])
+    words = on_small_disk(disk, "80k", [sys.executable, "-P", "-c", PROGRAM, str(disk)])
     env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
     done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=100)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
@@ -79,7 +82,8 @@ def test_records_are_lost_and_counted_the_pose_is_kept_and_the_log_has_room(tmp_
         assert int(said[name]) + int(kept[name][2]) == 203, "each record is kept or counted"
     assert "pose (4.0, 5.0, 6.0)" in lines
     log = [line.removeprefix("log ") for line in lines[lines.index("pose (4.0, 5.0, 6.0)") + 1 :]]
-    assert log == [
+    assert [int(line) for line in log[:150]] == list(range(150))
+    assert log[150:] == [
         f"{path['SparingRecorder']}; records are lost from here on",
         f"{path['SparingRecorder']}; {said['SparingRecorder']} records are missing",
         f"{path['BackgroundRecorder']}; records are lost from here on",
