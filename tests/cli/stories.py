@@ -280,7 +280,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("fleet watch {listen} --keys keys/operator", r"places left", typed=CTRL_C, codes=(130,)),
         Line("fleet stop {listen} --keys keys/operator", r"has stopped"),
-        Line("record echo runs/two r1/drive", r"vx"),
+        Line("record info runs/two", r"^r1\.base: \d+ messages"),
     ),
 }
 NIGHTLY = {"demo", "docs", "cluster", "bench swarms", "verify ends", "verify robots"}
