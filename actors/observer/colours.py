@@ -1,6 +1,7 @@
 """The colours of everything that is drawn of a run, in windows and in pictures, in one place.
 
-Robots' colours are those of Okabe and Ito, "Color universal design" (2008), so ordered that neighbours differ
+Robots' first six colours are those of Okabe and Ito, "Color universal design" (2008), so ordered that
+neighbours differ
 for colour-blind eyes, too; the first four differ from black and from white with a contrast of at least 3.
 """
 
@@ -18,35 +19,17 @@ ROBOTS: Final[tuple[Colour, ...]] = (
     (204, 121, 167),
     (230, 159, 0),
     (86, 180, 233),
-    (128, 128, 128),
-    (138, 109, 59),
+    (120, 105, 105),
+    (135, 105, 75),
 )
-"""In the scenario's order; then they repeat."""
+"""In the scenario's order; then they repeat. Any two differ by 10 or more in CIEDE2000 for normal, protanopic
+and deuteranopic eyes; the last two are own choices."""
 GROUND: Final = 13
 """Brightness around the floor, in a window."""
 FLOOR: Final = 26
 WALL: Final = 150
 WHITE: Final[Colour] = (255, 255, 255)
 GREY: Final[Colour] = (130, 130, 130)
-LANES: Final[Mapping[str, Colour]] = MappingProxyType(
-    {
-        "driving": (38, 110, 84),
-        "planning": (84, 100, 122),
-        "no trajectory": (176, 112, 0),
-        "backing out": (120, 104, 60),
-        "BLOCKED": (196, 58, 38),
-        "adopted": (36, 108, 168),
-        "elsewhere": (128, 84, 172),
-        "paused": (70, 84, 100),
-        "aborted": (150, 40, 84),
-        "standing": (84, 100, 122),
-        "idle": (70, 74, 80),
-        "frozen": (110, 130, 150),
-        "off": (40, 40, 44),
-        "not heard": (40, 40, 44),
-    }
-)
-"""What a robot may be about; white letters can be read on each."""
 FATES: Final[Mapping[str, Colour]] = MappingProxyType(
     {
         "heard": (0, 114, 178),

@@ -19,7 +19,7 @@ _JUDGED_FROM: Final = 1001
 """The first seed that is judged; all numbers of the accounting were chosen with seeds below."""
 _LEAST_S: Final = 3.0
 """A planted cause is named if it has so much of the robot's time."""
-_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE, Cause.OFF})
+_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE, Cause.OFF, Cause.FROZEN})
 """What a robot spends its time with whom nothing keeps from getting on."""
 
 

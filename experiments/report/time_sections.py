@@ -5,29 +5,15 @@ from typing import Final
 
 import numpy as np
 
+from actors.observer.colours import hexadecimal
+from actors.observer.glyphs import SEEN_STATES
 from experiments.report import charts
 from experiments.report.charts import Bar
 from experiments.report.numbers import Cell
 from experiments.report.section import Group, Picture, ReportView, Section
 from observation.accounting.time_spent import Cause, DeadlockCount, DecisionEvent, TimeSpent
 
-LOOKS: Final = {
-    Cause.DRIVING.value: ("#009e73", ""),
-    Cause.DOOR.value: ("#0072b2", ""),
-    Cause.OPEN_FLOOR.value: ("#56b4e9", "//"),
-    Cause.DEADLOCK.value: ("#d55e00", ""),
-    Cause.LIVELOCK.value: ("#f0a57a", "++"),
-    Cause.BY_DEAD.value: ("#9c1c3a", ""),
-    Cause.DONE_IN_WAY.value: ("#e69f00", "\\\\"),
-    Cause.CLOSED_DOOR.value: ("#5e3c1a", ""),
-    Cause.UNREACHABLE.value: ("#20356b", "oo"),
-    Cause.NO_PROGRESS.value: ("#8c6d46", "xx"),
-    Cause.NO_PLAN.value: ("#cc79a7", ""),
-    Cause.LOST.value: ("#7b4ea3", ".."),
-    Cause.STRATEGY_IDLE.value: ("#f0e442", ""),
-    Cause.IDLE.value: ("#c8ccd1", ""),
-    Cause.OFF.value: ("#6a737d", "--"),
-}
+LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in SEEN_STATES.items()}
 """Colour and hatch of each cause: driving first, then what keeps a robot from it."""
 _MOST_LISTED: Final = 500
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from actors.instant import in_seconds
-from actors.robot_model import load_model
 from observation.accounting import blockings, decisions, diagnosis
 from observation.accounting.classify import CAUSES, Classified, classify
 from observation.accounting.episodes import STANDARD, EpisodeParameters
@@ -17,9 +16,8 @@ from observation.accounting.time_spent import Blame, TimeSpent
 from observation.accounting.tracks import Tracks, tracks_of
 from observation.accounting.true_floor import TrueFloor
 from observation.accounting.waiting import NOBODY
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.run_reader import read_run
-from observation.replay.recorded_orders import given_orders
 from observation.replay.run_recordings import recordings
 
 
@@ -38,10 +36,8 @@ def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
     said = {
         robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
     }
-    radius = max(load_model(robot.model).footprint.circumradius for robot in run.setup.robots)
     tracks = tracks_of(run)
-    orders = given_orders(run.setup.events, run.setup.step_us, files["world"])
-    floor = TrueFloor(run.grid, radius, orders, parameters)
+    floor = TrueFloor(run.grid, largest_radius(run.setup), run.orders, parameters)
     return Judged(tracks, floor, said, classify(tracks, said, floor, parameters))
 
 

@@ -78,6 +78,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
         (Cause.LOST, states.lost),
         (Cause.IDLE, states.done),
         (Cause.OFF, ~states.on),
+        (Cause.FROZEN, states.frozen),
     ):  # the last one wins
         own[where] = CAUSES.index(cause)
     return own
@@ -165,6 +166,7 @@ _BEHIND: Final = np.array(
         CAUSES.index(
             {
                 Cause.OFF: Cause.BY_DEAD,
+                Cause.FROZEN: Cause.BY_DEAD,
                 Cause.IDLE: Cause.DONE_IN_WAY,
                 Cause.DRIVING: Cause.OPEN_FLOOR,
             }.get(cause, cause)
@@ -190,5 +192,6 @@ def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
 
 def _stays(states: RobotStates, own: Causes) -> Flags:
     """(steps, robots): who is waited for will not get out of the way soon."""
-    stays: Flags = states.still | states.loops | (own == CAUSES.index(Cause.OFF))
+    ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
+    stays: Flags = states.still | states.loops | ended
     return stays

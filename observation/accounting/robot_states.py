@@ -37,6 +37,7 @@ class RobotStates:
         )
         """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
         self.on = tracks.stepping
+        self.frozen = np.zeros_like(self.on) if tracks.frozen is None else tracks.frozen
         self.still = self._standing(self.on, p.pause_s)
         unknown = np.array([one.goals is None for one in self.said])
         self.wants = ((self.goal != NO_GOAL) | unknown) & tracks.busy & self.on

@@ -10,11 +10,13 @@ class Cause(Enum):
     """What a robot's time went into. Where several hold at once, the first of them does.
 
     Who waits for another robot has the cause for which the last one of the chain does not get on: if that is
-    off, BY_DEAD; if it is idle, DONE_IN_WAY; else what it has itself.
+    off or frozen, BY_DEAD; if it is idle, DONE_IN_WAY; else what it has itself.
     """
 
     OFF = "off"
-    """Its process was ended or frozen."""
+    """Its process has ended."""
+    FROZEN = "frozen"
+    """Its process is stopped, and goes on later."""
     IDLE = "idle"
     """It stands, and has nothing left to do."""
     LOST = "lost"
@@ -24,7 +26,7 @@ class Cause(Enum):
     DEADLOCK = "deadlock"
     """Robots that stand wait for one another in a ring."""
     BY_DEAD = "blocked by dead robot"
-    """The chain ends at a robot that is off."""
+    """The chain ends at a robot that is off or frozen."""
     DONE_IN_WAY = "done robot in the way"
     """The chain ends at a robot that is idle."""
     CLOSED_DOOR = "closed door"

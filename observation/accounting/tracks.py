@@ -35,6 +35,8 @@ class Tracks:
     busy: NDArray[np.bool_]
     """(steps, robots): False where it has said that it means to visit no place any more."""
     jams: tuple[TimedJam, ...] = ()
+    frozen: NDArray[np.bool_] | None = None
+    """(steps, robots): of those that do not step, whose processes live still; None: none."""
 
     def index(self, instant: int) -> int:
         """The step that begins at the instant, or the last one before the end of the run."""
@@ -52,4 +54,5 @@ def tracks_of(run: RunEvidence) -> Tracks:
         stepping=run.stepping,
         busy=run.left > 0,
         jams=tuple(TimedJam(round(second * 1e6), jam) for second, jam in run.jams),
+        frozen=run.powered & ~run.stepping,
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.messages import Jam
+from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
@@ -20,6 +21,7 @@ from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from observation.evidence.recorded import outcome
 from observation.evidence.said_places import Deed, Route
+from observation.replay.recorded_orders import GivenOrder
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.results.result import RunResult
@@ -88,6 +90,8 @@ class RunEvidence:
     """Jammers, and from when on each was there, s."""
     given: Mapping[str, tuple[tuple[float, float], ...]]
     """By owner the places that have come since the run began, m."""
+    orders: tuple[GivenOrder, ...]
+    """What the scenario and people have ordered, in the order of the steps; who was refused is not known."""
     addresses: Mapping[int, str]
     """Robots by short address."""
     processes: Mapping[str, str]
@@ -101,6 +105,11 @@ class RunEvidence:
 def world_setup(path: Path) -> WorldSetup:
     """What the world was told, its files as they lie now. Raises RecordingError."""
     return setup_of(path, WorldSetup, "a world").located(path.parent)
+
+
+def largest_radius(setup: WorldSetup) -> float:
+    """Of the largest robot, m."""
+    return max(load_model(robot.model).footprint.circumradius for robot in setup.robots)
 
 
 def places(run: RunEvidence) -> tuple[PlaceOutcome, ...]:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -12,7 +13,20 @@ from numpy.typing import NDArray
 
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
-from actors.messages import DRIVE, RECEIVED, SENSES, TRUTH, Drive, Heard, Received, Senses, Truth
+from actors.messages import (
+    AIRED,
+    CONTROL,
+    DRIVE,
+    RECEIVED,
+    SENSES,
+    TRUTH,
+    Control,
+    Drive,
+    Heard,
+    Received,
+    Senses,
+    Truth,
+)
 from actors.radio.radio_setup import RadioSetup
 from actors.topic import Topic
 from observation.evidence.run_evidence import (
@@ -25,6 +39,7 @@ from observation.evidence.run_evidence import (
 )
 from observation.evidence.said_places import SaidPlaces
 from observation.recordings.topics import Growing, Recorded
+from observation.replay.recorded_orders import GivenOrder
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 
@@ -59,6 +74,11 @@ class RunReader:
         self._given: dict[str, tuple[tuple[float, float], ...]] = {}
         self._told: dict[str, int] = {}
         """By robot the last step of which it has taken down what it sensed."""
+        step_us = self.setup.step_us
+        self._orders = [GivenOrder(one.step(step_us), one.order) for one in self.setup.events]
+        """Those of the scenario and those from outside of which no piece has told yet."""
+        self._boundary = 0
+        """The step at which the world takes the next order from outside."""
         self._closed = -1
         """The last step that the world has closed."""
         self._since = 0.0
@@ -121,6 +141,11 @@ class RunReader:
                     self._closed = max(self._closed, one.step - 1)
                 elif _is(one, DRIVE):
                     self._drives.append((_robot(one.key, DRIVE), _as(one, Drive)))
+                elif _is(one, AIRED):
+                    self._boundary = one.step + 1
+                elif _is(one, CONTROL):
+                    told = _as(one, Control)
+                    self._orders += [GivenOrder(self._boundary, order) for order in told.orders]
             elif robot in self._index:
                 self._told_by(robot, one)
 
@@ -189,6 +214,7 @@ class RunReader:
             receptions=receptions,
             jams=tuple((in_seconds(truth.instant), jam) for truth in truths for jam in truth.jams),
             given=dict(self._given),
+            orders=self._ordered(),
             addresses=self._addresses,
             processes={
                 actor: growing.reading.path.parent.name
@@ -200,6 +226,12 @@ class RunReader:
         self._said.forget()
         self._since = end
         return piece
+
+    def _ordered(self) -> tuple[GivenOrder, ...]:
+        """The orders of the steps told of by now; at one boundary the scenario's come first."""
+        now = sorted((one for one in self._orders if one.step <= self.step), key=attrgetter("step"))
+        self._orders = [one for one in self._orders if one.step > self.step]
+        return tuple(now)
 
     def _words(self, truths: Sequence[Truth], shape: tuple[int, int]) -> dict[str, Any]:
         """What robots said of themselves, step by step; silence means: as before."""

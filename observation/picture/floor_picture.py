@@ -1,30 +1,38 @@
 """A floor with what was on it: trails, places, and where robots were in each other's way."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Collection, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
+from actors.observer import glyphs
+from actors.observer.colours import hexadecimal
+from actors.observer.glyphs import MARKS
 from actors.task.referee import PlaceOutcome, Verdict
 from observation.accounting.spells import Spell
-from observation.accounting.time_spent import BY_ROBOTS
-from observation.evidence.run_evidence import RunEvidence
-from observation.picture import style
+from observation.accounting.time_spent import BY_ROBOTS, Cause
+from observation.evidence.floor_things import FloorThings
+from observation.evidence.run_evidence import RunEvidence, largest_radius
+from observation.evidence.things_over_time import spans
+from observation.picture import marks, style, things_picture
+from observation.picture.labels import Label
 
-DOOR: Final = "#ffd27f"
+DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
 RADIUS: Final = 0.177
 """Of a drawn robot, m: a TurtleBot 2."""
 JUMP: Final = 1.0
 """m in one step: it was carried, and no line is drawn."""
+_STOOD: Final = "#7a1116"
+_STOPPED: Final = (Cause.OFF, Cause.FROZEN)
 _TOGETHER: Final = 1.6
 """Meetings nearer to one another than this are marked once, m."""
 _MEETING_S: Final = 5.0
@@ -54,67 +62,99 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArr
     return bool(shut.any())
 
 
-def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:
-    """Trails, where robots are at the end, places, where robots stood before others."""
+def draw_doors(axes: Axes, run: RunEvidence) -> bool:
+    """The doors of the map; True if it has any."""
+    parts = FloorThings(run.grid, largest_radius(run.setup)).doorways.regions
+    draw_regions(axes, run.grid, parts, np.ones_like(parts.labels, np.bool_))
+    return bool(parts.doors)
+
+
+class DrawnFloor(NamedTuple):
+    """What was drawn of a run, and what is to be written beside it."""
+
+    kinds: frozenset[str]
+    """Names of the marks."""
+    labels: tuple[Label, ...]
+    """The most important first."""
+    taken: tuple[tuple[float, float], ...]
+    """Points on which no words should lie, m."""
+
+
+def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnFloor:
+    """Trails, where robots are at the end, places, what was put there, where robots stood before others."""
     few = style.few(run.robots)
-    for index, robot in enumerate(run.robots):
-        _trail(axes, run, index, robot, few=few)
+    put = spans(run)
+    labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
+    kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())
+    for index, _ in enumerate(run.robots):
+        kinds |= _trail(axes, run, index, few=few)
     for place in run.places:
-        _place(axes, place, run.robots, few=few)
-    _meetings(axes, doing)
+        kinds.add(_place(axes, place, run, few=few))
+    labels += things_picture.draw(axes, put)
+    kinds |= {one.thing.kind for one in put}
+    for spell in doing:
+        if spell.cause in _STOPPED:
+            kinds.add(spell.cause.value)
+            _stopped(axes, spell, run)
+    stood = meetings(doing)
+    labels += [_meeting(axes, *one) for one in stood]
+    kinds |= {"stood"} if stood else set()
+    ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
+    taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.places))
+    return DrawnFloor(frozenset(kinds), tuple(labels), taken)
 
 
-def legend() -> list[Line2D]:
-    """What the marks mean."""
-    red = "#c1272d"
-    return [
-        _mark("o", "place cleaned: filled as its cleaner, ringed as its owner", mfc="#9a9fa8"),
-        _mark("o", "place still open"),
-        _mark("x", "place given up, or reported and not cleaned"),
-        _mark("s", "start of a robot; its disc: where it ended", ms=4),
-        _mark("o", "stood before another robot here, for so many s", mfc=f"{red}40", mec=red, ms=11),
-    ]
+def legend(kinds: Collection[str]) -> list[Artist]:
+    """What the marks mean that there are."""
+    return [marks.sample(name) for name in MARKS if name in kinds]
 
 
-def _mark(marker: str, says: str, mfc: str = "w", mec: str = style.INK, ms: float = 6.0) -> Line2D:
-    return Line2D([], [], marker=marker, ls="", mfc=mfc, mec=mec, ms=ms, label=says)
-
-
-def _trail(axes: Axes, run: RunEvidence, index: int, robot: str, *, few: bool) -> None:
+def _trail(axes: Axes, run: RunEvidence, index: int, *, few: bool) -> set[str]:
+    """The way, its begin, and its end; whether somebody carried it."""
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
     jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > JUMP) + 1
+    for jump in jumps.tolist():
+        axes.plot(*track[jump - 1 : jump + 1].T, color=colour, lw=0.9, ls=":", zorder=2)
     track[jumps] = np.nan
     axes.plot(*track.T, color=colour, lw=0.9 if few else 0.5, alpha=0.75 if few else 0.5, zorder=2)
-    axes.plot(*start, marker="s", ms=4, mfc="w", mec=colour, zorder=4)
+    marks.plot(axes, "start", float(start[0]), float(start[1]), colour, size=4.0, zorder=4)
     axes.add_patch(Circle((float(end[0]), float(end[1])), RADIUS, color=colour, zorder=6))
-    if few:
-        at = axes.annotate(
-            robot, tuple(end), xytext=(6, 6), textcoords="offset points", color=colour, zorder=9
-        )
-        at.set_fontweight("bold")
-        at.set_path_effects(style.HALO)
+    return {"carried"} if jumps.size else set()
 
 
-def _place(axes: Axes, place: PlaceOutcome, robots: Sequence[str], *, few: bool) -> None:
+def _name(run: RunEvidence, index: int, robot: str, *, few: bool) -> Label:
+    x, y = run.true[-1, index, :2].tolist()
+    return Label(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
+
+
+def _stopped(axes: Axes, spell: Spell, run: RunEvidence) -> None:
+    """Where a robot was while it was off or frozen."""
+    colour = style.colour(run.robots.index(spell.robot))
+    marks.plot(axes, spell.cause.value, spell.x, spell.y, colour, size=9.0, zorder=7)
+
+
+def _place(axes: Axes, place: PlaceOutcome, run: RunEvidence, *, few: bool) -> str:
+    """Which mark it got."""
+    robots = run.robots
     owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
     size = 4.6 if few else 2.6
     if place.verdict in (Verdict.GIVEN_UP, Verdict.MISTAKEN):
-        axes.plot(place.x, place.y, marker="x", ms=size + 1, mec=owner, mew=1.4, zorder=5)
-        return
+        marks.plot(axes, "given up", place.x, place.y, owner, size=size + 1, zorder=5)
+        return "given up"
     by = place.reported_by
     fill = "w" if by is None or by not in robots else style.colour(robots.index(by))
-    axes.plot(place.x, place.y, marker="o", ms=size, mfc=fill, mec=owner, mew=1.3, zorder=5)
+    begun = sum(len(body.places) for body in run.setup.robots if body.id == place.owner)
+    shape = "given" if place.place >= begun else "open"
+    marks.plot(axes, shape, place.x, place.y, owner, size=size, fill=fill, zorder=5)
+    return shape if by is None or shape == "given" else "done"
 
 
-def _meetings(axes: Axes, doing: Sequence[Spell]) -> None:
+def _meeting(axes: Axes, x: float, y: float, lasted: float) -> Label:
     """A disc where robots stood before others, larger the longer somebody did."""
-    for x, y, lasted in meetings(doing):
-        size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
-        axes.plot(x, y, marker="o", ms=size, mfc="#c1272d30", mec="#c1272d", zorder=7)
-        beside: dict[str, Any] = {"xytext": (-size / 2 - 3, -3), "textcoords": "offset points", "ha": "right"}
-        said = axes.annotate(f"{lasted:.0f} s", (x, y), fontsize=7, color="#7a1116", zorder=8, **beside)
-        said.set_path_effects(style.HALO)
+    size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
+    marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
+    return Label(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
 
 
 def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:

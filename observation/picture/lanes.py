@@ -1,71 +1,96 @@
-"""What every robot did when: a lane each, with the places that it cleaned and took over."""
+"""What every robot did when: a lane each, with the places that it cleaned and took over, and orders."""
 
+from collections import defaultdict
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from actors.observer.colours import WHITE, contrast, hexadecimal
+from actors.observer.glyphs import MARKS, PUT, SEEN_STATES
 from observation.accounting.spells import Spell
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_places import Deed
-from observation.picture import style
+from observation.evidence.things_over_time import ordered
+from observation.picture import marks, style
 
 _HALF: Final = 0.38
 """Half the height of a lane, of which there is one per unit."""
+_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
+ORDERED: Final = "something was ordered"
 
 
 def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) -> None:
-    """Ticks: a place cleaned, in its owner's colour; triangles: one taken over."""
+    """Ticks: a place cleaned, in its owner's colour; triangles: one taken over; dashed: an order."""
+    few = style.few(run.robots)
+    rows = {robot: row for row, robot in enumerate(order(run, doing))}
     for one in doing:
-        extent = [(one.begin, one.end - one.begin)], (run.robots.index(one.robot) - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, facecolors=style.CAUSES[one.cause], lw=0)
-    if style.few(run.robots):
-        for deed in run.reported:
-            _mark(axes, run, deed, "|", 0.0, 9.0, 1.6)
-        for deed in run.taken_over:
-            _mark(axes, run, deed, "v", -_HALF, 5.0, 0.5)
-        axes.set_yticks(range(len(run.robots)), run.robots)
-        for index, label in enumerate(axes.get_yticklabels()):
-            label.set_color(style.colour(index))
-            label.set_fontweight("bold")
-    else:
-        axes.set_ylabel("robots")
-    axes.set_ylim(len(run.robots) - 0.4, -0.7)
+        extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
+        axes.broken_barh(*extent, **_look(one.cause))
+    for deed in run.reported:
+        _mark(axes, run, deed, rows, "cleaned", 0.0, 9.0 if few else 3.0)
+    for deed in run.taken_over:
+        _mark(axes, run, deed, rows, "took over", -_HALF, 5.0 if few else 2.0)
+    for change in ordered(run):
+        axes.axvline(change.second, color=hexadecimal(PUT), ls="--", lw=0.8, zorder=3)
+    axes.set_yticks(range(len(rows)), list(rows), fontsize=8.5 if few else 6.0)
+    for label, robot in zip(axes.get_yticklabels(), rows, strict=True):
+        label.set_color(style.colour(run.robots.index(robot)))
+        label.set_fontweight("bold")
+    axes.set_ylim(len(rows) - 0.4, -0.7)
     axes.set_xlim(0.0, run.end)
     if legend:
-        marks = _marks() if style.few(run.robots) else []
         axes.legend(
-            handles=[*_kinds(doing), *marks], ncols=7, fontsize=7, frameon=False, handlelength=1.2,
+            handles=key([run], doing), ncols=7, fontsize=7, frameon=False, handlelength=1.6,
             columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
 
-def key(doing: Sequence[Spell]) -> list[Artist]:
+def order(run: RunEvidence, doing: Sequence[Spell]) -> list[str]:
+    """The robots from above: a few as they are, many by how long something kept them, the longest first."""
+    if style.few(run.robots):
+        return list(run.robots)
+    kept: defaultdict[str, float] = defaultdict(float)
+    for one in doing:
+        kept[one.robot] += 0.0 if one.cause in _WELL else one.end - one.begin
+    return sorted(run.robots, key=lambda robot: -kept[robot])
+
+
+def key(runs: Sequence[RunEvidence], doing: Sequence[Spell]) -> list[Artist]:
     """What the colours and marks mean that there are."""
-    return [*_kinds(doing), *_marks()]
+    seen = {one.cause.value for one in doing}
+    kinds: list[Artist] = [Patch(label=word, **_look(Cause(word))) for word in SEEN_STATES if word in seen]
+    used = [
+        name
+        for name, deeds in (
+            ("cleaned", [run.reported for run in runs]), ("took over", [run.taken_over for run in runs]),
+        )
+        if any(deeds)
+    ]  # fmt: skip
+    kinds += [marks.sample(name) for name in used]
+    if any(ordered(run) for run in runs):
+        kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=ORDERED))
+    return kinds
+
+
+def _look(cause: Cause) -> dict[str, Any]:
+    """Colour, and a hatch that can be seen on it."""
+    glyph = SEEN_STATES[cause.value]
+    ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
+    colour = hexadecimal(glyph.colour)
+    edge = ink if glyph.hatch else colour
+    return {"facecolor": colour, "edgecolor": edge, "hatch": glyph.hatch, "lw": 0}
 
 
 def _mark(
-    axes: Axes, run: RunEvidence, deed: Deed, marker: str, shift: float, size: float, edge: float
+    axes: Axes, run: RunEvidence, deed: Deed, rows: dict[str, int], name: str, shift: float, size: float
 ) -> None:
-    if deed.robot not in run.robots:
-        return
-    owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0
-    row, colour = run.robots.index(deed.robot) + shift, style.colour(owner)
-    axes.plot(deed.second, row, marker=marker, ms=size, mec=colour, mfc=colour, mew=edge)
-
-
-def _kinds(doing: Sequence[Spell]) -> list[Artist]:
-    seen = {one.cause for one in doing}
-    return [Patch(color=style.CAUSES[kind], label=kind.value) for kind in Cause if kind in seen]
-
-
-def _marks() -> list[Artist]:
-    return [
-        Line2D([], [], marker="|", ls="", ms=9, mew=1.6, color=style.INK, label="cleaned a place"),
-        Line2D([], [], marker="v", ls="", ms=5, color=style.INK, label="took a place over"),
-    ]
+    if deed.robot in rows:
+        owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0
+        marks.plot(axes, name, deed.second, rows[deed.robot] + shift, style.colour(owner), size=size)
+        if MARKS[name].shape == "tick":  # a robot's colour may be that of what it did
+            axes.lines[-1].set_path_effects(style.HALO)

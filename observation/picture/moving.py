@@ -23,11 +23,13 @@ from PIL import Image
 
 from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
+from actors.orders import Give
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
 from observation.evidence.run_evidence import Floats, RunEvidence
-from observation.picture import floor_picture, look, style
+from observation.evidence.things_over_time import spans
+from observation.picture import floor_picture, look, style, things_picture
 
 _FRAMES_PER_S: Final = 10
 """Of the movie: robots move at 0.3 m/s."""
@@ -59,15 +61,16 @@ def write(run: RunEvidence, path: Path, speed: float) -> None:
         pictures = (scene.picture(step) for step in instants(run, speed))
         with regular_file.replaced(path) as part:
             if path.suffix == _GIF:
-                _write_gif(pictures, part)
+                _write_gif(pictures, part, scene.all_at_once())
             else:
                 _write_mp4(pictures, part, path)
 
 
-def _write_gif(pictures: Iterator[Pixels], path: Path) -> None:
-    """All pictures have the colours of the first, which has all that there are."""
-    first = Image.fromarray(next(pictures)).quantize(256)
-    others = (Image.fromarray(one).quantize(palette=first, dither=Image.Dither.NONE) for one in pictures)
+def _write_gif(pictures: Iterator[Pixels], path: Path, colours: Pixels) -> None:
+    """All pictures have the colours of `colours`, which shows all that there are."""
+    palette = Image.fromarray(colours).quantize(256)
+    drawn = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    first, others = next(drawn), drawn
     first.save(path, save_all=True, append_images=others, duration=1000 // _FRAMES_PER_S, loop=0)
 
 
@@ -122,17 +125,21 @@ class _Scene:
         self._figure.set_dpi(_DPI)
         self._axes = axes = self._figure.add_subplot()
         floor_picture.draw_floor(axes, run.grid)
-        few = style.few(run.robots)
+        floor_picture.draw_doors(axes, run)
+        self._few = few = style.few(run.robots)
         self._places = {
             PlaceKey(one.owner, one.place): _place(axes, run, one.owner, (one.x, one.y), few=few)
             for one in run.places
         }
-        self._bodies = [_body(axes, index, robot if few else "") for index, robot in enumerate(run.robots)]
+        self._begins = _begins(run)
+        self._put = [(one, things_picture.artist(axes, one.thing)) for one in spans(run)]
+        self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
         self._done: set[PlaceKey] = set()
-        self._next = 0
+        self._next = self._lost = 0
         moving = [artist for body in self._bodies for artist in body.artists]
-        self._changing = [*self._places.values(), *moving, self._title]
+        things = [artist for _, artist in self._put]
+        self._changing: list[Artist] = [*things, *self._places.values(), *moving, self._title]
         for artist in self._changing:
             artist.set_animated(True)
         self._canvas = cast(Any, self._figure.canvas)  # its methods have no types
@@ -143,6 +150,15 @@ class _Scene:
     def picture(self, step: int) -> Pixels:
         """A step as it looked; steps may only grow."""
         self._show(step)
+        return self._drawn()
+
+    def all_at_once(self) -> Pixels:
+        """The floor with all that is ever on it, for its colours."""
+        for artist in self._changing:
+            artist.set_visible(True)
+        return self._drawn()
+
+    def _drawn(self) -> Pixels:
         self._canvas.restore_region(self._floor)
         for artist in self._changing:
             self._axes.draw_artist(artist)
@@ -157,9 +173,20 @@ class _Scene:
             self._done.add(deed.place)
             if deed.place in self._places and deed.robot in run.robots:
                 self._places[deed.place].set_markerfacecolor(style.colour(run.robots.index(deed.robot)))
+        while self._lost < len(run.given_up) and run.given_up[self._lost].second <= now:
+            place = self._places.get(run.given_up[self._lost].place)
+            if place is not None:
+                place.set_marker("x")
+            self._lost += 1
+        for key, place in self._places.items():
+            place.set_visible(self._begins.get(key, 0.0) <= now)
+        for span, thing in self._put:
+            thing.set_visible(span.begin <= now < span.end)
         first = int(np.searchsorted(run.seconds, now - _TRAIL_S))
         for index, body in enumerate(self._bodies):
-            _move(body, run.true[first : step + 1, index], alive=bool(run.powered[step, index]))
+            state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
+            body.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
+            _move(body, run.true[first : step + 1, index], alive=not state)
         self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.places)} places cleaned")
 
 
@@ -175,14 +202,26 @@ def _place(axes: Axes, run: RunEvidence, owner: str, at: tuple[float, float], *,
     return mark
 
 
-def _body(axes: Axes, index: int, name: str) -> _Body:
+def _begins(run: RunEvidence) -> dict[PlaceKey, float]:
+    """When the places came that were not there from the beginning, s."""
+    count = {body.id: len(body.places) for body in run.setup.robots}
+    found = {}
+    for step, given in run.orders:
+        if isinstance(given, Give) and given.robot in count:
+            for _ in given.places:
+                found[PlaceKey(given.robot, count[given.robot])] = in_seconds(step * run.setup.step_us)
+                count[given.robot] += 1
+    return found
+
+
+def _body(axes: Axes, index: int, *, few: bool) -> _Body:
     colour = style.colour(index)
     disc = Circle((0.0, 0.0), floor_picture.RADIUS, color=colour, zorder=6)
     axes.add_patch(disc)
     (nose,) = axes.plot([], [], color="w", lw=1.2, zorder=7)
     trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
     axes.add_collection(trail)
-    label = axes.text(0.0, 0.0, name, color=colour, fontweight="bold", zorder=9)
+    label = axes.text(0.0, 0.0, "", color=colour, fontweight="bold", fontsize=8.5 if few else 6.0, zorder=9)
     return _Body(disc, nose, trail, label)
 
 

@@ -1,6 +1,7 @@
 """A run on one page: floor, what everybody did, radio, progress."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from observation.accounting.spells import spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, lanes, look, style
+from observation.picture import floor_picture, labels, lanes, look, style
 
 
 def draw(run: RunEvidence) -> Figure:
@@ -20,13 +21,13 @@ def draw(run: RunEvidence) -> Figure:
     grid = figure.add_gridspec(3, 2, height_ratios=[5.0, tall + 0.5, 1.5], width_ratios=[3, 1])
     floor = figure.add_subplot(grid[0, :])
     floor_picture.draw_floor(floor, run.grid)
-    floor_picture.draw_run(floor, run, doing)
+    drawn = floor_picture.draw_run(floor, run, doing)
     floor.set_title(style.title(run), loc="left", fontweight="bold", fontsize=10)
     floor.legend(
-        handles=floor_picture.legend(),
+        handles=floor_picture.legend(drawn.kinds),
         loc="upper left",
         bbox_to_anchor=(0.0, -0.09),
-        ncols=2,
+        ncols=3,
         fontsize=7,
         frameon=False,
     )
@@ -36,6 +37,8 @@ def draw(run: RunEvidence) -> Figure:
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
     draw_progress(figure.add_subplot(grid[1:, 1]), run)
+    labels.settle(figure)
+    labels.place(floor, drawn.labels, drawn.taken)
     return figure
 
 
@@ -46,25 +49,29 @@ def write(run: RunEvidence, path: Path) -> None:
 
 
 def draw_progress(axes: Axes, run: RunEvidence) -> None:
-    """Places cleaned, robot by robot."""
-    few = style.few(run.robots)
+    """Places cleaned: robot by robot; of many robots their mean, and how far they differ."""
     first = {deed.place: deed for deed in reversed(run.reported)}
-    for index, robot in enumerate(run.robots):
-        done = sorted(deed.second for deed in first.values() if deed.robot == robot)
-        axes.step(
-            [0.0, *done, run.end],
-            [*range(len(done) + 1), len(done)],
-            where="post",
-            color=style.colour(index),
-            lw=1.2,
-            label=robot,
+    by_robot = {
+        robot: sorted(deed.second for deed in first.values() if deed.robot == robot) for robot in run.robots
+    }
+    if style.few(run.robots):
+        for index, (robot, done) in enumerate(by_robot.items()):
+            ends = [*range(len(done) + 1), len(done)]
+            look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2, "label": robot}
+            axes.step([0.0, *done, run.end], ends, **look)
+    else:
+        at = np.linspace(0.0, run.end, 201)
+        counts = np.array([np.searchsorted(done, at, side="right") for done in by_robot.values()])
+        low, high = np.percentile(counts, [10, 90], axis=0)
+        axes.fill_between(
+            at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="of 8 robots in 10"
         )
-    if few:
-        axes.legend(fontsize=7, frameon=False, loc="upper left")
+        axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean of a robot")
+    axes.legend(fontsize=7, frameon=False, loc="upper left")
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title("places cleaned", loc="left", fontsize=8.5)
+    axes.set_title(f"places cleaned: {len(first)} of {len(run.places)}", loc="left", fontsize=8.5)
     axes.set_xlabel("simulated time, s")
     axes.grid(alpha=0.25, lw=0.5)
 

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from observation.accounting.spells import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, lanes, look, style
+from observation.picture import floor_picture, labels, lanes, look, style
+from observation.picture.floor_picture import DrawnFloor
 
 _MARGIN: Final = 1.5
 """Around what happened, m."""
@@ -22,9 +23,10 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
     end = max(run.end for run in runs)
     done = [spells(run) for run in runs]
+    floors: list[tuple[Axes, DrawnFloor]] = []
     for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
         axes = figure.add_subplot(grid[0, column])
-        _draw_floor(axes, run, doing)
+        floors.append((axes, _draw_floor(axes, run, doing)))
         axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
         below = figure.add_subplot(grid[1, column])
         lanes.draw(below, run, doing, legend=False)
@@ -32,9 +34,15 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
         below.tick_params(labelbottom=True)
         below.set_xlabel("simulated time, s")
     figure.legend(
-        handles=[*lanes.key([one for doing in done for one in doing]), *floor_picture.legend()],
+        handles=[
+            *lanes.key(runs, [one for doing in done for one in doing]),
+            *floor_picture.legend({kind for _, drawn in floors for kind in drawn.kinds}),
+        ],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
+    labels.settle(figure)
+    for axes, drawn in floors:
+        labels.place(axes, drawn.labels, drawn.taken)
     return figure
 
 
@@ -44,11 +52,12 @@ def write(runs: Sequence[RunEvidence], path: Path) -> None:
         style.save(draw(runs), path)
 
 
-def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:
+def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnFloor:
     """The part of the floor where something happened."""
     floor_picture.draw_floor(axes, run.grid)
-    floor_picture.draw_run(axes, run, doing)
+    drawn = floor_picture.draw_run(axes, run, doing)
     points = np.concatenate([run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.places]])
     (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
     axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
     axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))
+    return drawn

@@ -1,9 +1,8 @@
 """How pictures look: colours that colour-blind people tell apart, and the same bytes for the same content."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 from matplotlib import patheffects
@@ -12,31 +11,10 @@ from matplotlib.figure import Figure
 
 from actors.observer import colours
 from actors.runtime import regular_file
-from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 
 ROBOTS: Final = tuple(colours.hexadecimal(one) for one in colours.ROBOTS)
 """The same as in the viewer."""
-CAUSES: Final[Mapping[Cause, str]] = MappingProxyType(
-    {
-        Cause.OFF: "#4d4d4d",
-        Cause.IDLE: "#e6e6e6",
-        Cause.LOST: "#5b3a8c",
-        Cause.STRATEGY_IDLE: "#b3a17a",
-        Cause.DEADLOCK: "#6b0f1a",
-        Cause.BY_DEAD: "#d6457f",
-        Cause.DONE_IN_WAY: "#b58bd6",
-        Cause.CLOSED_DOOR: "#8a5a2b",
-        Cause.UNREACHABLE: "#1b3b6f",
-        Cause.NO_PLAN: "#1f6f54",
-        Cause.LIVELOCK: "#3fa7a0",
-        Cause.DOOR: "#c1272d",
-        Cause.OPEN_FLOOR: "#f2a65a",
-        Cause.NO_PROGRESS: "#e0d04a",
-        Cause.DRIVING: "#a6cee3",
-    }
-)
-"""What a robot's time went into."""
 FLOOR: Final = "#ffffff"
 UNKNOWN: Final = "#eceef1"
 WALL: Final = "#464a52"
@@ -51,6 +29,7 @@ LOOK: Final[dict[str, Any]] = {
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "text.color": INK,
+    "hatch.linewidth": 0.6,
     "svg.hashsalt": "acrc",
     "svg.fonttype": "path",
 }

@@ -277,7 +277,7 @@ class Perception:
     ) -> str:
         """The word for what it does; that which matters most to whoever looks comes first."""
         if blocked:
-            return "BLOCKED"
+            return "blocked"
         if goal is None or goal.status is GoalStatus.SUCCEEDED:
             return "idle" if destination is None and elsewhere is None else "planning"
         if goal.status is GoalStatus.ABORTED:

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Whole = NDArray[np.int64]
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Of what follows: a trace of another one is made anew."""
 _LATEST: Final = 10**15
 """µs; nobody lives to see more."""
@@ -30,11 +30,11 @@ Place = tuple[float, float]
 """x, y, m, map frame."""
 
 ACTIVITIES: Final = (
-    "driving", "planning", "no trajectory", "backing out", "BLOCKED", "adopted", "elsewhere", "paused",
+    "driving", "planning", "no trajectory", "backing out", "blocked", "adopted", "elsewhere", "paused",
     "aborted", "idle",
 )  # fmt: skip
 """What a robot may be about. "adopted": it drives to a place that was another's; "elsewhere": to a point that
-is nobody's place; "no trajectory": navigation has a way, and nothing to follow it with; "BLOCKED": it holds
+is nobody's place; "no trajectory": navigation has a way, and nothing to follow it with; "blocked": it holds
 itself to be; "aborted": navigation has given up; "idle": there is nothing that it wants."""
 
 

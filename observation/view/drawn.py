@@ -30,11 +30,12 @@ from observation.view.simulated import simulated_story
 from observation.view.story import Source, Story
 
 FILE_NAME: Final = "view.rrd"
-_LANES: Final = {
+SEEN_FROM_OUTSIDE: Final = {
     **dict.fromkeys((*BY_ROBOTS, Cause.CLOSED_DOOR, Cause.UNREACHABLE, Cause.NO_PROGRESS), "standing"),
     **dict.fromkeys((Cause.LOST, Cause.NO_PLAN, Cause.LIVELOCK, Cause.DRIVING), "driving"),
     **dict.fromkeys((Cause.IDLE, Cause.STRATEGY_IDLE), "idle"),
     Cause.OFF: "off",
+    Cause.FROZEN: "frozen",
 }
 """What a robot seems to be about, seen from outside."""
 Say = Callable[[str], None]
@@ -149,7 +150,7 @@ def _seen(story: Story, source: Source) -> list[Occupation]:
     if not story.true:
         return []
     found = spells(read_run(story.out))
-    return [Occupation(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
+    return [Occupation(one.begin, SEEN_FROM_OUTSIDE[one.cause]) for one in found if one.robot == source.robot]
 
 
 def place(out: Path, name: str = FILE_NAME) -> Path:

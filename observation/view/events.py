@@ -68,10 +68,10 @@ class InnerHappenings:
         source = self._source
         for one in inside.doings:
             second = at(source.clock, one.instant)
-            if one.activity == "BLOCKED" and self._blocked is None:
+            if one.activity == "blocked" and self._blocked is None:
                 self._blocked = second
                 yield DrawnEvent(second, source.robot, "is blocked", "WARN")
-            elif one.activity != "BLOCKED" and self._blocked is not None:
+            elif one.activity != "blocked" and self._blocked is not None:
                 yield DrawnEvent(second, source.robot, f"free again after {second - self._blocked:.0f} s")
                 self._blocked = None
             if one.activity == "aborted" and self._activity != "aborted":

@@ -3,9 +3,9 @@
 import re
 from collections import Counter
 
+from actors.observer.glyphs import OWN_STATES, SEEN_STATES
 from command_line.documentation.markdown import pages
 from observation.accounting.time_spent import Cause
-from observation.picture import style
 from observation.trace.rows import ACTIVITIES
 
 PAGE = next(page.text for page in pages() if page.name == "docs/concepts.md")
@@ -19,11 +19,12 @@ def words(title: str) -> list[str]:
 
 def test_the_causes_are_those_of_every_picture_in_the_order_in_which_they_hold() -> None:
     assert words("Causes") == [cause.value for cause in Cause]
-    assert set(style.CAUSES) == set(Cause)
+    assert set(SEEN_STATES) == {cause.value for cause in Cause}
 
 
 def test_what_a_robot_does_has_the_words_of_the_viewer() -> None:
     assert sorted(words("What a robot does")) == sorted(ACTIVITIES)
+    assert set(ACTIVITIES) < set(OWN_STATES)
 
 
 def test_each_word_is_defined_once() -> None:

@@ -59,13 +59,14 @@ def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunEvidenc
         assert {cause: lasted[robot, cause] for cause in causes} == pytest.approx(causes)
 
 
-def test_who_takes_no_part_is_off(evidence: RunEvidence) -> None:
-    stepping = evidence.stepping.copy()
+@pytest.mark.parametrize("cause", [Cause.OFF, Cause.FROZEN], ids=str)
+def test_who_takes_no_part_is_off_or_frozen(evidence: RunEvidence, cause: Cause) -> None:
+    stepping, powered = evidence.stepping.copy(), evidence.powered.copy()
     stepping[500:, 0] = False
-    last = [one for one in spells(replace(evidence, stepping=stepping)) if one.robot == evidence.robots[0]][
-        -1
-    ]
-    assert last.cause is Cause.OFF and last.begin == pytest.approx(50.0)
+    powered[500:, 0] = cause is Cause.FROZEN
+    found = spells(replace(evidence, stepping=stepping, powered=powered))
+    last = [one for one in found if one.robot == evidence.robots[0]][-1]
+    assert last.cause is cause and last.begin == pytest.approx(50.0)
 
 
 def test_who_stands_alone_stands_before_nobody(evidence: RunEvidence) -> None:

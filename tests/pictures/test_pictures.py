@@ -15,6 +15,8 @@ from PIL import Image
 
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
+from actors.observer.colours import hexadecimal
+from actors.observer.glyphs import MARKS, SEEN_STATES
 from actors.runtime.errors import AcrcError
 from command_line.documentation import trials
 from deploy.run import swarm
@@ -43,9 +45,9 @@ def test_a_page_shows_floor_robots_and_what_they_did(evidence: RunEvidence, tmp_
         style.UNKNOWN,
         style.colour(0),
         style.colour(1),
-        *map(style.CAUSES.get, style.CAUSES),
+        *(hexadecimal(glyph.colour) for glyph in SEEN_STATES.values()),
     ]
-    shown = [colour for colour in wanted if colour is not None and rgb(colour) in seen]
+    shown = [colour for colour in wanted if rgb(colour) in seen]
     assert len(shown) >= 8, "walls, both robots, and the kinds of spells that there are"
 
 
@@ -78,7 +80,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunEvidence) ->
 def test_robots_beyond_the_palette_have_a_colour_too() -> None:
     assert style.colour(len(style.ROBOTS)) == style.colour(0)
     assert not style.few([f"r{n}" for n in range(13)])
-    assert len({line.get_label() for line in floor_picture.legend()}) == 5
+    assert len({mark.get_label() for mark in floor_picture.legend(MARKS)}) == len(MARKS)
 
 
 def test_view_draws_beside_the_run(folder: Path, tmp_path: Path) -> None:

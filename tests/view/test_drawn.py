@@ -11,6 +11,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from actors.observer import colours
+from actors.observer.glyphs import OWN_STATES
 from actors.observer.sheet import APPLICATION
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
@@ -86,7 +87,7 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     clouds = of(found, "/inside/r1/scan", "Points3D:positions")
     assert [len(cloud) for _, cloud in clouds] == insides["r1"].scans.counts.tolist()
     states = [state[0] for _, state in of(found, "/states/r1", "StateChange:state")]
-    assert any(state.startswith("to r1/") for state in states) and any("BLOCKED" in state for state in states)
+    assert any(state.startswith("to r1/") for state in states) and any("blocked" in state for state in states)
     table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
     assert "| position |" in table and "| route |" in table
     reasons = of(found, "/why/r2", "TextDocument:text")
@@ -173,5 +174,5 @@ def test_the_first_robots_colours_can_be_told_from_black_and_from_white() -> Non
     floor = (colours.FLOOR,) * 3
     for colour in colours.ROBOTS[:4]:
         assert colours.contrast(colour, floor) >= 3 and colours.contrast(colour, colours.WHITE) >= 3
-    for lane in colours.LANES.values():
-        assert colours.contrast(lane, colours.WHITE) >= 3.8
+    for glyph in OWN_STATES.values():
+        assert colours.contrast(glyph.colour, colours.WHITE) >= 3.8

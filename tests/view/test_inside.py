@@ -73,7 +73,7 @@ def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str,
     assert ways and all(np.hypot(*np.diff(way, axis=0).T).max() < 0.5 for way in ways)
     assert inside.costs.max() == 254 and inside.costs.shape[1] == inside.costs.shape[2]
     activities = [one.activity for robot in insides.values() for one in robot.doings]
-    assert {"driving", "BLOCKED"} <= set(activities) <= set(ACTIVITIES)
+    assert {"driving", "blocked"} <= set(activities) <= set(ACTIVITIES)
     assert {one.destination.partition("/")[0] for one in inside.doings} <= {"", "r1", "r2"}
     names = [name for name, _ in inside.knowledge[-1].rows]
     assert {"position", "destination", "route", "state"} <= set(names) and "parameters" not in names

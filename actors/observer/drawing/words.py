@@ -7,12 +7,15 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import GREY, LANES, Colour
+from actors.observer.colours import GREY, Colour
 from actors.observer.drawing.canvas import Canvas, packed
+from actors.observer.glyphs import OWN_STATES
 
 _SHORTEST: Final = 0.6
 """A spell in a lane that lasts less long, s, goes with what was before."""
-_PHRASES: Final = {"driving": "to {}", "adopted": "adopted {}", "BLOCKED": "BLOCKED, {}"}
+_PHRASES: Final = {"driving": "to {}", "adopted": "adopted {}", "blocked": "blocked, {}"}
+_ALWAYS: Final = frozenset({"blocked", "deadlock", "frozen", "off"})
+"""Shown however short they last."""
 _ROUND: Final = 60.0
 """Radius of the circle in which robots stand in the graph of ensembles."""
 
@@ -22,7 +25,7 @@ class Occupation(NamedTuple):
 
     second: float
     activity: str
-    """One of LANES."""
+    """One of OWN_STATES."""
     destination: str = ""
     """Its name, as in "r1/3"."""
 
@@ -47,7 +50,7 @@ class Lane:
     def draw(self, spells: Sequence[Occupation]) -> None:
         """Draw spells, each of which lasts to the next one, whenever that comes."""
         canvas, known = self._canvas, len(self._kinds)
-        self._kinds |= {_label(spell): LANES[spell.activity] for spell in spells}
+        self._kinds |= {_label(spell): OWN_STATES[spell.activity].colour for spell in spells}
         if len(self._kinds) > known:
             values, colours = list(self._kinds), list(self._kinds.values())
             canvas.still(self._path, rr.StateConfiguration(values=values, labels=values, colors=colours))
@@ -59,7 +62,7 @@ def settled(spells: Sequence[Occupation]) -> list[Occupation]:
     """The same without what lasts too short to be seen; what is blocked, frozen or off always is."""
     kept: list[Occupation] = []
     for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
-        short = after - spell.second < _SHORTEST and spell.activity not in ("BLOCKED", "frozen", "off")
+        short = after - spell.second < _SHORTEST and spell.activity not in _ALWAYS
         if (kept and short) or (kept and kept[-1][1:] == spell[1:]):
             continue
         kept.append(spell)

@@ -74,7 +74,7 @@ def _result(
 
 
 def _time(rng: np.random.Generator) -> TimeSpent:
-    weights = np.array([0.1, 3, 0.3, 0.1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
+    weights = np.array([0.1, 0.1, 3, 0.3, 0.1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
     robots = {
         f"r{robot}": dict(
             zip([cause.value for cause in Cause], (rng.dirichlet(weights) * LENGTH).tolist(), strict=True)

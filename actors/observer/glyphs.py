@@ -1,0 +1,107 @@
+"""The one drawing language: a word, a colour and a hatch for each state of a robot, a mark for each thing.
+
+Windows, pages, pictures and reports draw with these and nothing else. Two states that stand in one picture
+differ by 10 or more in CIEDE2000 for normal, protanopic and deuteranopic eyes; hatches tell them apart in
+grey.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from actors.observer.colours import Colour
+
+
+class StateGlyph(NamedTuple):
+    """How a state of a robot is drawn."""
+
+    colour: Colour
+    hatch: str
+    """As matplotlib has them; empty: none."""
+
+
+class Mark(NamedTuple):
+    """How a thing on the floor is drawn."""
+
+    shape: str
+    """`ring`, `disc`, `diamond`, `cross`, `square`, `tint`, `bar`, `dashed ring`, `soft ring`, `heavy cross`,
+    `snowflake`, `dotted line`, `tick` or `triangle`."""
+    colour: Colour | None
+    """None: that of the robot whose it is."""
+    says: str
+    """For a legend."""
+
+
+SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+    {
+        "driving": StateGlyph((54, 126, 93), ""),
+        "waiting at a door": StateGlyph((246, 122, 85), ""),
+        "blocked on open floor": StateGlyph((252, 192, 131), "//"),
+        "deadlock": StateGlyph((101, 7, 0), "xx"),
+        "livelock": StateGlyph((131, 183, 167), "++"),
+        "blocked by dead robot": StateGlyph((162, 46, 167), "\\\\"),
+        "done robot in the way": StateGlyph((207, 171, 243), "||"),
+        "closed door": StateGlyph((88, 84, 83), "--"),
+        "unreachable": StateGlyph((2, 21, 125), "oo"),
+        "no plan": StateGlyph((3, 75, 44), ".."),
+        "no progress": StateGlyph((231, 216, 9), ""),
+        "lost": StateGlyph((189, 121, 249), "**"),
+        "strategy idle": StateGlyph((235, 217, 191), "---"),
+        "idle": StateGlyph((79, 90, 112), "."),
+        "frozen": StateGlyph((64, 134, 146), "OO"),
+        "off": StateGlyph((17, 19, 28), ""),
+    }
+)
+"""By ground truth: the causes, in the order in which a report stacks them."""
+OWN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+    {
+        **{word: SEEN_STATES[word] for word in ("driving", "deadlock", "idle", "frozen", "off")},
+        "planning": StateGlyph((35, 59, 88), "//"),
+        "no trajectory": StateGlyph((176, 112, 9), "\\\\"),
+        "backing out": StateGlyph((105, 79, 8), "||"),
+        "blocked": StateGlyph((181, 65, 61), "xx"),
+        "adopted": StateGlyph((4, 79, 210), "++"),
+        "elsewhere": StateGlyph((143, 101, 235), ".."),
+        "paused": StateGlyph((19, 38, 164), "--"),
+        "aborted": StateGlyph((226, 71, 107), "oo"),
+        "standing": StateGlyph((70, 69, 73), "**"),
+        "not heard": StateGlyph((33, 9, 1), "---"),
+    }
+)
+"""By the robot's own account, or seen from outside while nobody knows more, and `deadlock`, which ground
+truth knows alone. White letters can be read on each."""
+
+PUT: Final[Colour] = (195, 30, 135)
+"""What was put on the floor."""
+JAM: Final[Colour] = (90, 135, 255)
+DOOR: Final[Colour] = (255, 210, 127)
+"""On paper; on a dark ground faded."""
+CLOSED: Final[Colour] = (116, 60, 10)
+RED: Final[Colour] = (193, 39, 45)
+
+MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
+    {
+        "open": Mark("ring", None, "place still open, in its owner's colour"),
+        "given": Mark("diamond", None, "place that came while the run went on"),
+        "done": Mark("disc", None, "place done: filled as who cleaned it, ringed as its owner"),
+        "given up": Mark("cross", None, "place given up, or reported and not cleaned"),
+        "start": Mark("square", None, "start of a robot; its disc: where it is, or ended"),
+        "off": Mark("heavy cross", None, "a robot was off here"),
+        "frozen": Mark("snowflake", None, "a robot was frozen here"),
+        "carried": Mark("dotted line", None, "a robot was carried"),
+        "stood": Mark("soft ring", RED, "stood before another robot here, for so many s"),
+        "door": Mark("tint", DOOR, "door of the map"),
+        "closed door": Mark("bar", CLOSED, "door that was closed"),
+        "wall": Mark("bar", PUT, "wall that was put there"),
+        "obstacle": Mark("disc", PUT, "thing that was put there"),
+        "jammer": Mark("dashed ring", JAM, "jammer: nothing is heard inside"),
+        "cleaned": Mark("tick", None, "cleaned a place, in its owner's colour"),
+        "took over": Mark("triangle", None, "took a place over"),
+    }
+)
+"""What stands on a floor or in a lane."""
+
+
+def state(word: str) -> StateGlyph:
+    """The glyph of a state, by whichever account it is. KeyError for a word that is none."""
+    return SEEN_STATES.get(word) or OWN_STATES[word]
