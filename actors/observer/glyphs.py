@@ -76,7 +76,7 @@ PUT: Final[Colour] = (195, 30, 135)
 JAM: Final[Colour] = (90, 135, 255)
 DOOR: Final[Colour] = (255, 210, 127)
 """On paper; on a dark ground faded."""
-CLOSED: Final[Colour] = (116, 60, 10)
+CLOSED: Final[Colour] = (176, 98, 28)
 RED: Final[Colour] = (193, 39, 45)
 
 MARKS: Final[Mapping[str, Mark]] = MappingProxyType(

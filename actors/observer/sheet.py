@@ -10,7 +10,7 @@ import rerun as rr
 from actors.observer.drawing.layout import Arrangement, beside, layout
 from actors.runtime.errors import AcrcError
 
-APPLICATION: Final = "acrc-testbed-3"
+APPLICATION: Final = "acrc-testbed-4"
 """A viewer keeps the layout that it has seen of an application: another layout, another name."""
 FLUSH: Final = 10.0
 """How long a slow viewer may take to take in what it was sent, s."""

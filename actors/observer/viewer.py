@@ -16,6 +16,8 @@ from actors.runtime.lifecycle.linux import PR_SET_PDEATHSIG, prctl
 
 WHILE_IT_GOES_ON = "To see the run while it goes on"
 """Begins the sentence that means nothing once the run has ended."""
+_THEME = "&theme=dark"
+"""Robots' names have their colours, which on a light ground nobody can read."""
 _PATIENCE = 15.0
 """How long the viewer may take to open its port, s."""
 
@@ -96,7 +98,8 @@ def _start(words: Sequence[str], page: str) -> OpenViewer:
         viewer.kill()
         raise RuntimeError(f"rerun's viewer did not open its port within {_PATIENCE:g} s")
     address = f"rerun+http://127.0.0.1:{port}/proxy"
-    return OpenViewer(address, f"{page}{quote(address, safe='')}" if page else "", viewer)
+    found = f"{page}{quote(address, safe='')}{_THEME}" if page else ""
+    return OpenViewer(address, found, viewer)
 
 
 def _tie() -> None:

@@ -42,16 +42,21 @@ class ThingsOverTime:
         """Those that have not ended."""
         self._told: Things = ()
 
-    def extend(self, run: RunEvidence) -> Iterator[tuple[float, Things]]:
-        """From which instant on, s, these things were there, until the next one; in order."""
+    def floor(self, run: RunEvidence) -> FloorThings:
+        """The floor of the run, and what stands on it by now."""
         if self._floor is None:
             self._floor = FloorThings(run.grid, largest_radius(run.setup))
+        return self._floor
+
+    def extend(self, run: RunEvidence) -> Iterator[tuple[float, Things]]:
+        """From which instant on, s, these things were there, until the next one; in order."""
+        on_floor = self.floor(run)
         if not len(run.seconds):
             return
         first = round(run.seconds[0] * 1e6) // run.setup.step_us
-        standing = self._floor.now
+        standing = on_floor.now
         floor = {float(run.seconds[step - first]): things for step, things in
-                 self._floor.changes(run.orders, run.true, first)}  # fmt: skip
+                 on_floor.changes(run.orders, run.true, first)}  # fmt: skip
         self._jams += run.jams
         ends = {in_seconds(jam.until) for _, jam in self._jams}
         for second in sorted({*floor, *(begin for begin, _ in run.jams), *ends}):

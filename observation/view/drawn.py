@@ -117,6 +117,8 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, i
         except AcrcError as error:
             faults.append(f"the radio could not be replayed: {error}")
         sheet.flush()
+    if story.true and (story.out / "run.json").is_file():
+        painting.deadlocks(deadlocks(story))
     sources = {source.actor: source for source in story.sources}
     for traced in traces(story.out, list(sources), permit=permit, isolate=isolate):
         source = sources[traced.actor]
@@ -129,6 +131,7 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, i
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
+    painting.end(story.end)
     return faults
 
 
@@ -143,6 +146,15 @@ def _reason(
         except ExplanationError as error:
             faults.append(str(error))
     return faults
+
+
+def deadlocks(story: Story) -> dict[str, list[tuple[float, float]]]:
+    """By robot when it was in a deadlock, s."""
+    found: dict[str, list[tuple[float, float]]] = {robot: [] for robot in story.robots}
+    for one in spells(read_run(story.out)):
+        if one.cause is Cause.DEADLOCK:
+            found[one.robot].append((one.begin, one.end))
+    return found
 
 
 def _seen(story: Story, source: Source) -> list[Occupation]:

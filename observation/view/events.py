@@ -49,6 +49,8 @@ class Happenings:
                 if state or robot in self._begun:
                     yield DrawnEvent(second, robot, f"is {state}" if state else "acts again", "WARN")
                 self._begun.add(robot)
+        for change in story.ordered:
+            yield DrawnEvent(change.second, change.robot, change.words, "WARN")
         for note in story.notes:
             if note not in self._notes:
                 self._notes.add(note)

@@ -117,6 +117,11 @@ class Following:
         self._tell_late()
         return any(drawn)
 
+    def finish(self) -> None:
+        """The run is over: lanes end."""
+        assert self._painting is not None
+        self._painting.end(self.end)
+
     @property
     def complete(self) -> bool:
         """All that was recorded and can be computed is drawn."""

@@ -78,6 +78,12 @@ def _draw_all(out: Path, following: Following, sheet: Sheet, opened: OpenViewer 
     while time.monotonic() < settled and following.draw():
         time.sleep(_POLL_S)
     following.draw(last=True)
+    _draw_rest(following)
+    following.finish()
+
+
+def _draw_rest(following: Following) -> None:
+    """What is computed later than it was recorded, as long as that comes on."""
     moved = time.monotonic()
     while not following.complete and time.monotonic() < moved + _STUCK_S:
         if following.draw(last=True):

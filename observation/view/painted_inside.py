@@ -27,6 +27,15 @@ class RobotLane:
         self._back: list[float] = []
         """When it acted again, s, as far as nothing is drawn from then on."""
         self._last: Occupation | None = None
+        self._deadlocks: Sequence[tuple[float, float]] = ()
+
+    def deadlocks(self, spells: Sequence[tuple[float, float]]) -> None:
+        """When it was in one, s, which it does not know itself."""
+        self._deadlocks = spells
+
+    def end(self, second: float) -> None:
+        """Draw nothing from an instant on."""
+        self._lane.end(second)
 
     def act(self, acts: Sequence[tuple[float, str]]) -> None:
         """From when on it acts (""), is frozen, or off."""
@@ -43,7 +52,19 @@ class RobotLane:
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
         if spells or back:
-            self._lane.draw(words.settled(sorted((*spells, *back))))
+            self._lane.draw(words.settled(over(sorted((*spells, *back)), self._deadlocks)))
+
+
+def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) -> list[Occupation]:
+    """Its own account, in order, but for where ground truth has a deadlock."""
+    for begin, end in deadlocks:
+        before = [one for one in own if one.second <= begin]
+        inside = [one for one in own if begin < one.second <= end]
+        after = [one for one in own if one.second > end]
+        last = (inside or before)[-1:]
+        going = [one for one in before if one.second < begin]
+        own = [*going, Occupation(begin, "deadlock"), *(one._replace(second=end) for one in last), *after]
+    return list(own)
 
 
 class PaintedInside:

@@ -1,13 +1,14 @@
 """Draws a story: what was recorded at once, then what was computed, as it comes; or piece by piece."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Final
 
 import numpy as np
 
 from actors.installation.usage import wrong_value
-from actors.observer.drawing import floor, layout, places, radio, robots, words
+from actors.observer.colours import FATES
+from actors.observer.drawing import floor, layout, legend, places, radio, robots, things, words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
@@ -34,6 +35,8 @@ class Painting:
     def __init__(self, canvas: Canvas, story: Story, detailed: Sequence[str]) -> None:
         """`detailed`: the robots of which everything is drawn."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
+        self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
+        """Robots of which all links are drawn, however many robots there are."""
         self._ways = {robot: Way() for robot in story.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in story.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in story.robots}
@@ -47,7 +50,9 @@ class Painting:
         """Copies that were lost lately."""
         self._fates_since = 0.0
         self._exchanges: list[LearntExchange] = []
-        floor.draw_floor(canvas, story.grid)
+        floor.draw_floor(canvas, story.grid, story.doors)
+        legend.draw_marks(canvas)
+        legend.draw_lines(canvas, "copies", FATES)
         radio.introduce_radio(canvas)
         for robot in story.robots:
             robots.introduce(canvas, robot)
@@ -65,6 +70,8 @@ class Painting:
             for second, state in track.acts:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].act(track.acts)
+        for second, put in story.things:
+            things.draw_things(canvas, second, [(one.kind, one.points, one.radius) for one in put])
         self._places.extend(story)
         self._links(story)
         self._plots.extend(story)
@@ -99,6 +106,19 @@ class Painting:
         """What is known of a robot that is not looked into."""
         self._lanes[robot].do(spells, until)
 
+    def deadlocks(self, spells: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+        """When robots were in deadlocks, s, by ground truth; before what they perceived is drawn."""
+        for robot, mine in spells.items():
+            self._lanes[robot].deadlocks(mine)
+        told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot in spells
+                for begin, _ in spells[robot]]  # fmt: skip
+        words.draw_events(self._canvas, "truth", told)
+
+    def end(self, second: float) -> None:
+        """The run is over: nobody does anything any more."""
+        for lane in self._lanes.values():
+            lane.end(second)
+
     def tell(self, events: Sequence[DrawnEvent]) -> None:
         """Tell of the view itself: what it lacks, and why."""
         words.draw_events(self._canvas, "view", events)
@@ -121,7 +141,7 @@ class Painting:
         heard = np.concatenate((self._heard, story.heard))
         self._heard = heard[heard[:, 0] > story.end - 2 * radio.LASTING]
         seconds = _every(radio.period(canvas), story.since, story.end)
-        radio.draw_links(canvas, seconds, self._positions(seconds), heard)
+        radio.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
 
     def _positions(self, seconds: Floats) -> Floats:
         """(n, robots, 2): where robots are, m."""

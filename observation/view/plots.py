@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from actors.observer.colours import FATES
+from actors.observer.colours import FATES, GREY, WHITE
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.radio.medium.state import Outcome
@@ -18,6 +18,8 @@ _PLOT_S: Final = 0.5
 _BIN_S: Final = 5.0
 """Copies are counted over so long."""
 _NEVER: Final = -1e9
+_SPREAD: Final = {"mean_of_a_robot": WHITE, "one_robot_in_10_has_fewer": GREY, "one_in_10_has_more": GREY}
+"""Lines of places done where there are too many robots for one each."""
 
 
 class Plots:
@@ -35,22 +37,27 @@ class Plots:
         self._bins = 0
         """Of copies, that have been drawn."""
         self._counted: set[Outcome] = set()
+        self._many = len(canvas.robots) > FEW
+        shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
+        for name, colour in shown.items():
+            words.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
-            words.introduce_line(canvas, f"plots/places/{robot}", robot, canvas.colour(robot), steps=True)
             for name in ("speed", "error") if true else ("speed",):
                 words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, story: Story) -> None:
         """Take in a story, or its next piece."""
-        first = self._firsts.of(story.reported)
+        first = sorted(self._firsts.of(story.reported), key=lambda deed: deed.second)
+        ends = [story.since, *(deed.second for deed in first), max([story.end, *(d.second for d in first)])]
+        rows = [list(self._done.values())]
+        for deed in first:
+            self._done[deed.robot] += 1
+            rows.append(list(self._done.values()))
+        counts = np.array([*rows, rows[-1]], np.float64)
+        lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
+        for name, values in lines.items():
+            words.draw_line(self._canvas, f"plots/places/{name}", ends, values)
         for robot, track in story.tracks.items():
-            mine = sorted(deed.second for deed in first if deed.robot == robot)
-            before = self._done[robot]
-            self._done[robot] += len(mine)
-            counts = np.array([*range(before, before + len(mine) + 1), self._done[robot]], np.float64)
-            words.draw_line(
-                self._canvas, f"plots/places/{robot}", [story.since, *mine, max([story.end, *mine])], counts
-            )
             self._drive(robot, track)
         self._strengths(story.heard)
 
@@ -118,6 +125,12 @@ class Plots:
             earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
             words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
         words.draw_line(self._canvas, path, middles, counts)
+
+
+def _spread(counts: Floats) -> dict[str, Floats]:
+    """Of many robots: (n, robots) places done, and (n,) each."""
+    low, high = np.percentile(counts, [10, 90], axis=1)
+    return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
 
 
 def _together(parts: Sequence[Fates]) -> Fates:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import recorded_run
+from observation.evidence.things_over_time import ThingsOverTime, ordered
 from observation.view.story import Floats, Source, Story, Track
 
 
@@ -24,10 +25,16 @@ class Teller:
 
     def __init__(self) -> None:
         self._acts: dict[str, str] = {}
+        self._things = ThingsOverTime()
+        self._doors: NDArray[np.bool_] | None = None
 
     def story(self, run: RunEvidence) -> Story:
         """What there is to draw of it."""
         setup = run.setup
+        things = tuple(self._things.extend(run))
+        if self._doors is None:
+            parts = self._things.floor(run).doorways.regions
+            self._doors = parts.labels > parts.count
         return Story(
             title=f"{len(run.robots)} robots, seed {setup.seed}",
             out=run.out,
@@ -44,6 +51,9 @@ class Teller:
             true=True,
             sources=tuple(Source(actor, robot, _seconds) for actor, robot in run.processes.items()),
             since=run.since,
+            doors=self._doors,
+            things=things,
+            ordered=tuple(ordered(run)),
         )
 
     def _track(self, run: RunEvidence, index: int) -> Track:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from observation.evidence.said_places import Deed, Route
+from observation.evidence.things_over_time import OrderedChange, Things
 
 Floats = NDArray[np.float64]
 Clock = Callable[[NDArray[np.int64]], Floats]
@@ -65,6 +66,11 @@ class Story:
     sources: tuple[Source, ...]
     notes: tuple[str, ...] = ()
     """What is missing or not known, a sentence each."""
+    doors: NDArray[np.bool_] | None = None
+    """(rows, columns): cells of the map's doors."""
+    things: tuple[tuple[float, Things], ...] = ()
+    """From which instant on, s, these things stood on the floor beside the map."""
+    ordered: tuple[OrderedChange, ...] = ()
     since: float = 0.0
     """From when on it tells, s: later pieces of a run that goes on have what is new only, but for places."""
 

@@ -64,5 +64,5 @@ def test_each_word_has_one_glyph() -> None:
 
 def test_what_is_put_there_can_be_seen_on_both_grounds() -> None:
     floor = (colours.FLOOR,) * 3
-    for colour in (glyphs.PUT, glyphs.JAM):
+    for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED):
         assert colours.contrast(colour, floor) >= 3 and colours.contrast(colour, colours.WHITE) >= 3

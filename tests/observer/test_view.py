@@ -1,6 +1,7 @@
 """What is drawn of a run on a sheet, read back without a window; and who gets a window."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
@@ -19,7 +20,9 @@ from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import APPLICATION, Sheet
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
+from observation.evidence.floor_things import FloorThing
 from observation.evidence.said_places import Deed, Route
+from observation.evidence.things_over_time import OrderedChange
 from observation.view import __main__ as program
 from observation.view import live
 from observation.view.painting import Painting
@@ -158,7 +161,8 @@ def test_a_place_that_comes_later_is_drawn_once_somebody_means_to_visit_it(tmp_p
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
     (row,) = painted(tmp_path / "view.rrd", story(range(2)))["/world/map"]
     around, free, wall = colours.GROUND, colours.FLOOR, colours.WALL
-    assert bytes(row["GridMap:data"][0]) == bytes([around, free, wall, wall, free, free])
+    cells = [around, free, wall, wall, free, free]
+    assert bytes(row["GridMap:data"][0]) == bytes(part for cell in cells for part in (cell,) * 3)
     assert row["GridMap:translation"] == [[-1.0, 3.0, 0.0]]
     assert row["GridMap:cell_size"] == [2.0]
 
@@ -182,12 +186,25 @@ def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
     names = [[row["Points3D:labels"][0] for row in found[f"/world/robots/{r}/name"]] for r in ("r1", "r2")]
     assert names == [["r1 (frozen)", "r1"], ["r2 (off)"]]
     lanes = [
-        [row["StateChange:state"][0] for row in found[f"/states/{robot}"] if "sim_time" in row]
+        [row["StateChange:state"][0] for row in found[f"/{robot}"] if "sim_time" in row]
         for robot in ("r1", "r2")
     ]
     assert lanes == [["frozen"], ["off"]]
     told = [row["TextLog:text"][0] for row in found["/events/r1/recorded"]]
     assert told == ["r1 is frozen", "r1 acts again"]
+
+
+def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> None:
+    wall = FloorThing("wall", ((0.0, 4.0), (1.0, 4.0)))
+    jammer = FloorThing("jammer", ((2.0, 5.0),), 1.0)
+    put = replace(story(range(5)), things=((0.1, (wall, jammer)), (0.3, (wall,))))
+    told = replace(put, ordered=(OrderedChange(0.1, "", "a wall is put"),))
+    found = painted(tmp_path / "view.rrd", told)
+    assert [row["Points3D:labels"] for row in found["/world/put/names"]] == [["wall", "jammer"], ["wall"]]
+    assert times(found["/world/put"]) == [0.1, 0.3]
+    widths = [row["LineStrips3D:strips"] for row in found["/world/put"]]
+    assert len(widths[0]) == 1 + 12 and len(widths[1]) == 1, "a ring of dashes"
+    assert [row["TextLog:text"][0] for row in found["/events/run/recorded"]] == ["a wall is put"]
 
 
 def test_how_far_off_a_robot_held_itself_to_be_and_how_fast_it_was_is_plotted(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from actors.observer.glyphs import OWN_STATES
 from actors.observer.sheet import APPLICATION
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
+from observation.accounting.spells import spells
+from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.explanation.explain import Explainer
 from observation.trace.rows import Trace
@@ -76,9 +78,7 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     found = rows(path)
     assert {f"/world/{name}" for name in WORLD} <= set(found)
     assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
-    assert {"/states/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(
-        found
-    )
+    assert {"/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
     assert {"/plots/copies/heard", "/plots/rssi/r1_at_r2", "/plots/ages/r2_at_r1"} <= set(found)
     assert {"/ensembles/robots", "/ensembles/exchanges"} <= set(found)
     poses = of(found, "/world/robots/r1", "Transform3D:translation")
@@ -86,8 +86,13 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     np.testing.assert_allclose(np.array([at[0][:2] for _, at in poses]), evidence.true[:, 0, :2], atol=1e-4)
     clouds = of(found, "/inside/r1/scan", "Points3D:positions")
     assert [len(cloud) for _, cloud in clouds] == insides["r1"].scans.counts.tolist()
-    states = [state[0] for _, state in of(found, "/states/r1", "StateChange:state")]
+    states = [state[0] for _, state in of(found, "/r1", "StateChange:state")]
     assert any(state.startswith("to r1/") for state in states) and any("blocked" in state for state in states)
+    truth = [one for one in spells(evidence) if one.robot == "r1" and one.cause is Cause.DEADLOCK]
+    lane = [(second, state[0]) for second, state in of(found, "/r1", "StateChange:state")]
+    assert [second for second, state in lane if state == "deadlock"] == [one.begin for one in truth] != []
+    assert lane[-1] == (evidence.end, ""), "the lane ends with the run"
+    assert "/legend/marks" in found and "/legend/copies" in found
     table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
     assert "| position |" in table and "| route |" in table
     reasons = of(found, "/why/r2", "TextDocument:text")
@@ -107,7 +112,7 @@ def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
     assert blueprint.application_id == APPLICATION
     found = rows(path)
     assert "/inside/r2/scan" in found and "/inside/r1/scan" not in found
-    assert {"/states/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
+    assert {"/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
 
 
 def test_two_runs_stand_beside_one_another_on_one_timeline(
@@ -122,7 +127,7 @@ def test_two_runs_stand_beside_one_another_on_one_timeline(
     one, both = rows(tmp_path / "one.rrd"), rows(path)
     drawn_there = {entity for entity in one if entity != "/__properties"}
     assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}
-    for entity in ("/world/robots/r1", "/inside/r2/scan", "/states/r1", "/world/radio/losses"):
+    for entity in ("/world/robots/r1", "/inside/r2/scan", "/r1", "/world/radio/losses"):
         whens = [[row.get("sim_time") for row in some] for some in (one[entity], both[f"/2{entity}"])]
         assert whens[0] == whens[1]
     with pytest.raises(AcrcError):
@@ -138,7 +143,7 @@ def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(
     draw(read_story(folder), tmp_path / "run.rrd", Wishes(), send_to=None, say=said.append)
     assert said[1:3] == ["r1: not to be trusted", "r2: neither"]
     found = rows(tmp_path / "run.rrd")
-    assert {state[0] for _, state in of(found, "/states/r1", "StateChange:state")} & {"driving", "standing"}
+    assert {state[0] for _, state in of(found, "/r1", "StateChange:state")} & {"driving", "standing"}
     assert "/inside/r1/scan" not in found
 
 

@@ -34,7 +34,7 @@ from observation.view.simulated import Teller, simulated_story
 from observation.view.story import Track
 from observation.view.writers import Standing, standing
 
-MORE = {f"/{what}/{robot}" for what in ("plots/places", "world/heading", "states") for robot in ("r1", "r2")}
+MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
 LESS = {"/plots/ages/r1_at_r2", "/plots/ages/r2_at_r1"}
 """They end with what was computed, and not with the run."""
@@ -76,6 +76,7 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
 ) -> None:
     traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
     monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
+    monkeypatch.setattr(drawn, "deadlocks", lambda story: {})  # which is known once a run has ended
     draw(read_story(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
     growing.grow(0.31)
     with (
@@ -97,6 +98,7 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
             following.draw(last=following.run.behind == 0 and following.end > 29.85)
             assert time.monotonic() < deadline, list(following.lack().sentences(following.end))
             time.sleep(0.05)
+        following.finish()
         assert list(following.lack().sentences(following.end)) == []
         kept = [growing.out / name / f"{name}.mcap" for name in ("r1", "r2", "radio")]
         while not all(path.with_suffix(".trace").exists() for path in kept):
@@ -234,12 +236,15 @@ def test_who_hangs_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, folder: Pa
         def flush(self) -> None:
             pass
 
+        def finish(self) -> None:
+            self.finished = True
+
     hung: Any = Hung()
     for name in ("_SETTLING_S", "_STUCK_S"):
         monkeypatch.setattr(live, name, 0.2)
     began = time.monotonic()
     live._draw_all(folder, hung, hung, None, lambda sentence: None)
-    assert hung.drawn > 2 and time.monotonic() - began > 0.2
+    assert hung.drawn > 2 and hung.finished and time.monotonic() - began > 0.2
 
 
 def test_who_is_off_seems_to_be_about_nothing_and_who_stays_for_3_s_to_stand() -> None:

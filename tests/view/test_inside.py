@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from actors.geometry import Point
+from actors.observer.drawing.words import Occupation
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
 from cleaning.cleaner import State
@@ -16,6 +17,7 @@ from observation.trace.program import whole
 from observation.trace.rows import ACTIVITIES, Trace
 from observation.trace.traces import Traced
 from observation.trace.words import in_words
+from observation.view.painted_inside import over
 
 
 def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
@@ -106,3 +108,15 @@ def test_knowledge_is_told_in_words() -> None:
     assert in_words((PlaceKey("r1", 3), PlaceKey("r2", 0))) == "r1/3 r2/0"
     assert in_words(((((1,),),),)) == "…"
     assert in_words(frozenset({"b", "a"})) == "a b"
+
+
+def test_ground_truth_has_the_last_word_on_deadlocks_in_a_lane() -> None:
+    own = [Occupation(0.0, "driving"), Occupation(4.0, "no trajectory"), Occupation(6.0, "blocked")]
+    assert over(own, [(3.0, 5.0)]) == [
+        Occupation(0.0, "driving"),
+        Occupation(3.0, "deadlock"),
+        Occupation(5.0, "no trajectory"),
+        Occupation(6.0, "blocked"),
+    ]
+    assert over(own, [(7.0, 9.0)])[-2:] == [Occupation(7.0, "deadlock"), Occupation(9.0, "blocked")]
+    assert over(own, []) == own

@@ -11,9 +11,10 @@ from typing import Any, Final
 import rerun.blueprint as rrb
 
 from actors.floor.grid import OccupancyGrid
-from actors.observer.colours import GROUND
+from actors.observer.colours import FATES, GROUND
 from actors.observer.drawing.canvas import TIMELINE
 from actors.observer.drawing.robots import RECENT_S
+from actors.observer.drawing.words import lane_path
 
 _FIELD_OF_VIEW: Final = math.radians(55.0)
 """Of the viewer's camera, vertically; with it the height is chosen so that the map just fits."""
@@ -151,16 +152,21 @@ def _reading(what: Arrangement) -> Any:
     """What is on the right."""
     columns = rrb.TextLogColumns(text_log_columns=["body"])
     events: Any = rrb.TextLogView(origin=f"{what.root}/events", name="Events", columns=columns)
+    marks = rrb.TextDocumentView(origin=f"{what.root}/legend/marks", name="Legend")
     if not what.looked_into:
-        return events
-    below = rrb.Tabs(events, rrb.GraphView(origin=f"{what.root}/ensembles", name="Ensembles"), active_tab=0)
+        return rrb.Tabs(events, marks, active_tab=0)
+    ensembles = rrb.GraphView(origin=f"{what.root}/ensembles", name="Ensembles")
+    below = rrb.Tabs(events, ensembles, marks, active_tab=0)
     tabs = rrb.Tabs(*(_own(robot, what) for robot in what.looked_into), active_tab=0, name="Robots")
     return rrb.Vertical(tabs, below, row_shares=[3, 1], name="Robots and events")
 
 
 def _lanes(what: Arrangement) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
-        origin=f"{what.root}/states", name="What each robot does", time_view=_whole(what)
+        origin=what.root or "/",
+        contents=[f"{what.root}/{lane_path(robot)}" for robot in what.robots],
+        name="What each robot does",
+        time_view=_whole(what),
     )
 
 
@@ -175,8 +181,13 @@ def _plots(what: Arrangement) -> rrb.Tabs:
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
     if what.true:
         tabs.insert(0, plot("error", "Pose error, m", plot_legend=hidden))
-    copies = plot("copies", "Copies of frames per second, by fate", plot_legend=rrb.Corner2D.LeftTop)
-    first = rrb.Vertical(done, copies, name="Progress and radio")
+    copies = plot("copies", "Copies of frames per second, by fate", plot_legend=hidden)
+    fates = rrb.Spatial2DView(
+        origin=f"{what.root}/legend/copies", name="Fates", background=_GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) - 0.2)),
+    )  # fmt: skip
+    curves = rrb.Vertical(done, copies)
+    first = rrb.Horizontal(curves, fates, column_shares=[5, 1], name="Progress and radio")
     rssi = plot("rssi", "RSSI, dBm", axis_y=rrb.ScalarAxis(range=(-100, -30)), plot_legend=hidden)
     ages = plot("ages", "Age of replicas, s", plot_legend=hidden)
     return rrb.Tabs(first, rssi, *tabs, ages, active_tab=0, name="Plots")

@@ -8,7 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from actors.observer.colours import GREY, WHITE, Colour, faded
-from actors.observer.drawing.canvas import BODY, INTENT, LABEL, PLACE, Canvas, lifted, ring
+from actors.observer.drawing.canvas import BODY, FEW, INTENT, LABEL, PLACE, Canvas, lifted, ring
 
 Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0
@@ -97,7 +97,7 @@ def draw_adoption(
         colors=[WHITE],
         radii=[-1.6],
         labels=[f"{robot} adopts {name}"],
-        show_labels=True,
+        show_labels=len(canvas.robots) <= FEW,
     )
     canvas.at(second, path, arrow)
     canvas.at(second + _ADOPTION_S, path, rr.Arrows3D.from_fields(clear_unset=True))

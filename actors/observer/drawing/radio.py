@@ -1,7 +1,7 @@
 """Radio: who hears whom how strongly, and where copies of frames are lost, by cause."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -45,11 +45,13 @@ class _HeardLink(NamedTuple):
     other: int
 
 
-def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats) -> None:
+def draw_links(
+    canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats, chosen: Collection[str] = ()
+) -> None:
     """Draw links at `seconds`, (n,), with robots at `positions`, (n, robots, 2), m.
 
     `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants. Among
-    many robots each has its strongest ones only.
+    many robots each has its strongest ones only, and those that are `chosen` have all.
     """
     links: list[list[_HeardLink]] = [[] for _ in seconds]
     pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
@@ -62,7 +64,8 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
         for k in np.flatnonzero(since < LASTING).tolist():
             links[k].append(_HeardLink(float(mine[last[k], 3]), float(since[k]), one, other))
     if len(canvas.robots) > FEW:
-        links = [_strongest(some) for some in links]
+        whole = {number for number, robot in enumerate(canvas.robots) if robot in chosen}
+        links = [_strongest(some, whole) for some in links]
     rows = [
         [lifted(positions[k, [link.one, link.other]], HEIGHT) for link in some]
         for k, some in enumerate(links)
@@ -71,12 +74,12 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
     canvas.strips("world/radio/links", seconds, rows, colours)
 
 
-def _strongest(links: Sequence[_HeardLink]) -> list[_HeardLink]:
-    """Those that are among the strongest of one of their ends."""
+def _strongest(links: Sequence[_HeardLink], whole: Collection[int]) -> list[_HeardLink]:
+    """Those that are among the strongest of one of their ends, and all of the robots in `whole`."""
     drawn: Counter[int] = Counter()
     kept = []
     for link in sorted(links, reverse=True):
-        if min(drawn[link.one], drawn[link.other]) < _EACH:
+        if min(drawn[link.one], drawn[link.other]) < _EACH or link.one in whole or link.other in whole:
             kept.append(link)
             drawn.update((link.one, link.other))
     return kept

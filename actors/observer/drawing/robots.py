@@ -50,13 +50,9 @@ def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> No
 def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> None:
     """A robot's name beside it from an instant on, and, if it does not act, why."""
     name = f"{robot} ({state})" if state else robot
-    few = len(canvas.robots) <= FEW
+    above = 1.1 if len(canvas.robots) <= FEW else 0.5
     label = rr.Points3D(
-        [(0.0, 1.1, LABEL)],
-        labels=[name],
-        colors=[canvas.colour(robot)],
-        radii=[0.0],
-        show_labels=few or bool(state),
+        [(0.0, above, LABEL)], labels=[name], colors=[canvas.colour(robot)], radii=[0.0], show_labels=True
     )
     canvas.at(second, f"world/robots/{robot}/name", label)
 

@@ -40,11 +40,16 @@ class DrawnEvent(NamedTuple):
     """INFO, WARN or ERROR."""
 
 
+def lane_path(robot: str) -> str:
+    """Where a robot's lane lies; the window shows all of it as the lane's name."""
+    return robot
+
+
 class Lane:
     """What a robot does over time, with where it heads for in the label."""
 
     def __init__(self, canvas: Canvas, robot: str) -> None:
-        self._canvas, self._path = canvas, f"states/{robot}"
+        self._canvas, self._path = canvas, lane_path(robot)
         self._kinds: dict[str, Colour] = {}
 
     def draw(self, spells: Sequence[Occupation]) -> None:
@@ -56,6 +61,10 @@ class Lane:
             canvas.still(self._path, rr.StateConfiguration(values=values, labels=values, colors=colours))
         states = [_label(spell) for spell in spells]
         canvas.columns(self._path, [spell.second for spell in spells], rr.StateChange.columns(state=states))
+
+    def end(self, second: float) -> None:
+        """Draw nothing from an instant on: the run is over."""
+        self._canvas.columns(self._path, [second], rr.StateChange.columns(state=[""]))
 
 
 def settled(spells: Sequence[Occupation]) -> list[Occupation]:
@@ -115,9 +124,8 @@ def draw_reasons(
 
 
 def _chain(links: Sequence[tuple[float, int, str]]) -> str:
-    """In Markdown: causes stand below their effects, one mark deeper."""
-    rows = (f"| {second:.3f} s | {'· ' * depth}{_cell(says)} |" for second, depth, says in links)
-    return "\n".join(("| when | why |", "|---|---|", *rows))
+    """In Markdown: causes stand below their effects, one step deeper; a list wraps, a table does not."""
+    return "\n".join(f"{'  ' * depth}- **{second:.3f} s** {_cell(says)}" for second, depth, says in links)
 
 
 def _cell(text: str) -> str:

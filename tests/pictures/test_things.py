@@ -1,0 +1,216 @@
+"""What was put into a run's world is in every picture of it, from when to when; no words lie on others."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.text import Annotation
+from matplotlib.transforms import Bbox
+from PIL import Image
+
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.observer.colours import hexadecimal
+from actors.observer.glyphs import CLOSED, JAM, MARKS, PUT
+from actors.orders import CloseDoor, OpenDoor, Wall
+from observation.accounting.spells import spells
+from observation.accounting.time_spent import Cause
+from observation.evidence.floor_things import FloorThing, FloorThings
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import RunReader, read_run
+from observation.evidence.things_over_time import ThingsOverTime, ordered, spans
+from observation.picture import labels, lanes, look, moving, run_page, style
+from observation.replay.recorded_orders import GivenOrder
+from tests.swarm.command import ROOT, run
+
+EVENTS = """
+[[event]]
+at = 2.0
+close = [17.25, 9.4]
+[[event]]
+at = 3.0
+obstacle = [9.0, 11.5]
+radius = 0.3
+[[event]]
+at = 4.0
+jam = [20.0, 11.5]
+radius = 2.0
+duration = 5.0
+[[event]]
+at = 6.0
+freeze = "r1"
+[[event]]
+at = 8.0
+thaw = "r1"
+[[event]]
+at = 9.0
+give = "r1"
+places = [[14.0, 12.5]]
+[[event]]
+at = 10.0
+open = [17.25, 9.4]
+[[event]]
+at = 11.0
+move = "r2"
+to = [20.0, 11.5, 0.0]
+[[event]]
+at = 13.0
+kill = "r2"
+"""
+SPANS = [
+    ("closed door", 2.0, 10.0),
+    ("obstacle", 3.0, 16.0),
+    ("jammer", 4.0, 9.0),
+    ("wall", 5.0, 16.0),
+]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunEvidence:
+    folder = tmp_path_factory.mktemp("things")
+    shipped = (ROOT / "scenarios" / "head_on.toml").read_text().replace("../maps", str(ROOT / "maps"))
+    (folder / "put.toml").write_text(shipped + EVENTS)
+    run(folder / "run", folder / "put.toml", "--bus", "memory", "--duration", "16")
+    return read_run(folder / "run")
+
+
+@pytest.fixture(scope="module")
+def ordered_run(recorded: RunEvidence) -> RunEvidence:
+    """The same with a wall, which people alone can order."""
+    wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
+    return replace(recorded, orders=tuple(sorted((*recorded.orders, wall), key=lambda one: one.step)))
+
+
+def test_each_thing_was_there_from_when_to_when(ordered_run: RunEvidence) -> None:
+    assert [(one.thing.kind, one.begin, one.end) for one in spans(ordered_run)] == SPANS
+    door = spans(ordered_run)[0].thing
+    (x, y), (to_x, to_y) = door.points
+    assert math.dist((x, y), (to_x, to_y)) == pytest.approx(0.85, abs=0.1), "across the passage"
+
+
+def test_a_run_in_pieces_tells_the_same(recorded: RunEvidence) -> None:
+    whole = list(ThingsOverTime().extend(recorded))
+    things = ThingsOverTime()
+    pieces: list[tuple[float, tuple[FloorThing, ...]]] = []
+    with RunReader(recorded.out) as reader:
+        while (piece := reader.poll(last=bool(pieces))) is not None:
+            pieces += list(things.extend(piece))
+    assert pieces == whole and len(whole) == 5
+
+
+def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunEvidence) -> None:
+    assert [(one.second, one.robot, one.words) for one in ordered(ordered_run)] == [
+        (2.0, "", "the door at (17.2, 9.4) is to close"),
+        (3.0, "", "a thing of 0.6 m is put at (9.0, 11.5)"),
+        (4.0, "", "a jammer of 2 m at (20.0, 11.5) for 5 s"),
+        (5.0, "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)"),
+        (9.0, "r1", "is given 1 more place"),
+        (10.0, "", "the door at (17.2, 9.4) opens"),
+        (11.0, "r2", "is carried to (20.0, 11.5)"),
+    ]
+
+
+def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunEvidence) -> None:
+    found = [(one.robot, one.cause, one.begin) for one in spells(ordered_run)]
+    assert ("r1", Cause.FROZEN, 6.0) in found and ("r2", Cause.OFF, 13.0) in found
+    assert not any(cause in (Cause.NO_PROGRESS, Cause.OPEN_FLOOR) for _, cause, _ in found)
+
+
+def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, tmp_path: Path) -> None:
+    run_page.write(ordered_run, tmp_path / "run.png")
+    with Image.open(tmp_path / "run.png") as image:
+        seen = set(map(tuple, np.asarray(image.convert("RGB")).reshape(-1, 3).tolist()))
+    assert {PUT, JAM, CLOSED} <= seen
+    with look.applied(style.LOOK):
+        figure = run_page.draw(ordered_run)
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    says = {text.get_text() for text in legend.get_texts()}
+    wanted = (
+        "wall",
+        "obstacle",
+        "jammer",
+        "closed door",
+        "door",
+        "given",
+        "off",
+        "frozen",
+        "carried",
+        "start",
+    )
+    assert {MARKS[name].says for name in wanted} <= says
+    told = {text.get_text() for text in figure.axes[0].texts}
+    assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
+
+
+def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunEvidence, tmp_path: Path) -> None:
+    moving.write(ordered_run, tmp_path / "m.gif", 10.0)
+    with Image.open(tmp_path / "m.gif") as film:
+        seen = []
+        for second in (1, 6, 12):
+            film.seek(second)
+            colours = np.asarray(film.convert("RGB")).reshape(-1, 3).astype(int)
+            near = [int((np.abs(colours - wanted).max(axis=1) < 24).sum()) for wanted in (PUT, JAM, CLOSED)]
+            seen.append([count > 5 for count in near])
+    assert seen == [[False, False, False], [True, True, True], [True, False, False]]
+
+
+def grid() -> OccupancyGrid:
+    cells = np.full((60, 100), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    cells[:26, 50], cells[34:, 50] = OCCUPIED, OCCUPIED
+    return OccupancyGrid(cells, 0.1)
+
+
+def test_a_door_closes_once_nobody_stands_in_it_and_an_opened_one_never() -> None:
+    steps = np.full((10, 1, 2), 5.05)
+    steps[:, 0, 1] = 3.0
+    steps[6:, 0, 0] = 2.0
+    orders = [GivenOrder(1, CloseDoor(5.0, 3.0))]
+    assert [step for step, _ in FloorThings(grid(), 0.177).changes(orders, steps)] == [6]
+    orders.append(GivenOrder(4, OpenDoor(5.0, 3.0)))
+    assert list(FloorThings(grid(), 0.177).changes(orders, steps)) == []
+
+
+def boxes(texts: list[Annotation]) -> Iterator[Bbox]:
+    for text in texts:
+        yield text.get_window_extent()
+
+
+def test_no_words_lie_on_others_however_near_their_points_are() -> None:
+    with look.applied(style.LOOK):
+        figure = style.new_figure(6.0, 4.0)
+        axes = figure.add_subplot()
+        axes.set_xlim(0.0, 10.0)
+        axes.set_ylim(0.0, 6.0)
+        labels.settle(figure)
+        crowd = [labels.Label(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
+        left_out = labels.place(axes, [*crowd, labels.Label("far", 1.0, 1.0, "#000000")])
+        written = [text for text in axes.texts if text.get_text()]
+        placed = list(boxes([text for text in written if isinstance(text, Annotation)]))
+    assert len(placed) == 21 - left_out and left_out < 10
+    assert not any(one.overlaps(other) for number, one in enumerate(placed) for other in placed[:number])
+
+
+def test_many_lanes_are_named_and_those_that_were_kept_most_come_first(ordered_run: RunEvidence) -> None:
+    doing = spells(ordered_run)
+    assert lanes.order(ordered_run, doing) == list(ordered_run.robots)
+    few, style._FEW = style._FEW, 1  # type: ignore[misc]
+    try:
+        kept = dict.fromkeys(ordered_run.robots, 0.0)
+        for one in doing:
+            kept[one.robot] += 0.0 if one.cause in (Cause.DRIVING, Cause.IDLE) else one.end - one.begin
+        found = lanes.order(ordered_run, doing)
+        assert found == sorted(kept, key=lambda robot: -kept[robot])
+        with look.applied(style.LOOK):
+            figure = run_page.draw(ordered_run)
+        assert [one.get_text() for one in figure.axes[1].get_yticklabels()] == found
+    finally:
+        style._FEW = few  # type: ignore[misc]
+
+
+def test_colours_of_marks_are_those_of_the_language() -> None:
+    assert hexadecimal(PUT) == "#c31e87" and MARKS["wall"].colour == MARKS["obstacle"].colour == PUT
