@@ -204,14 +204,13 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
+    from observation.recordings.writers import drawn_until
 
     if movie is not None:
         moving.check(movie)
     run = read_run(out)
     if run.result is None:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(
-            f"the run is going on, or was cut off: it is drawn up to {run.end:g} s"
-        )
+        Console(stderr=True, soft_wrap=True, highlight=False).print(drawn_until(out, run.end), markup=False)
     _warn_of_short(out, run)
     console = Console(soft_wrap=True, highlight=False)
     for name in names:
