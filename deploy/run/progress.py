@@ -1,4 +1,4 @@
-"""How far a run is: a bar at a terminal, and a line now and then where there is none, as in a log."""
+"""How far a run is: a bar at a terminal, and lines now and then where there is none, such as in a log."""
 
 import time
 from collections.abc import Callable, Iterator
