@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from actors.console import screen
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
@@ -56,9 +56,9 @@ def run(
     if watch is not None:
         kept.declare_looks()
     frozen = plan_taken.take_in(kept, plan_file, source, looks=until_decided)
-    say = Console(stderr=True, soft_wrap=True, highlight=False)
+    say = screen(stderr=True)
     for line in [] if json_output else (*taken_for, *hints, *foreseen(study), *frozen):
-        say.print(line, markup=False)
+        say.print(line)
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
@@ -71,11 +71,11 @@ def run(
     if json_output:
         _print_json(kept, folder, progress)
     else:
-        console = Console(soft_wrap=True, highlight=False)
+        console = screen()
         for line in _lines(kept, folder, progress, watch):
-            console.print(line, markup=False)
+            console.print(line)
     for line in different:
-        say.print(f"acrc: {line}", style="bold red", markup=False)
+        say.print(f"acrc: {line}", style="bold red")
     if different:
         raise typer.Exit(1)
 
@@ -129,7 +129,7 @@ def _carried_out(
 @contextmanager
 def shown(*, quiet: bool) -> Iterator[campaign.OnProgress]:
     """Says on standard error how far the campaign is: by a bar at a terminal, else by a line now and then."""
-    console = Console(stderr=True)
+    console = screen(stderr=True, soft_wrap=False)
     if quiet:
         yield lambda progress: None
         return
