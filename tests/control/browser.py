@@ -84,6 +84,10 @@ class Browser:
         self.call("Page.navigate", url=url)
         until(lambda: self.value(f"location.href.startsWith({json.dumps(url)}) && {_WHOLE}"))
 
+    def until(self, expression: str) -> None:
+        """Wait until an expression is true on the page."""
+        until(lambda: self.value(expression))
+
     def shot(self) -> bytes:
         """What can be seen of the page, as a PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot")["data"])
