@@ -5,8 +5,8 @@ import sys
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError, extras_named
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.runtime.errors import AcrcError
@@ -72,7 +72,7 @@ def _kept(interrupt: Interrupted) -> str:
 
 
 def _say(text: str) -> None:
-    Console(stderr=True, soft_wrap=True).print(text, markup=False, highlight=False)
+    screen(stderr=True).print(text)
 
 
 def _print_version(wished: bool) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from command_line.options import Modules, Trust
 
 
@@ -38,7 +38,7 @@ def export(
 
     choice = choose(None)
     warn(choice.warning)
-    console = Console(stderr=True)
+    console = screen(stderr=True, soft_wrap=False)
     with console.status("reading") as status:
         found = rows.tables(
             out,

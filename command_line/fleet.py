@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.repository import clone
 from command_line.collect import collect
 from command_line.laptop import pause, resume, stop, watch
@@ -53,7 +53,7 @@ def units(
         modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
-    _console().print(
+    screen().print(
         f"{service}\n{rules}\n\n"
         "Look at them, then install them, here on the robot's own computer:\n\n"
         f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
@@ -104,7 +104,7 @@ def keys(
         return
     made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
     _print_keys(loaded, made)
-    _console().print(
+    screen().print(
         f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
         "the operator's first, and start the robots again.\n"
         f"The old keys are in {aside}; delete them after that."
@@ -134,7 +134,7 @@ def doctor(
 
 
 def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
-    console = _console()
+    console = screen()
     console.print(
         f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
         "for its key is not encrypted"
@@ -152,10 +152,6 @@ def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
                 f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
                 f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
             )
-
-
-def _console() -> Console:
-    return Console(soft_wrap=True, highlight=False, markup=False)
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)

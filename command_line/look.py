@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 from command_line import completion
 from command_line.options import Modules, Robots, Seed, Setting, Trust
@@ -47,9 +47,9 @@ def demo(
     with out_folder.writing(options.out):
         for picture in pictures:
             side_by_side.write(runs, picture)
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for sentence in demonstration.sentences(shown, len(runs[-1].taken_over), pictures):
-        console.print(sentence, markup=False)
+        console.print(sentence)
     if console.is_terminal and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         typer.launch(str(pictures[0]))
 
@@ -159,10 +159,10 @@ def _show(
     from observation.view import beside, command
     from observation.view.drawn import Wishes
 
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console = screen(stderr=True)
 
     def say(sentence: str) -> None:
-        console.print(sentence, markup=False)
+        console.print(sentence)
 
     wished, one = Wishes(*wishes), folders[0]
     with out_folder.writing((save or screenshot or one).absolute().parent):
@@ -189,7 +189,7 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
         picture = folders[0] / f"beside.{kind}"
         with out_folder.writing(folders[0]):
             side_by_side.write(runs, picture)
-        Console(soft_wrap=True, highlight=False).print(str(picture), markup=False)
+        screen().print(str(picture))
 
 
 def _warn_of_short(out: Path, run: "RunEvidence") -> None:
@@ -204,24 +204,23 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
+    from observation.recordings.writers import drawn_until
 
     if movie is not None:
         moving.check(movie)
     run = read_run(out)
     if run.result is None:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(
-            f"the run is going on, or was cut off: it is drawn up to {run.end:g} s"
-        )
+        screen(stderr=True).print(drawn_until(out, run.end))
     _warn_of_short(out, run)
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for name in names:
         with out_folder.writing(out):
             (run_html if name.endswith(".html") else run_page).write(run, out / name)
-        console.print(str(out / name), markup=False)
+        console.print(str(out / name))
     if movie is not None:
         with out_folder.writing(movie.parent):
             moving.write(run, movie, speed)
-        console.print(str(movie), markup=False)
+        console.print(str(movie))
 
 
 def scenario(
@@ -265,15 +264,15 @@ def scenario(
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
     settled = resolve(load_scenario(file, overrides))
     found = survey.survey(settled)
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for sentence in survey.sentences(found):
-        console.print(sentence, markup=False)
+        console.print(sentence)
     if png is not None:
         from deploy.scenario import scenario_picture
 
         with out_folder.writing(png.parent):
             scenario_picture.write(found, png)
-        console.print(str(png), markup=False)
+        console.print(str(png))
     folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
     preflight_here(settled, folders)
 
@@ -286,10 +285,10 @@ def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
 
     floor = survey.survey_map(file) if is_map else None
     model = None if is_map else load_model(str(file))
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     told = survey.map_sentences(floor) if floor else ()
     for sentence in (*told, *(survey.model_sentences(model) if model else ())):
-        console.print(sentence, markup=False)
+        console.print(sentence)
     if png is None:
         return
     from deploy.scenario import scenario_picture
@@ -299,4 +298,4 @@ def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
             scenario_picture.write_map(floor, png)
         elif model:
             scenario_picture.write_model(model, png)
-    console.print(str(png), markup=False)
+    console.print(str(png))

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from command_line.options import FleetFile, Modules
 
 
@@ -49,7 +49,7 @@ def onboard(
     from deploy.fleet.fleet_file import load_fleet
     from deploy.run import out_folder
 
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = screen(stderr=True)
     loaded = load_fleet(fleet)
     named = permit_of(modules).modules
     folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))

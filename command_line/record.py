@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 from command_line.options import Json
 
@@ -145,12 +145,12 @@ def check(out: _Recorded) -> None:
     from observation.replay import record_check
     from observation.results import seal
 
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     if out.is_file():
-        console.print(merged_file.sentence(out), markup=False)
+        console.print(merged_file.sentence(out))
         return
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
-        console.print(seal.sentence(out, sealed), markup=False)
+        console.print(seal.sentence(out, sealed))
         return
     report = record_check.check(out)
     digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
@@ -163,7 +163,7 @@ def check(out: _Recorded) -> None:
             "the run did not end as planned: this is the digest of what was recorded until then; every "
             f"recording is good up {until}"
         )
-    console.print(seal.sentence(out, report.sealed), markup=False)
+    console.print(seal.sentence(out, report.sealed))
 
 
 def _messages(

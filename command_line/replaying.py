@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError
 from command_line import completion
 from command_line.options import Json, Modules, Trust
@@ -72,7 +72,7 @@ def replay(
         "--debugpy": debugpy,
         "--strategy": strategy,
     }
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     if robot is None:
         alone = [name for name, value in options.items() if value is not None]
         if alone:
@@ -183,7 +183,7 @@ def explain(
     from observation.explanation import explain as explanation
 
     permit = permit_of(modules, trust=trust)
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console = screen()
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
     explainer = explanation.Explainer(out, permit=permit, isolate=choice.isolate)

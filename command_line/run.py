@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from command_line import completion
@@ -224,9 +224,7 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
     from observation.replay.recheck import recheck
 
     again = recheck(out, modules)
-    Console(stderr=True, soft_wrap=True, highlight=False).print(
-        f"checked: {again.actors} actors replayed, all {again.outputs} messages equal"
-    )
+    screen(stderr=True).print(f"checked: {again.actors} actors replayed, all {again.outputs} messages equal")
 
 
 def _behaviour(strategy: str, *, by_option: bool) -> str:

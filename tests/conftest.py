@@ -5,7 +5,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 from hypothesis import settings
@@ -13,6 +13,9 @@ from hypothesis import settings
 from actors.processes import launch
 from command_line.development.suite import ALONE, says_alone
 from tests import warm
+
+if TYPE_CHECKING:
+    from tests.control.browser import Browser
 
 if "CI" not in os.environ:  # there hypothesis has a profile of its own, without a limit as well
     settings.register_profile("here", deadline=None)  # no test may fail because others take the processor
@@ -87,6 +90,18 @@ def forked_servers() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "begin", warm.begin_server)
         yield
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> "Iterator[Browser]":
+    """A real one with an empty page; where there is none, the test is skipped."""
+    found = pytest.importorskip(
+        "tests.control.browser", reason="websockets comes with `./acrc run --control`"
+    )
+    if found.CHROMIUM is None:
+        pytest.skip("there is no Chromium on this machine")
+    with found.Browser(tmp_path / "browser", "about:blank") as page:
+        yield page
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

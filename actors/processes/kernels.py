@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from actors.console import screen
 from actors.kernels import cache_folder, kernel_sources, prune, reachable, state
 from actors.runtime.fingerprint import KernelModule, fingerprints
 from actors.runtime.processor import processor
@@ -142,7 +142,7 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
 @contextmanager
 def _told(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """What is to be called after each of so many modules."""
-    console, began = Console(stderr=True, soft_wrap=True, highlight=False), time.monotonic()
+    console, began = screen(stderr=True), time.monotonic()
     if quiet:
         yield lambda: None
     elif console.is_terminal:

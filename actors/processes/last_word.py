@@ -8,8 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.processes.launch import Child, Program
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
@@ -50,7 +49,7 @@ def said(program: Program, limit: int = _SHOWN) -> str:
 def show(told: str) -> None:
     """Show on standard error what a process said, if it said anything."""
     if told.strip():
-        Console(stderr=True, soft_wrap=True).print(told.rstrip("\n"), markup=False, highlight=False)
+        screen(stderr=True).print(told.rstrip("\n"))
 
 
 _FRAME: Final = re.compile(r'^  File "(.*)", line (\d+) in (.*)$', re.MULTILINE)

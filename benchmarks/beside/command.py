@@ -7,9 +7,9 @@ from pathlib import Path
 from statistics import median
 from typing import Final, get_args
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from benchmarks.beside.state import HERE, PairedCase, ProjectState, RunCost, here, other, unlike
@@ -83,7 +83,7 @@ def _simulated_s(robots: int) -> float:
 
 
 def _say(sentence: str) -> None:
-    Console(stderr=True, soft_wrap=True).print(sentence, highlight=False, markup=False)
+    screen(stderr=True).print(sentence)
 
 
 def _warm_up(case: PairedCase, mine: ProjectState, theirs: ProjectState) -> None:

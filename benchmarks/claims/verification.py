@@ -8,9 +8,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
@@ -53,12 +53,12 @@ def verified_alone(claim: PublishedClaim, given: Mapping[str, Any], *, full: boo
 
 def verified(claims: Sequence[PublishedClaim], given: Mapping[str, Any], *, full: bool) -> Measured:
     """Several claims: a row for each, and below what was found of those that do not hold."""
-    say = Console(stderr=True)
+    say = screen(stderr=True)
     table = Table("claim", "", "s", title=f"claims in {'full' if full else 'small'} size")
     figures: dict[str, Any] = {}
     details: list[Table | str] = []
     for claim in claims:
-        say.print(f"{claim.name}, about {_took(claim.seconds[full])} …", highlight=False)
+        say.print(f"{claim.name}, about {_took(claim.seconds[full])} …")
         began = time.monotonic()
         try:
             own = {name: value for name, value in given.items() if name in claim.takes}

@@ -7,9 +7,9 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.repository import SHIPPED
 from benchmarks.failures.run import FailureRun, FailureTask, examine
 from benchmarks.statistics.measured import ConfidenceInterval, Measured, average, proportion
@@ -40,10 +40,10 @@ def check(
     presets in place of the scenario's tables. `workers`: processes; None: one per processor. It holds where
     robots block one another or find no trajectory, and none is lost.
     """
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     found: list[FailureRun] = []
     for count in robots:
-        console.print(f"strategy {strategy}, robots {count}, seeds 1 to {runs} …", highlight=False)
+        console.print(f"strategy {strategy}, robots {count}, seeds 1 to {runs} …")
         first = FailureTask(scenario, strategy, count, 1, duration, localisation, navigation)
         tasks = [replace(first, seed=seed) for seed in range(1, runs + 1)]
         found += in_order(examine, tasks, workers)

@@ -5,9 +5,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from benchmarks.localisation import log as course_log
@@ -103,12 +103,12 @@ def write_log(file: Path, patterns: Sequence[str], seed: int, extent: Extent) ->
 
 def _runs(todo: Sequence[CourseCell], workers: int | None) -> Any:
     courses = tasks(todo)
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     every = max(1, len(courses) // 10)
 
     def tell(done: int) -> None:
         if done % every == 0 or done == len(courses):
-            console.print(f"{done} of {len(courses)} courses …", highlight=False)
+            console.print(f"{done} of {len(courses)} courses …")
 
     return run_all(courses, workers, tell)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.repository import SHIPPED
 from benchmarks.navigation import goal_log, original
 from benchmarks.navigation import log as cycle_log
@@ -109,11 +109,11 @@ def check(
 
 def measured(task: NavigationTask) -> list[NavigationFigures]:
     """Every map with every number of robots."""
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     figures = []
     for map_file in task.maps:
         for robots in task.robots:
-            console.print(f"{map_file.stem}, robots {robots} …", highlight=False)
+            console.print(f"{map_file.stem}, robots {robots} …")
             courses = _courses(task, map_file, robots)
             figures.append(_summed(courses[0], list(in_order(measure, courses, task.workers))))
     return figures

@@ -5,8 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.installation.repository import REPOSITORY, SHIPPED
 from benchmarks.processors import aarch64, pythons
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, here, make
@@ -89,10 +88,10 @@ def check(
     wanted; none: all. `install`: let apt-get install what an emulator needs. `folder`: for what is built.
     """
     wanted = tasks(duration, _CROWD_S)
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     rows = measure(
         wanted, computers(folder, install, only), folder,
-        lambda row: console.print(line(row).rstrip(), highlight=False, markup=False, soft_wrap=True),
+        lambda row: console.print(line(row).rstrip()),
     )  # fmt: skip
     found = {task.title: digests(rows, task.title) for task in wanted}
     heads = "  ".join(f"{f'{task.title}, {task.seconds:g} s':{_SHOWN}s}" for task in wanted)

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.runtime.errors import AcrcError
 from benchmarks.radio.reference import FAMILIES, LATENCIES, OperatingPoint, ReferenceEstimate, points
 from benchmarks.radio.trials import NS3_MAC_OCTETS, measure
@@ -90,14 +90,14 @@ def check(data: Path | None = None, runs: int = 10) -> Measured:
         )
         says = f"One backlogged sender: within {worst:.3%} of the closed formula."
         return Measured({"throughput_error": worst}, (says,), worst <= THROUGHPUT_GOAL)
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     families: dict[str, list[FigureComparison]] = {}
     numbers: dict[str, int] = {}
     throughput: list[float] = []
     for family in FAMILIES:
         there = points(data, family)
         if not there:
-            console.print(f"{family}: no file {family}.csv with rows, left out.", highlight=False)
+            console.print(f"{family}: no file {family}.csv with rows, left out.")
             continue
         families[family], numbers[family] = [], len(there)
         for point in there:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from statistics import NormalDist, mean, stdev
 from typing import Any, Final, NamedTuple
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from observation.field_trial.clocks.student_t import quantile
 
 _WIDTH: Final = 250
@@ -29,9 +29,12 @@ class Measured:
 
     def show(self) -> None:
         """Print it for people, on standard output."""
-        console = Console() if sys.stdout.isatty() else Console(width=_WIDTH)
+        console = screen(width=None if sys.stdout.isatty() else _WIDTH)
         for one in self.shown:
-            console.print(one, highlight=False, markup=False, soft_wrap=isinstance(one, str))
+            if isinstance(one, str):
+                console.print(one)
+            else:
+                print_table(console, one)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import part_clock, tables
@@ -57,18 +56,18 @@ def measure(
 
 def measured(task: SwarmTask) -> list[SwarmFigures]:
     """Over Zenoh first: what runs in memory leave behind would be the parent's memory."""
-    say = Console(stderr=True)
+    say = screen(stderr=True)
     clock_cost = part_clock.overhead()
     idle_task = replace(task, scenario=_IDLE)
     meshes, found = {}, []
     for count in task.robots:
-        say.print(f"{count} robots over Zenoh …", highlight=False)
+        say.print(f"{count} robots over Zenoh …")
         load, before = os.getloadavg()[0], yardstick()
         mesh = _mesh(count, task)
         idle_ms = None if mesh is None else plain_mesh_ms(count, idle_task)
         meshes[count] = (load, before, mesh, idle_ms, yardstick())
     for count, (load, before, mesh, idle_ms, after) in meshes.items():
-        say.print(f"{count} robots in memory …", highlight=False)
+        say.print(f"{count} robots in memory …")
         memory = in_memory(count, task, clock_cost)
         found.append(
             SwarmFigures(

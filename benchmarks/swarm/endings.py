@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from rich.console import Console
-
+from actors.console import screen
 from benchmarks.statistics.commands import answer
 from benchmarks.statistics.measured import Measured, table_of
 from benchmarks.swarm.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_words
@@ -21,7 +20,7 @@ def check(runs: int = 200, seed: int = 1, longest_stop: float = 60.0, workers: i
     `longest_stop`: processes are stopped for 5 s to so long. `workers`: so many runs at a time.
     """
     task = EndingsTask(runs, seed, longest_stop=longest_stop)
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = screen(stderr=True)
     _obeyed_by_children()
     digest = _undisturbed(task)
     endings: list[Ending] = []
@@ -30,7 +29,7 @@ def check(runs: int = 200, seed: int = 1, longest_stop: float = 60.0, workers: i
         for ending in pool.map(lambda one: attempt(one, task, digest), deeds):
             endings.append(ending)
             for fault in ending.faults:
-                console.print(f"{len(endings)}: {ending.deed}: {fault}", markup=False)
+                console.print(f"{len(endings)}: {ending.deed}: {fault}")
     rows = table_rows(endings)
     table = table_of(rows, f"{task.count} runs, seed {task.seed}")
     return Measured(rows, (table,), not any(ending.faults for ending in endings))

@@ -9,10 +9,10 @@ from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 import deeco.node
+from actors.console import screen
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.ports import EVERYBODY_DBM
@@ -175,7 +175,7 @@ def measure(
         for one in range(seed, seed + seeds)
         for below_dbm in rules
     ]
-    Console(stderr=True).print(f"{len(tasks)} runs …", highlight=False)
+    screen(stderr=True).print(f"{len(tasks)} runs …")
     found = list(in_order(examine, tasks))
     of_each = [[one for one in found if one.robots == count] for count in sorted(set(robots))]
     shown: list[Table | str] = [_figures(runs, own_dbm) for runs in of_each]

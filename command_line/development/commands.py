@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
+from actors.console import screen
 from actors.installation.repository import clone
 from command_line.development.checks import run_checks
 from command_line.development.suite import run_suite
@@ -25,7 +25,7 @@ def test(context: typer.Context) -> None:
 
 def check() -> None:
     """Check style, types and imports of the sources."""
-    if not run_checks(clone("check"), Console()):
+    if not run_checks(clone("check"), screen()):
         raise typer.Exit(1)
 
 

@@ -12,7 +12,11 @@ from command_line.options import Json, Modules, Robots, Setting, Trust
 def campaign(
     study: Annotated[
         Path | None,
-        typer.Argument(metavar="STUDY.toml", show_default=False, help="What to compare."),
+        typer.Argument(
+            metavar="STUDY.toml",
+            show_default=False,
+            help="What to compare. A scenario here is the same as --scenario.",
+        ),
     ] = None,
     scenario: Annotated[
         Path | None,

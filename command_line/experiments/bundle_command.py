@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from actors.console import screen
 from deploy.run import out_folder
 from experiments.bundle import bundle
 
@@ -14,7 +13,7 @@ def run(folder: Path, out: Path | None, authors: Sequence[str]) -> None:
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
         has_software = bundle.make(folder, target, authors)
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     console.print(f"written to {target}; unpack it and call ./reproduce.sh to repeat the runs")
     if not has_software:
         console.print("without the software: it was changed after its last commit, or that commit is gone")

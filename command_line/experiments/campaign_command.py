@@ -9,12 +9,13 @@ from pathlib import Path
 
 import msgspec
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from actors.console import screen
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
+from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.cluster_address import check as check_address
@@ -24,7 +25,7 @@ from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.family import foreseen
 from experiments.comparison.sentences import summaries
-from experiments.study.study_wishes import StudyWishes, check, path_of, study_of
+from experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
 from observation.results.seal import seal
 
 
@@ -41,6 +42,7 @@ def run(
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
         check_address(options.on)  # what is no address is said before anything is written
+    wishes, taken_for = understood(wishes)
     study = study_of(wishes)
     if study.isolated and options.on is None:
         choose(True)  # refused here, not run by run
@@ -54,9 +56,9 @@ def run(
     if watch is not None:
         kept.declare_looks()
     frozen = plan_taken.take_in(kept, plan_file, source, looks=until_decided)
-    say = Console(stderr=True, soft_wrap=True, highlight=False)
-    for line in [] if json_output else (*hints, *foreseen(study), *frozen):
-        say.print(line, markup=False)
+    say = screen(stderr=True)
+    for line in [] if json_output else (*taken_for, *hints, *foreseen(study), *frozen):
+        say.print(line)
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
@@ -69,11 +71,11 @@ def run(
     if json_output:
         _print_json(kept, folder, progress)
     else:
-        console = Console(soft_wrap=True, highlight=False)
+        console = screen()
         for line in _lines(kept, folder, progress, watch):
-            console.print(line, markup=False)
+            console.print(line)
     for line in different:
-        say.print(f"acrc: {line}", style="bold red", markup=False)
+        say.print(f"acrc: {line}", style="bold red")
     if different:
         raise typer.Exit(1)
 
@@ -118,29 +120,42 @@ def _print_json(kept: store.Store, folder: Path, progress: campaign.CampaignProg
 def _carried_out(
     kept: store.Store, options: CampaignOptions, watch: decision.Watch | None, *, quiet: bool
 ) -> campaign.CampaignProgress:
-    with _bar(quiet=quiet) as follow:
+    with shown(quiet=quiet) as follow:
         if watch is None:
             return campaign.carry_out(kept, options, follow)
         return campaign.carry_out(kept, options, follow, watch.enough)
 
 
 @contextmanager
-def _bar(*, quiet: bool) -> Iterator[campaign.OnProgress]:
-    console = Console(stderr=True)
+def shown(*, quiet: bool) -> Iterator[campaign.OnProgress]:
+    """Says on standard error how far the campaign is: by a bar at a terminal, else by a line now and then."""
+    console = screen(stderr=True, soft_wrap=False)
+    if quiet:
+        yield lambda progress: None
+        return
+    if not console.is_terminal:
+        say = lines(console)
+        yield lambda progress: say(f"{progress.done} of {progress.total} runs{_stands(progress)}")
+        return
     bar = Progress(
-        TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"),
-        console=console, disable=quiet, auto_refresh=console.is_terminal,  # no thread where nobody looks
+        TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[stands]}"),
+        console=console,
     )  # fmt: skip
     with bar:
-        task = bar.add_task("runs", total=None, left="")
+        task = bar.add_task("runs", total=None, stands="")
+        yield lambda progress: bar.update(
+            task, total=progress.total, completed=progress.done, stands=_stands(progress).removeprefix(", ")
+        )
 
-        def follow(progress: campaign.CampaignProgress) -> None:
-            left = "" if progress.left_s is None else f"about {_span(progress.left_s)} to go"
-            failed = f", {progress.failed} failed" if progress.failed else ""
-            enough = ", decided" if progress.enough else ""
-            bar.update(task, total=progress.total, completed=progress.done, left=left + failed + enough)
 
-        yield follow
+def _stands(progress: campaign.CampaignProgress) -> str:
+    """What there is to say beside how many runs have ended, each behind a comma."""
+    failed = f", {progress.failed} failed" if progress.failed else ""
+    decided = ", decided" if progress.enough else ""
+    if not progress.left_s:
+        return failed + decided
+    checking = ", repeating some to check them" if progress.done == progress.total else ""
+    return f"{failed}{decided}{checking}, about {_span(progress.left_s)} left"
 
 
 def _span(seconds: float) -> str:

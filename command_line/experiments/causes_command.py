@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from actors.robot.behaviour.foreign import Permit
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, TimeSpent
@@ -30,11 +30,11 @@ def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
     if json_output:
         sys.stdout.write(msgspec.json.encode(spent).decode() + "\n")
         return
-    console = Console(soft_wrap=True, highlight=False)
-    console.print(_times(spent))
+    console = screen()
+    print_table(console, _times(spent))
     for table in (_blockings(spent), _decisions(spent)):
         if table.row_count:
-            console.print(table)
+            print_table(console, table)
     for sentence in _sentences(spent):
         console.print(sentence)
     if asks and not spent.what_if:

@@ -8,9 +8,9 @@ from itertools import groupby
 from pathlib import Path
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from actors.installation.usage import wrong_value
 from experiments.campaign import store
 from experiments.campaign.trust import differing, protection
@@ -44,9 +44,9 @@ def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
 
 
 def _warn(different: Sequence[str]) -> None:
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console = screen(stderr=True)
     for line in different:
-        console.print(f"acrc: {line}", style="bold red", markup=False)
+        console.print(f"acrc: {line}", style="bold red")
 
 
 def _told(found: CampaignJudgement) -> dict[str, object]:
@@ -86,20 +86,20 @@ def _told(found: CampaignJudgement) -> dict[str, object]:
 
 
 def _print(kept: store.Store, found: CampaignJudgement) -> None:
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for line in (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family):
-        console.print(line, markup=False)
+        console.print(line)
     for one in found.verdicts:
-        console.print(sentences.verdict(one), markup=False)
+        console.print(sentences.verdict(one))
     for across in found.across:
         for line in across_told(across):
-            console.print(line, markup=False)
+            console.print(line)
     if found.estimates:
         console.print("Estimates with 95 % intervals, of which none is a test:")
     for table in _tables(found.estimates):
-        console.print(table)
+        print_table(console, table)
     for line in _about(kept, found):
-        console.print(line, markup=False)
+        console.print(line)
 
 
 def _about(kept: store.Store, found: CampaignJudgement) -> Iterator[str]:

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.installation.version import software
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
@@ -27,9 +26,9 @@ def run(study_file: Path, out: Path | None, *, until_decided: bool) -> None:
     with out_folder.writing(target):
         regular_file.write(target, content)
     plan = frozen_plan.read(target)
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for line in (
         f"Frozen {declared(plan)}",
         f"written to {target}; a hash proves no date: publish it before the first run to prove one",
     ):
-        console.print(line, markup=False)
+        console.print(line)

@@ -7,6 +7,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
@@ -26,7 +27,7 @@ def run(a12: float, power: float, correlation: float, comparisons: int) -> None:
         pairs = pairs_needed(Effect(a12, correlation, power, tests))
     except ValueError as error:
         raise OptionError(f"--a12: {error}") from None
-    Console(soft_wrap=True, highlight=False).print(
+    screen().print(
         f"{pairs} pairs of runs show an effect of A12 = {a12:g} with probability {power:g} at 5 % shared by "
         f"{tests} tests, if two runs with the same seed correlate by {correlation:g}."
     )
@@ -44,12 +45,12 @@ def run_pilot(folder: Path, metric: str | None, power: float, comparisons: int) 
     found = primary(samples(records, study), study)
     if not found or not all(sample.pairs for sample in found):
         raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen()
     for line in failures(records, study):
-        console.print(line, markup=False)
+        console.print(line)
     _print(console, found, list(promises(found, study, power)), study, power)
     for line in ceilings(records):
-        console.print(line, markup=False)
+        console.print(line)
     if not kept.study.tuning:
         console.print(
             "These are seeds of tests, which have been looked at now; a pilot with --tuning has its own."
@@ -66,7 +67,7 @@ def _print(
     for one in made:
         shares = zip(one.shares, one.cautious, strict=True)
         table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
-    console.print(table)
+    print_table(console, table)
     console.print(f"In brackets: if the {known} seeds of the pilot are themselves drawn.")
     last = made[-1]
     if min(last.shares) >= power:

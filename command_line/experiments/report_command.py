@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.runtime import regular_file
 from deploy.run import out_folder
 from experiments.report import report
@@ -15,6 +14,4 @@ def run(folders: Sequence[Path], out: Path | None) -> None:
     target = out or folders[0] / "report"
     with out_folder.writing(target):
         page = report.write(folders, out or regular_file.no_link(target))
-    Console(soft_wrap=True, highlight=False).print(
-        f"written to {page}, with its pictures and tables beside it"
-    )
+    screen().print(f"written to {page}, with its pictures and tables beside it")

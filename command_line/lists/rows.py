@@ -18,15 +18,14 @@ def print_rows(rows: Sequence[msgspec.Struct], columns: Mapping[str, Sequence[st
     if json:
         sys.stdout.write(msgspec.json.encode(rows).decode() + "\n")
         return
-    from rich.console import Console
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False)
-    for title in columns:
-        table.add_column(title, overflow="fold")
+    from actors.console import print_table, screen
+
+    table = Table(*columns, box=None, pad_edge=False)
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*cells)
-    Console(highlight=False, markup=False).print(table)
+    print_table(screen(), table)
 
 
 def head_comment(text: str) -> str:

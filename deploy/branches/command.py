@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from actors.console import screen
 from actors.installation.usage import OptionError
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import Permit
@@ -50,15 +51,14 @@ def continue_run(
         compile_kernels(quiet=json)
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console = screen(stderr=True)
     changes = "; ".join(change.events_words if branched.unchanged else change.words) or "nothing changed"
     console.print(
         f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
-        markup=False,
     )
     parted = branched.divergence
     if parted is None:
-        console.print(f"identical: the digest of {origin}", markup=False)
+        console.print(f"identical: the digest of {origin}")
     else:
         _print_parted(console, parted)
     _print_control(console, branched, at_s)
@@ -78,12 +78,12 @@ def _print_control(console: Console, branched: Branched, at_s: float) -> None:
         return
     beside = f"beside the control, the same strategy made anew at {at_s:g} s with the values it had: "
     if control.divergence is None:
-        console.print(f"{beside}identical, so the new values make no difference", markup=False)
+        console.print(f"{beside}identical, so the new values make no difference")
     else:
-        console.print(f"{beside}first difference: {control.divergence.words}", markup=False)
+        console.print(f"{beside}first difference: {control.divergence.words}")
 
 
 def _print_parted(console: Console, parted: Divergence) -> None:
-    console.print(f"first difference: {parted.words}", markup=False)
+    console.print(f"first difference: {parted.words}")
     robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
-    console.print(f"does or meets otherwise: {robots or 'nobody'}", markup=False)
+    console.print(f"does or meets otherwise: {robots or 'nobody'}")

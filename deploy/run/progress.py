@@ -1,4 +1,4 @@
-"""How far a run is: a bar at a terminal, and a line now and then where there is none, as in a log."""
+"""How far a run is: a bar at a terminal, and lines now and then where there is none, such as in a log."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,6 +8,7 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from actors.console import screen
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 
@@ -23,7 +24,7 @@ def lines(console: Console) -> Callable[[str], None]:
         nonlocal last
         if time.monotonic() - last >= EVERY_S:
             last = time.monotonic()
-            console.print(f"acrc: {line}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"acrc: {line}", soft_wrap=True)
 
     return say
 
@@ -31,7 +32,7 @@ def lines(console: Console) -> Callable[[str], None]:
 @contextmanager
 def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
     """Says on standard error how far the run is of which it is told; nothing at all if `quiet`."""
-    console, total = Console(stderr=True), in_seconds(duration_us)
+    console, total = screen(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None
         return

@@ -1,7 +1,7 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
-import difflib
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from actors import table_wording, toml_file, wording
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, command, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
-from deploy.scenario import areas, events, map_choice, robot_tables
+from deploy.scenario import areas, events, kinds, map_choice, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
@@ -64,20 +64,16 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    if not path.exists() and (near := _shipped_like(path)) is not None:
-        raise AcrcError(f"{path}: there is no such file; did you mean {os.path.relpath(near)}?")
+    kinds.check_there(path, DEFAULT_SCENARIO.parent)
     return parse(toml_file.read(path, "scenario"), path, overrides)
-
-
-def _shipped_like(path: Path) -> Path | None:
-    """The scenario that is shipped under a name like this one; None: there is none."""
-    shipped = {file.stem: file for file in sorted(DEFAULT_SCENARIO.parent.glob("*.toml"))}
-    return next((shipped[name] for name in difflib.get_close_matches(path.stem, shipped, n=1)), None)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
     content = toml_file.tables(text, path)
+    if kinds.says_study(content):
+        carried_out = f"{command()} campaign {shlex.quote(str(path))}"
+        raise AcrcError(f"{path}: is a study, must be a scenario; to carry the study out: {carried_out}")
     own_map = content.get("map")
     options = _lay_over(content, overrides)
     try:

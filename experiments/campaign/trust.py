@@ -52,7 +52,7 @@ def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
     waits = f", {left} more are still to be" if left else ""
     late = f"; {undrawn} runs came after the draw" if kept.draws and (undrawn := kept.undrawn) else ""
     if not checks:
-        yield f"Of {len(results)} runs none was repeated as processes{waits}; in memory {speed} (median)."
+        yield f"None of {len(results)} runs was repeated as processes{waits}; in memory {speed} (median)."
         return
     shut_off = sum(check.isolation == "full" for check in checks)
     speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
@@ -60,8 +60,8 @@ def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
     drawn = ", drawn after all had ended," if kept.draws else ""
     same = sum(check.agrees for check in checks)
     yield (
-        f"Of {len(results)} runs {len(checks)}{drawn} were repeated as processes "
-        f"({shut_off} isolated){waits}{late}: {same} gave the same; in memory {speed} "
+        f"{len(checks)} of {len(results)} runs{drawn} were repeated as processes "
+        f"({shut_off} isolated){waits}{late}: {same} gave the same result; in memory {speed} "
         f"(median){over}."
     )
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
 from observation.picture.look import applied as settings_applied
+from observation.picture.look import dark_too
 
 INK: Final = "#1b1f24"
 FAINT: Final = "#6a737d"
@@ -114,13 +115,7 @@ def svg(figure: Figure) -> bytes:
     """Without ground; its ink follows whether the reader's screen is light or dark."""
     into = io.BytesIO()
     figure.savefig(into, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    rules = "".join(
-        f'[style*="{key}: {light}"]{{{key}:{dark} !important}}'
-        for light, dark in _DARK.items()
-        for key in ("fill", "stroke")
-    )
-    dark = f"@media (prefers-color-scheme: dark){{{rules}}}</style>"
-    return into.getvalue().replace(b"</style>", dark.encode(), 1)
+    return dark_too(into.getvalue(), _DARK)
 
 
 def save(figure: Figure, folder: Path, name: str) -> bytes:

@@ -1,5 +1,6 @@
 """The file of a study, checked, and the study that it means."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -7,9 +8,12 @@ import msgspec
 from pydantic import BeforeValidator, Field
 
 from actors import table_wording
+from actors.installation.repository import SHIPPED
+from actors.installation.usage import command
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.table import FileTable, Right, as_tuples
+from deploy.scenario.kinds import check_there, is_scenario
 from experiments.study.study import FIRST_SEED, FIRST_TUNING_SEED, Study
 from experiments.study.vary_table import VaryTable, factors_of
 
@@ -67,6 +71,10 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
     """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
     if path.suffix == ".json":
         return _written(path)
+    check_there(path, SHIPPED / "studies")
+    if is_scenario(path):
+        compared = f"{command()} campaign {shlex.quote(str(path))}"
+        raise AcrcError(f"{path}: is a scenario, must be a study; to compare strategies in it: {compared}")
     table = table_wording.load(path, StudyTable, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:

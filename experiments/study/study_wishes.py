@@ -12,6 +12,7 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
 from cleaning.places import GOLDEN
 from cleaning.strategies import entry
+from deploy.scenario.kinds import is_scenario
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
 from deploy.scenario.tables import Scenario
 from experiments.study.conditions import same_for_all_seeds
@@ -65,6 +66,20 @@ class StudyWishes:
     settings: tuple[str, ...] = ()
     tuning: bool = False
     isolate: bool = False
+
+
+def understood(wishes: StudyWishes) -> tuple[StudyWishes, tuple[str, ...]]:
+    """The wishes, a scenario where a study is wanted taken for --scenario, and what is said of that."""
+    if wishes.study is None or wishes.scenario is not None or not is_scenario(wishes.study):
+        return wishes, ()
+    if wishes.preset is not None:
+        raise OptionError(f"--preset: is a study by itself; cannot be combined with {wishes.study}")
+    taken = replace(wishes, study=None, scenario=wishes.study)
+    study = study_of(taken)
+    names, first = " and ".join(study.strategies), study.first_seed
+    others = "" if wishes.strategies else "; --strategies NAME,NAME compares others"
+    seeds = f"seeds {first} to {first + study.seeds - 1}" if study.seeds > 1 else f"seed {first}"
+    return taken, (f"{wishes.study} is a scenario: it runs with {names}, each with {seeds}{others}",)
 
 
 def study_of(wishes: StudyWishes) -> Study:

@@ -4,9 +4,9 @@ import sys
 from collections.abc import Iterator
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from actors.runtime.errors import printable
 from observation.field_trial.aligned_clocks import ClockReport
 from observation.field_trial.trial_result import RobotTrial, TrialResult
@@ -17,12 +17,12 @@ def print_field_trial(result: TrialResult, *, json: bool) -> None:
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    console.print(_table(result))
+    console = screen()
+    print_table(console, _table(result))
     for sentence in _sentences(result):
         console.print(sentence)
     for note in result.notes:
-        console.print(printable(note), style="yellow", markup=False)
+        console.print(printable(note), style="yellow")
     if result.out is not None:
         console.print(f"written to {result.out}")
 

@@ -15,6 +15,7 @@ from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_decisions import SaidDecision, adaptation
 from observation.page import markup
 from observation.picture import floor_picture, look, run_page, style
+from observation.recordings.writers import goes_on
 from observation.replay.run_recordings import recordings
 from observation.results import summary
 
@@ -56,7 +57,8 @@ def html(run: RunEvidence, drawn: bytes) -> str:
 
 def _words(run: RunEvidence) -> Iterator[str]:
     if run.result is None:
-        yield f"The run was cut off after {run.end:g} simulated s; this is what was recorded until then."
+        how = "is going on" if goes_on(run.out) else "was cut off"
+        yield f"The run {how}; this is what was recorded in its first {run.end:g} simulated s."
     else:
         yield from summary.sentences(run.result)
 

@@ -1,5 +1,6 @@
 """How pictures look: colours that colour-blind people tell apart, and the same bytes for the same content."""
 
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -10,8 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from actors.observer import colours
+from actors.observer.colours import Colour
 from actors.runtime import regular_file
 from observation.evidence.run_evidence import RunEvidence
+from observation.picture.look import dark_too
+from observation.recordings.writers import so_far
 
 ROBOTS: Final = tuple(colours.hexadecimal(one) for one in colours.ROBOTS)
 """The same as in the viewer."""
@@ -28,6 +32,8 @@ LOOK: Final[dict[str, Any]] = {
     "axes.spines.right": False,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
     "text.color": INK,
     "hatch.linewidth": 0.6,
     "svg.hashsalt": "acrc",
@@ -37,6 +43,12 @@ LOOK: Final[dict[str, Any]] = {
 
 HALO: Final[list[patheffects.AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.5, foreground=FLOOR)]
 """Around words on a floor, which walls and trails would run into otherwise."""
+
+_DARK_GROUND: Final[Colour] = (22, 25, 29)
+_CONTRAST: Final = 4.5
+"""What words have at least to the ground that they lie on: success criterion 1.4.3 of WCAG 2.1."""
+_DARK_RASTER: Final = "image{filter:invert(.9)}"
+"""The floor plan is one: its free floor becomes nearly as dark as the ground, its walls become light."""
 
 
 def colour(index: int) -> str:
@@ -54,14 +66,14 @@ def title(run: RunEvidence) -> str:
     count, result = len(run.robots), run.result
     robots = "1 robot" if count == 1 else f"{count} robots"
     if result is None:
-        return f"{robots}, seed {run.setup.seed}: cut off after {run.end:g} s"
+        return f"{robots}, seed {run.setup.seed}: {so_far(run.out, run.end)}"
     return f"{short_title(run)}   ({robots}, seed {result.seed}, digest {result.digest[:8]})"
 
 
 def short_title(run: RunEvidence) -> str:
     """The strategy, and what came of it."""
     if run.result is None:
-        return f"cut off after {run.end:g} s"
+        return so_far(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
     done = f"{run.result.places_done} of {run.result.places_total} places"
     return f"{strategy}: {done} in {run.result.simulated_s:g} s"
@@ -75,10 +87,26 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as an SVG, without anything that differs from day to day."""
+    """The figure as an SVG for a page, light or dark as the reader's screen is."""
     file = BytesIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
-    return file.getvalue()
+    drawn = file.getvalue()
+    return dark_too(drawn, _dark(drawn), _DARK_RASTER)
+
+
+def _dark(drawn: bytes) -> dict[str, str]:
+    """What the colours of a drawing become on a dark ground: what could not be seen there becomes lighter."""
+    used = {found.decode() for found in re.findall(rb"(?:fill|stroke): (#[0-9a-f]{6})", drawn)}
+    seen = {one: colours.hexadecimal(_seen(one)) for one in sorted(used)}
+    exchanged = {FLOOR: colours.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
+    return {one: exchanged.get(one, dark) for one, dark in seen.items() if dark != one or one in exchanged}
+
+
+def _seen(colour: str) -> Colour:
+    """The colour, or one lighter than it that has enough contrast to the dark ground."""
+    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    lighter = (colours.faded((red, green, blue), 1 - part / 20, colours.WHITE) for part in range(20))
+    return next(one for one in lighter if colours.contrast(one, _DARK_GROUND) >= _CONTRAST)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import print_table, screen
 from actors.installation.usage import command
 from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.processes import silence
@@ -22,8 +22,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    console.print(_table(result))
+    console = screen()
+    print_table(console, _table(result))
     for sentence in sentences(result):
         console.print(sentence)
     for sentence in result.refused_orders:
@@ -47,7 +47,7 @@ def sentences(result: RunResult) -> Iterator[str]:
 
 def print_next(out: Path, *, adapted: bool) -> None:
     """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console = screen()
     acrc, folder = command(), shlex.quote(str(out))
     console.print(f"See it on one page: {acrc} view {folder} --png")
     console.print(f"See it with all that robots perceived: {acrc} view {folder}")
@@ -72,7 +72,7 @@ def _view_log(out: Path) -> list[str]:
 
 def _print_lines(lines: Sequence[str]) -> None:
     for line in lines:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(line, markup=False)
+        screen(stderr=True).print(line)
 
 
 def _table(result: RunResult) -> Table:

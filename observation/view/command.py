@@ -11,10 +11,10 @@ from actors.processes.signals import Interrupted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose, warn
+from observation.recordings.writers import Standing, drawn_until, standing
 from observation.view import live
 from observation.view.drawn import Say, Wishes, draw, place, read_story
 from observation.view.story import Story
-from observation.view.writers import Standing, standing
 
 
 def save(out: Path, wishes: Wishes, path: Path, say: Say) -> None:
@@ -72,14 +72,9 @@ def _follow(out: Path, wishes: Wishes, say: Say) -> None:
 
 def so_far(out: Path, say: Say) -> Story:
     """What there is to draw; of a run that has not ended it is said until when."""
-    how = standing(out)
     story = read_story(out)
-    if how is Standing.GOING_ON:
-        say(f"the run is going on: it is drawn as far as it was recorded, up to {story.end:g} s")
-    elif how is Standing.DIED:
-        say(
-            f"the run has died without a result: it is drawn as far as it was recorded, up to {story.end:g} s"
-        )
+    if standing(out) is not Standing.ENDED:
+        say(drawn_until(out, story.end))
     return story
 
 

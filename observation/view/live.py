@@ -11,10 +11,10 @@ from actors.observer.viewer import OpenViewer
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.recording import read_notes
+from observation.recordings.writers import Standing, standing
 from observation.replay.run_recordings import recordings
 from observation.view.drawn import Say
 from observation.view.following import Following
-from observation.view.writers import Standing, standing
 
 _POLL_S: Final = 0.1
 _LOOK_S: Final = 1.0

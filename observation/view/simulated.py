@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import recorded_run
 from observation.evidence.things_over_time import ThingsOverTime, ordered
+from observation.recordings.writers import so_far
 from observation.view.story import Floats, Source, Story, Track
 
 
@@ -17,7 +18,7 @@ def simulated_story(out: Path) -> Story:
     story = Teller().story(recorded_run(out))
     if (out / "run.json").is_file():
         return story
-    return replace(story, title=f"{story.title}, up to {story.end:g} s: it is going on, or was cut off")
+    return replace(story, title=f"{story.title}, {so_far(out, story.end)}")
 
 
 class Teller:

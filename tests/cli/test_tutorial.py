@@ -54,6 +54,6 @@ def test_the_page_shows_what_it_says(said: dict[str, str]) -> None:
     settled = [float(re.findall(r"settled by ([\d.]+) s", line)[0]) for line in list(summary.values())[1:]]
     assert "all places in 3 of 3 runs" in summary["chapter"]
     assert "all places in 3 of 3 runs" in summary["my_study.yielding:behaviour"]
-    assert "Of 9 runs 6, drawn after all had ended, were repeated as processes (" in measured
-    assert "): 6 gave the same; in memory " in measured
+    assert "6 of 9 runs, drawn after all had ended, were repeated as processes (" in measured
+    assert "): 6 gave the same result; in memory " in measured
     assert settled[1] < min(90.0, settled[0]), "in a minute and a half, sooner than the chapter's exchange"

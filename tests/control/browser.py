@@ -1,5 +1,6 @@
 """A real Chromium without a screen, driven by its DevTools protocol."""
 
+import base64
 import json
 import shutil
 import subprocess
@@ -21,6 +22,7 @@ _WORDS: Final = (
     "--disable-background-networking", "--disable-component-update", "--remote-debugging-port=0",
     "--window-size=1200,800",
 )  # fmt: skip
+_WHOLE: Final = "document.readyState == 'complete' && [...document.images].every(one => one.complete)"
 
 
 class Browser:
@@ -68,6 +70,32 @@ class Browser:
         """What an expression is worth on the page; None where it raises."""
         told = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         return told["result"].get("value")
+
+    def open(self, url: str, *, width: int = 1200, height: int = 800, scheme: str = "light") -> None:
+        """Go to a page on a screen of this size, px, that is light or dark; it is whole afterwards."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.call("Page.navigate", url=url)
+        until(lambda: self.value(f"location.href.startsWith({json.dumps(url)}) && {_WHOLE}"))
+
+    def until(self, expression: str) -> None:
+        """Wait until an expression is true on the page."""
+        until(lambda: self.value(expression))
+
+    def shot(self) -> bytes:
+        """What can be seen of the page, as a PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot")["data"])
+
+    def press(self, key: str, text: str = "") -> None:
+        """Press a key and let it go; `text`: what it types."""
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, text=text * (kind == "keyDown"))
 
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Press the mouse at one point, and let go at another."""

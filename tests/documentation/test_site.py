@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,12 +12,27 @@ from actors.installation.usage import OptionError
 from command_line.documentation import commands, site
 from command_line.documentation.markdown import pages
 
+if TYPE_CHECKING:
+    from tests.control.browser import Browser
+
 pytestmark = pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 OUTSIDE = re.compile(
     r"""<(?:script|img|iframe|source|audio|video)\b[^>]*?\bsrc=["'](?:https?:)?//"""
     r"""|<link\b[^>]*?\bhref=["'](?:https?:)?//|@import|url\(\s*["']?(?:https?:)?//"""
 )
 """What a browser would fetch from elsewhere by itself; links that a reader may follow are none."""
+OUT_OF_SIGHT = """[...document.querySelectorAll('article *')].filter(one => {
+  const box = one.getBoundingClientRect();
+  if (!box.width || box.right <= 391) return false;
+  for (let around = one; around !== document.body; around = around.parentElement)
+    if (['auto', 'scroll'].includes(getComputedStyle(around).overflowX)) return false;
+  return true;
+}).map(one => one.outerHTML.slice(0, 60))"""
+"""What lies beyond the right edge of a phone, and in nothing that scrolls."""
+SCROLLING = """[...document.querySelectorAll('pre')].filter(
+  one => one.scrollWidth > one.clientWidth && getComputedStyle(one).overflowX == 'auto'
+).length"""
+"""Blocks of code that are wider than they are shown."""
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +84,69 @@ def test_the_home_page_leads_to_every_chapter(built: Path) -> None:
     page = text(built, site.HOME)
     for heading in ("Write an adaptation", "Deploy", "How true is it", "Reference", "Inside"):
         assert page.count(heading) >= 2, "as a heading, and in the navigation"
+
+
+def typed(browser: "Browser", words: str) -> None:
+    for letter in words:
+        browser.press(letter, letter)
+
+
+def test_typing_finds_page_heading_and_the_words_marked_in_an_excerpt(
+    built: Path, browser: "Browser"
+) -> None:
+    """From files alone, on a phone."""
+    browser.open((built / "search.html").as_uri(), width=390, height=844)
+    assert browser.value("document.activeElement.id") == "search-words"
+    typed(browser, "Seals recordings")
+    assert browser.value("document.getElementById('search-count').textContent").endswith(" places")
+    first = "document.querySelector('#search-found li')"
+    link = browser.value(f"{first}.querySelector('a').textContent")
+    page, _, heading = link.partition(" / ")
+    assert (page, heading) == ("16. Seals in recordings, and a digest that no robot can write", "")
+    assert browser.value(f"{first}.querySelector('a').getAttribute('href')").startswith(
+        "decisions/0016-seals.html#seals-in-recordings"
+    )
+    marked = browser.value(
+        f"[...{first}.querySelectorAll('p mark')].map(one => one.textContent.toLowerCase())"
+    )
+    assert marked and set(marked) <= {"seals", "recordings"}
+    headings = browser.value("[...document.querySelectorAll('#search-found a')].map(one => one.textContent)")
+    assert any(" / " in one for one in headings)
+    assert browser.value("document.documentElement.scrollWidth") <= 390
+    typed(browser, " zzyzx")
+    assert browser.value("document.getElementById('search-count').textContent") == "0 places"
+    assert browser.value("document.getElementById('search-found').children.length") == 0
+
+
+def test_the_search_needs_no_mouse(built: Path, browser: "Browser") -> None:
+    browser.open((built / "radio.html").as_uri())
+    browser.press("/", "/")
+    typed(browser, "digest <b>")
+    browser.press("Enter", "\r")
+    browser.until("document.getElementById('search-words').value == 'digest <b>'")
+    browser.value("document.getElementById('search-words').value = ''")
+    typed(browser, "dead reckoning")
+    assert browser.value("document.querySelectorAll('#search-found b').length") == 0
+    for key, place in (("ArrowDown", 0), ("ArrowDown", 1), ("ArrowUp", 0)):
+        browser.press(key)
+        there = f"document.querySelectorAll('#search-found a')[{place}] === document.activeElement"
+        assert browser.value(there), (key, place)
+    browser.press("Escape")
+    assert browser.value("document.activeElement.id") == "search-words"
+    leads = browser.value("document.querySelector('#search-found a').href")
+    browser.press("Enter", "\r")
+    browser.until(f"location.href == '{leads}' && document.readyState == 'complete'")
+    assert browser.value("document.getElementById(decodeURIComponent(location.hash.slice(1))) !== null")
+
+
+def test_on_a_phone_no_page_scrolls_sideways_and_blocks_of_code_do(built: Path, browser: "Browser") -> None:
+    scrolling = 0
+    for name in ("index", "experiments", "tutorial", "reference/commands", "how-true", "architecture"):
+        browser.open((built / f"{name}.html").as_uri(), width=390, height=844)
+        assert browser.value(OUT_OF_SIGHT) == [], name
+        assert browser.value("document.documentElement.scrollWidth") <= 390, name
+        scrolling += browser.value(SCROLLING)
+    assert scrolling > 10
 
 
 def test_a_site_replaces_a_site_and_nothing_else(built: Path, tmp_path: Path) -> None:

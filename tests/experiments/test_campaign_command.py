@@ -12,7 +12,7 @@ from experiments.campaign import results_table, store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import IN_MEMORY
 from experiments.study.study import Study
-from experiments.study.study_wishes import StudyWishes, study_of
+from experiments.study.study_wishes import StudyWishes, study_of, understood
 from observation.results.result import RunResult
 from tests import warm
 
@@ -44,7 +44,9 @@ def test_a_campaign_that_is_over_says_what_came_of_it(plain: RunResult, tmp_path
     assert code == 0, err
     lines = out.splitlines()
     assert lines[0] == IN_MEMORY
-    assert lines[1].startswith("Of 20 runs 1 were repeated as processes (0 isolated): 1 gave the same; ")
+    assert lines[1].startswith(
+        "1 of 20 runs were repeated as processes (0 isolated): 1 gave the same result; "
+    )
     assert lines[2].startswith("none: all places in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places in 10 of 10 runs, 400 of ")
     assert lines[-1].startswith("20 of 20 runs, 0 failed, in ")
@@ -141,6 +143,51 @@ def test_what_does_not_go_together_is_said(words: tuple[str, ...], sentence: str
     assert code == 2
     assert sentence in err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_scenario_where_a_study_is_wanted_is_made_one(plain: RunResult, tmp_path: Path) -> None:
+    scenario = ROOT / "scenarios" / "chapter.toml"
+    wishes = StudyWishes(study=scenario, seeds=2, strategies="chapter")
+    taken, said = understood(wishes)
+    assert taken == StudyWishes(scenario=scenario, seeds=2, strategies="chapter")
+    assert said == (f"{scenario} is a scenario: it runs with chapter, each with seeds 1 to 2",)
+    study = ROOT / "studies" / "chapter.toml"
+    assert understood(StudyWishes(study=study)) == (StudyWishes(study=study), ())
+    words = over(tmp_path / "out", plain, digest=plain.digest)
+    code, out, err = acrc("campaign", "scenarios/chapter.toml", *words[1:])
+    assert code == 0 and "20 of 20 runs, 0 failed, in " in out
+    assert err.startswith(
+        "scenarios/chapter.toml is a scenario: it runs with none and chapter, each with seeds 1 to 10; "
+        "--strategies NAME,NAME compares others\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ("campaign", "scenarios/chapter.toml", "--preset", "chapter"),
+            "acrc: --preset: is a study by itself; cannot be combined with scenarios/chapter.toml\n",
+        ),
+        (
+            ("run", "studies/chapter.toml"),
+            "acrc: studies/chapter.toml: is a study, must be a scenario; to carry the study out: "
+            "./acrc campaign studies/chapter.toml\n",
+        ),
+        (
+            ("study", "freeze", "scenarios/chapter.toml"),
+            "acrc: scenarios/chapter.toml: is a scenario, must be a study; to compare strategies in it: "
+            "./acrc campaign scenarios/chapter.toml\n",
+        ),
+        (
+            ("campaign", "headlin"),
+            "acrc: headlin: there is no such file; did you mean studies/headline.toml?\n",
+        ),
+    ],
+)
+def test_a_file_of_the_other_kind_is_said_to_be_one(words: tuple[str, ...], sentence: str) -> None:
+    code, out, err = acrc(*words)
+    assert (code in {1, 2}, out, err) == (True, "", sentence)
 
 
 def test_the_preset_is_the_chapters_experiment() -> None:

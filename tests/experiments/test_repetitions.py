@@ -160,7 +160,7 @@ def test_compare_and_report_say_it_before_all_else(cheated: Store) -> None:
     assert code == 1
     assert out.splitlines()[0] == IN_MEMORY
     assert out.splitlines()[1].startswith(
-        "Of 9 runs 6, drawn after all had ended, were repeated as processes ("
+        "6 of 9 runs, drawn after all had ended, were repeated as processes ("
     )
     quiet = next(line for line in differing(cheated) if line.startswith("cheat:quiet"))
     assert err.splitlines()[0].startswith("acrc: cheat:") and err.count(f"acrc: {quiet}") == 2

@@ -70,7 +70,7 @@ def test_runs_are_repeated_over_zenoh(done: Store) -> None:
     assert check.over_zenoh_speed and check.in_memory_speed == first.result.real_time_factor
     assert done.unchecked() == []
     _, said = protection(done)
-    assert said.startswith("Of 4 runs 4, drawn after all had ended, were repeated as processes (4 iso")
+    assert said.startswith("4 of 4 runs, drawn after all had ended, were repeated as processes (4 iso")
     assert differing(done) == []
 
 

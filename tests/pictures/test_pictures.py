@@ -1,12 +1,15 @@
 """Pictures have what they are for, look the same every time, and are made by commands."""
 
+import io
 import os
 import re
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -15,7 +18,7 @@ from PIL import Image
 
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
-from actors.observer.colours import hexadecimal
+from actors.observer.colours import contrast, hexadecimal
 from actors.observer.glyphs import MARKS, SEEN_STATES
 from actors.runtime.errors import AcrcError
 from command_line.documentation import trials
@@ -23,9 +26,12 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
+from observation.picture import floor_picture, look, moving, run_html, run_page, side_by_side, style
 from tests import warm
 from tests.swarm.command import acrc
+
+if TYPE_CHECKING:
+    from tests.control.browser import Browser
 
 
 def colours(path: Path) -> set[tuple[int, int, int]]:
@@ -143,9 +149,60 @@ def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunEvidence) ->
     assert "<script" not in page and "&lt;script&gt;alert(1)" in page
 
 
-def test_a_page_of_a_run_that_was_cut_says_so(evidence: RunEvidence) -> None:
-    page = run_html.html(replace(evidence, result=None), b"")
-    assert "The run was cut off after 99.1 simulated s" in page and "How to make it again</h2>" not in page
+def test_what_has_no_result_was_cut_off_or_goes_on(
+    evidence: RunEvidence, folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "cut"
+    shutil.copytree(folder, out, ignore=shutil.ignore_patterns("run.json"))
+    cut = replace(evidence, out=out, result=None)
+    page = run_html.html(cut, b"")
+    assert "<p>The run was cut off; this is what was recorded in its first 99.1 simulated s.</p>" in page
+    assert "How to make it again</h2>" not in page
+    assert style.title(cut) == "2 robots, seed 1: cut off after 99.1 s"
+    world = next((out / "world").glob("*.mcap"))
+    world.write_bytes(world.read_bytes()[:-1000])
+    with world.open("ab") as file:
+        writer = subprocess.Popen(["sleep", "60"], stdout=file)
+    try:
+        drawn = acrc("view", out, "--png", "--html")
+        assert style.title(cut) == "2 robots, seed 1: up to 99.1 s: it is going on"
+    finally:
+        writer.kill()
+        writer.wait()
+    told = re.fullmatch(
+        r"the run is going on: it is drawn as far as it was recorded, up to ([\d.]+) s\n", drawn.stderr
+    )
+    assert told is not None, drawn.stderr
+    page = (out / "run.html").read_text()
+    assert f"<h1>up to {told[1]} s: it is going on</h1>" in page
+    said = f"<p>The run is going on; this is what was recorded in its first {told[1]} simulated s.</p>"
+    assert said in page and "cut off" not in page
+    assert acrc("view", out, "--png").stderr.startswith("the run has died without a result: it is drawn as ")
+
+
+def test_on_a_dark_screen_a_page_and_its_picture_are_dark(
+    evidence: RunEvidence, browser: "Browser", tmp_path: Path
+) -> None:
+    run_html.write(evidence, tmp_path / "run.html")
+    bright = {}
+    for scheme in ("light", "dark"):
+        browser.open((tmp_path / "run.html").as_uri(), scheme=scheme)
+        browser.value("document.images[0].scrollIntoView()")
+        with Image.open(io.BytesIO(browser.shot())) as image:
+            bright[scheme] = float((np.asarray(image.convert("L")) > 127).mean())
+    assert bright["light"] > 0.8 and bright["dark"] < 0.2, bright
+
+
+def test_what_is_drawn_for_a_dark_screen_can_be_seen_there(evidence: RunEvidence) -> None:
+    with look.applied(style.LOOK):
+        drawn = style.svg(run_page.draw(evidence)).decode()
+    rules, shapes = drawn.split("@media (prefers-color-scheme: dark){")[1].split("</style>", 1)
+    changed = dict(re.findall(r"fill: (#[0-9a-f]{6})\"\]\{fill:(#[0-9a-f]{6})", rules))
+    assert changed[style.FLOOR] == "#16191d" and "image{filter:" in rules
+    used = set(re.findall(r"(?:fill|stroke): (#[0-9a-f]{6})", shapes)) - {style.FLOOR}
+    assert len(used) > 10
+    for colour in used:
+        assert contrast(rgb(changed.get(colour, colour)), rgb("#16191d")) >= 4.5, colour
 
 
 def test_a_movie_shows_robots_moving_and_places_filling(evidence: RunEvidence, tmp_path: Path) -> None:

@@ -6,7 +6,9 @@ import pytest
 from rich.console import Console
 
 from actors.messages import Progress
+from command_line.experiments import campaign_command
 from deploy.run import progress
+from experiments.campaign.campaign import CampaignProgress
 
 
 def test_in_a_log_there_is_a_line_every_ten_seconds(
@@ -22,6 +24,27 @@ def test_in_a_log_there_is_a_line_every_ten_seconds(
         "acrc: 40 of 600 s simulated, 10 of 40 places",
         "acrc: 80 of 600 s simulated, 20 of 40 places",
     ]
+
+
+def test_a_campaign_says_the_same_of_its_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("deploy.run.progress.time.monotonic", lambda: now[0])
+    with campaign_command.shown(quiet=False) as follow:
+        for second in range(35):
+            now[0] = float(second)
+            left_s = None if second < 15 else 400.0 - second
+            follow(CampaignProgress(min(second, 20), second // 8, 20, left_s))
+    assert capsys.readouterr().err.splitlines() == [
+        "acrc: 10 of 20 runs, 1 failed",
+        "acrc: 20 of 20 runs, 2 failed, repeating some to check them, about 6 min left",
+        "acrc: 20 of 20 runs, 3 failed, repeating some to check them, about 6 min left",
+    ]
+    with campaign_command.shown(quiet=True) as follow:
+        now[0] = 99.0
+        follow(CampaignProgress(1, 0, 20, 9.0))
+    assert capsys.readouterr().err == ""
 
 
 def test_a_quiet_run_says_nothing(

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from rich.console import Console
-
+from actors.console import screen
 from actors.runtime.isolation import sandbox
 
 OPEN = (
@@ -42,5 +41,5 @@ def choose(wanted: bool | None, *, debugged: bool = False) -> IsolationChoice:
 def warn(choice_warning: str) -> None:
     """Say on standard error what is missing, if anything is."""
     if choice_warning:
-        console = Console(stderr=True, soft_wrap=True)
-        console.print(f"acrc: {choice_warning}", style="yellow", markup=False, highlight=False)
+        console = screen(stderr=True)
+        console.print(f"acrc: {choice_warning}", style="yellow")

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final, get_args
 
-from rich.console import Console
 from rich.table import Table
 
+from actors.console import screen
 from actors.installation.repository import clone
 from actors.installation.usage import OptionError, wrong_value
 from benchmarks.statistics.measured import Measured
@@ -36,11 +36,11 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
                           "--bus zenoh or --duration")  # fmt: skip
     if write:
         clone("acrc bench budget --write")
-    say, window = Console(stderr=True), CountedSteps(duration)
+    say, window = screen(stderr=True), CountedSteps(duration)
     figures: dict[str, Any] = {"robots": ROBOTS, "from_s": window.first_s, "to_s": window.seconds}
     shown: list[Table | str] = []
     if bus != "zenoh":
-        say.print(f"{ROBOTS} robots in memory …", highlight=False)
+        say.print(f"{ROBOTS} robots in memory …")
         counts = in_memory.counted(window)
         blocks = in_memory.blocks(window)
         figures["memory"] = asdict(counts) | {"blocks": blocks}
@@ -49,7 +49,7 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
             table.TABLE.write_text(table.written(counts))
             shown.append(f"{table.TABLE.name} is written")
     if bus != "memory":
-        say.print(f"{ROBOTS} robots over Zenoh …", highlight=False)
+        say.print(f"{ROBOTS} robots over Zenoh …")
         mesh = over_mesh.counted(window)
         figures["zenoh"] = asdict(mesh)
         shown += _mesh(mesh)

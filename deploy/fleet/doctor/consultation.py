@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.text import Text
 
+from actors.console import screen
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
@@ -57,7 +57,7 @@ def consult(
     else:
         bad = sum(not finding.ok for finding in found)
         count = f"{bad} of {len(found)} {'is' if bad == 1 else 'are'} wrong"
-        _console().print(count if bad else f"all {len(found)} are well")
+        screen().print(count if bad else f"all {len(found)} are well")
     return report.ok
 
 
@@ -85,8 +85,4 @@ def findings(
 def _print(finding: DoctorFinding) -> None:
     line = Text("ok     " if finding.ok else "wrong  ", style="green" if finding.ok else "bold red")
     line.append(f"{finding.subject:<20} ", style="bold").append(finding.text, style="default")
-    _console().print(line)
-
-
-def _console() -> Console:
-    return Console(soft_wrap=True, highlight=False, markup=False)
+    screen().print(line)

@@ -32,6 +32,22 @@ def standing(out: Path) -> Standing:
     return Standing.GOING_ON if _written(conducting) else Standing.DIED
 
 
+def so_far(out: Path, end: float) -> str:
+    """Until when a run without a result is known, s, and why no further: a title, or the end of one."""
+    return f"up to {end:g} s: it is going on" if goes_on(out) else f"cut off after {end:g} s"
+
+
+def goes_on(out: Path) -> bool:
+    """Whether a run of which no result was read goes on, or has gone on until just now: it has one since."""
+    return standing(out) is Standing.GOING_ON or (out / "run.json").is_file()
+
+
+def drawn_until(out: Path, end: float) -> str:
+    """What is said while a run without a result is drawn, until a second."""
+    how = "is going on" if goes_on(out) else "has died without a result"
+    return f"the run {how}: it is drawn as far as it was recorded, up to {end:g} s"
+
+
 def _written(files: list[Path]) -> bool:
     """True if a process of this user has one of the files open, or that cannot be told."""
     if sys.platform != "linux" or files[0].stat().st_uid != os.getuid():

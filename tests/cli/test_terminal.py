@@ -1,0 +1,73 @@
+"""What is printed stays what it is: no name is broken in narrow terminals, nothing in it means a picture."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+from actors.console import print_table, screen
+from actors.installation.repository import REPOSITORY
+from cleaning.strategies.registry import STRATEGIES
+from tests import warm
+
+NAMES = ("none-giving-up", "chapter-careful", "my_package.strategies:make_way", "r1", "of 12 places")
+TEXT = "Visit the own places in their order, whatever others do, or [bold] :x: happens."
+
+
+def made() -> Table:
+    table = Table("strategy", "what it does", "places done", title="All :x:")
+    for name in NAMES:
+        table.add_row(name, TEXT, "12.5 [11.0, 14.0]")
+    return table
+
+
+@pytest.mark.parametrize("width", [20, 34, 60, 70, 80, 100, 200])
+def test_a_table_breaks_no_word_at_any_width(width: int, capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(screen(width=width), made())
+    told = capsys.readouterr().out
+    words = {word for text in (*NAMES, TEXT, "12.5 [11.0, 14.0]") for word in text.split()}
+    assert words <= set(re.split(r"[\s│┃]+", told))
+    assert ("┃" in told) == (width >= 60), "a table where it fits, rows where it does not"
+    assert width < 60 or max(map(len, told.splitlines())) <= width
+
+
+def test_a_table_that_does_not_fit_is_told_row_by_row(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table("name", "", "entry", title="Two")
+    table.add_row("none", "", "cleaning.strategies.none:behaviour")
+    table.add_row("mine", "of\nmine", "")
+    print_table(screen(width=20), table)
+    assert capsys.readouterr().out.splitlines() == [
+        "Two",
+        "none",
+        "  entry: cleaning.strategies.none:behaviour",
+        "mine",
+        "  of",
+        "    mine",
+    ]
+
+
+@pytest.mark.parametrize("columns", ["40", "60", "80"])
+def test_a_narrow_terminal_breaks_no_strategys_name(columns: str) -> None:
+    done = warm.run(
+        ["list", "strategies"], REPOSITORY, os.environ | {"COLUMNS": columns}, 60.0, finds_cwd=False
+    )
+    assert done.returncode == 0, done.stderr
+    shown = done.stdout.split()
+    entries = [entry for entry in STRATEGIES.values() if entry not in shown]
+    assert entries == [] and set(STRATEGIES) <= set(shown)
+
+
+def test_colons_and_brackets_in_a_name_stay_what_they_are(tmp_path: Path) -> None:
+    done = warm.run(["view", "a:x:[b]"], tmp_path, os.environ, 60.0, finds_cwd=False)
+    assert done.stderr == "acrc: a:x:[b]: no run's folder: there is no */*.mcap in it\n"
+
+
+def test_there_is_one_kind_of_console() -> None:
+    listed = subprocess.run(
+        ["git", "grep", "-lE", r"\bConsole\(", "--", "*.py", ":!tests/"],
+        cwd=REPOSITORY, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert listed.stdout.split() == ["actors/console.py"]
