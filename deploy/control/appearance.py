@@ -14,7 +14,7 @@ STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
 _BLACK: Final[Colour] = (0, 0, 0)
 _MARKS: Final[Mapping[str, Mark]] = MappingProxyType({
     **{name: MARKS[name] for name in ("open", "given")},
-    "done": MARKS["done"]._replace(says="place reported as done"),
+    "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
     "given up": MARKS["given up"]._replace(says="place given up"),
     "off": MARKS["off"]._replace(says="robot off"),
     "frozen": MARKS["frozen"]._replace(says="robot frozen"),

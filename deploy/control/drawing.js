@@ -29,7 +29,8 @@ function dashed(pen, dashes, draws) {
 // Marks of one point: of places, and around robots. `size`: a radius in pixels.
 const MARKS = {
   ring: (pen, x, y, size) => ring(pen, x, y, size),
-  disc: (pen, x, y, size) => { pen.globalAlpha *= 0.55; disc(pen, x, y, size * 0.6); },
+  disc: (pen, x, y, size) => disc(pen, x, y, size),
+  "dim disc": (pen, x, y, size) => { pen.globalAlpha *= 0.55; disc(pen, x, y, size * 0.6); },
   cross: (pen, x, y, size) => across(pen, x, y, size * 0.9),
 diamond: (pen, x, y, size) => line(pen, [[x, y - size * 1.3], [x + size * 1.3, y], [x, y + size * 1.3], [x - size * 1.3, y], [x, y - size * 1.3]]),
   blocked: (pen, x, y, size) => { pen.lineWidth = 3; ring(pen, x, y, size); },

@@ -81,7 +81,7 @@ canvas.onpointerdown = (event) => {
   if (pointers.size === 2) { drag = null; pinch = middle(); redraw(); }
   if (pointers.size > 1 || event.button !== 0) return;
   const [x, y] = toFloor(event.offsetX, event.offsetY), there = under(x, y);
-  if (tool === "move") choose(there ? there[0] : null);
+  if (tool === "move" && there) choose(there[0]);
   drag = { fromX: x, fromY: y, x, y, px: event.offsetX, py: event.offsetY, robot: there };
 };
 canvas.onpointermove = (event) => {
@@ -112,8 +112,8 @@ canvas.onpointerup = (event) => {
   const done = drag, clicked = Math.hypot(event.offsetX - done.px, event.offsetY - done.py) < CLICK_PX;
   drag = null;
   if (tool === "give" || tool === "door") act(done.x, done.y);
-  else if (clicked) note(tool === "move" && done.robot ? "" : WHY_NOT[tool]);
-  else if (tool === "move" && !done.robot) note(WHY_NOT.move);
+  else if (tool === "move" && !done.robot) { choose(null); note(WHY_NOT.move); }
+  else if (clicked) note(tool === "move" ? "" : WHY_NOT[tool]);
   else if (tool === "move") order(`move ${done.robot[0]} ${brief(done.x)} ${brief(done.y)} ${brief(done.robot[3])}`, newSeries());
   else put(done);
 };

@@ -109,8 +109,8 @@ addEventListener("keydown", (event) => {
   if (on && [" ", "Enter"].includes(event.key)) return; // reached by keyboard: a pointer leaves focus on the map
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, does = BY_KEY.get(key);
   if (!does && !ARROWS[key]) return;
-  if (event.repeat && !ARROWS[key] && !"+=-qe".includes(key)) return;
   event.preventDefault();
+  if (event.repeat && !ARROWS[key] && !"+=-qe".includes(key)) return;
   if (ARROWS[key]) arrow(ARROWS[key], event.shiftKey);
   else does();
 });

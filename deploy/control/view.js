@@ -107,12 +107,11 @@ function drawThings() {
     stretch(pen, look_.shape, look_.tint, points, width * 2);
     if (state.closed.includes(index)) word(pen, "closed", points[1][0] + 6, points[1][1] - 6);
   });
-  pen.fillStyle = looks.obstacle.tint;
-  for (const [x, y, radius] of state.obstacles) disc(pen, ...toScreen(x, y), radius * scale);
+  for (const [x, y, radius] of state.obstacles) mark(pen, "disc", looks.obstacle.tint, ...toScreen(x, y), radius * scale);
   for (const one of state.walls) stretch(pen, "bar", looks.wall.tint, stretched(one), width);
   for (const [x, y, radius, seconds] of state.jammers) {
     mark(pen, "dashed ring", looks.jammer.tint, ...toScreen(x, y), radius * scale);
-    word(pen, `jammer, ${seconds.toFixed(0)} s left`, ...toScreen(x, y));
+    word(pen, `jammer, ${seconds.toFixed(0)} s left`, ...toScreen(x - radius, y + radius));
   }
 }
 function draw() {

@@ -49,8 +49,9 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
 
         _, x, y, *_ = page.value("state.robots[0]")
         page.drag(there(x, y), there(x, y - 1.0))
-        browser.until(lambda: page.value("$('said').textContent.includes('move r1')"))
-        assert page.value("$('said').firstChild.textContent.endsWith('carried out')")
+        line = "$('said').firstChild.textContent"
+        browser.until(lambda: page.value(f"{line}.startsWith('move r1') && !{line}.endsWith('waits')"))
+        assert page.value(f"{line}.endsWith('carried out')")
         moved = page.value("state.robots[0]")
         assert abs(moved[2] - (y - 1.0)) < 0.05
 

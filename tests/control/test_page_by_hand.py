@@ -17,6 +17,22 @@ client = pytest.importorskip("websockets.sync.client")
 pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
 
 
+_CROWD = """(() => {
+  socket.onmessage = null;
+  const ids = [...Array(100).keys()].map((number) => `r${number + 1}`);
+  const spot = (number) => [floor.west + 1 + number % 20, floor.south + 1 + Math.floor(number / 20)];
+  ids.forEach((id, number) => {
+    floor.radii[id] = 0.18;
+    floor.colours[id] = "#0072b2";
+    trails.set(id, [...Array(41).keys()].map((back) => [state.t - 20 + back / 2, ...spot(number)]));
+  });
+  const robots = ids.map((id, number) => [id, ...spot(number), 0, "blocked", spot(number + 3), "r1"]);
+  const links = [...Array(400).keys()].map((number) => [number % 100, (number * 7) % 100]);
+  state = { ...state, robots, links };
+  show();
+})()"""
+
+
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Of the page of a run that goes on for as long as the tests here do."""
@@ -166,8 +182,53 @@ def test_a_click_that_does_nothing_says_why(page: Any) -> None:
         page.drag(nowhere, nowhere)
         browser.until(lambda expected=why: note(page) == expected)
     assert page.value("$('said').children.length") == said
-    page.press("k")
-    assert note(page) == "Choose a robot first."
+    for key in ("k", "q"):
+        page.press("m")
+        page.press(key)
+        assert note(page) == "Choose a robot first."
+    page.press("w")
+    page.press("Enter")
+    page.press("Enter")
+    assert note(page) == "Move the cursor first: it is where it began."
+    page.press("Escape")
+    assert note(page) == "Dropped."
+    assert page.value("$('said').children.length") == said
+
+
+def test_keys_turn_a_robot_change_the_speed_and_ask_before_they_stop_the_run(page: Any) -> None:
+    page.press("p")
+    _, x, y, heading, *_ = robot(page, 1)
+    page.press("q")
+    browser.until(lambda: (robot(page, 1)[3] - heading) % 6.283185 == pytest.approx(3.141593 / 12, abs=2e-3))
+    assert robot(page, 1)[1:3] == [x, y]
+    page.press("]")
+    browser.until(lambda: page.value("state.speed") == 4 and page.value("$('speed').value") == "4")
+    page.press("[")
+    browser.until(lambda: page.value("state.speed") == 2)
+    page.press("x")
+    assert page.value("$('stop').textContent") == "Stop: sure?"
+    page.press("Escape")
+    assert page.value("$('stop').textContent") == "Stop"
+
+
+def test_while_one_drags_the_map_goes_on(page: Any) -> None:
+    page.press(" ")
+    browser.until(lambda: not page.value("state.paused"))
+    page.click("[data-tool=wall]")
+    for kind, (x, y) in (("mousePressed", there(page, 2.0, 2.0)), ("mouseMoved", there(page, 3.0, 2.0))):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1)
+    step, before = page.value("state.step"), page.value("canvas.toDataURL()")
+    browser.until(lambda: page.value(f"drag !== null && state.step > {step}"))
+    browser.until(lambda: page.value("canvas.toDataURL()") != before)
+    page.press("Escape")
+    assert page.value("drag") is None
+
+
+def test_a_hundred_robots_are_drawn(page: Any) -> None:
+    page.value(_CROWD)
+    page.value("draw()")
+    assert page.value("$('robots').children.length") == 100
+    assert page.value("state.robots.length == 100 && draw() === undefined")
 
 
 def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
@@ -198,6 +259,7 @@ def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any)
     page.press("k")
     browser.until(lambda: robot(page)[4] == "off")
     assert page.value("(() => { draw(); drawLegend(); return 'drawn'; })()") == "drawn"
+    assert page.value("floor.legend.every(([, shape]) => shape in MARKS || shape in LINES)")
     assert page.value("$('legend').children.length") == page.value("floor.legend.length") == 15
 
 
