@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Final
 
 from actors.floor.map_file import load_map
+from actors.radio.radio_setup import RadioProgram
 from actors.runtime.access.rules import client_config
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.command_line import ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
+from actors.runtime.process_setup import read_setup
 from actors.world.program import load_setup
+from deploy.control.floor_plan import FloorPlan
+from deploy.control.order_lines import OrderLines
 from deploy.control.run_link import LISTENS, RunLink
 from deploy.control.scene import Scene
 from deploy.control.server import ControlServer
@@ -31,6 +35,7 @@ class ControlOptions:
     """The program's command line."""
 
     setup: Path
+    radio: Path
     address: Path
     router: str
     observer: Path
@@ -41,6 +46,7 @@ def parse(argv: Sequence[str]) -> ControlOptions:
     """The options in `argv`; ArgumentError if they make no sense."""
     parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
     parser.add_argument("setup", type=Path, help="the world's set-up, its setup.json")
+    parser.add_argument("--radio", required=True, type=Path, help="the radio's set-up, its setup.json")
     parser.add_argument("--address", required=True, type=Path, help="file for the page's address")
     parser.add_argument("--router", required=True, help="endpoint of the router")
     parser.add_argument("--observer", required=True, type=Path, help="credentials of who looks on")
@@ -56,26 +62,30 @@ def main(argv: Sequence[str]) -> int:
         options = parse(argv)
         told = load_setup(options.setup)
         setup = told.actor.located(options.setup.parent)
-        scene = Scene(setup, load_map(setup.map), told.process.speed or 0.0)
+        radio = read_setup(options.radio, RadioProgram, "a radio").actor
+        addresses = {address: robot for robot, address in radio.robots}
+        plan, lines = FloorPlan(setup, load_map(setup.map)), OrderLines()
+        scene = Scene(setup, plan, told.process.speed or 0.0, addresses)
         observer = client_config(options.observer, options.router, onlooker=True)
         operator = client_config(options.operator, options.router)
         with ExitStack() as stack:
             looks = stack.enter_context(open_mesh(observer, LISTENS, onlooker=True))
             speaks = stack.enter_context(open_mesh(operator, ()))
-            asyncio.run(_serve(scene, RunLink(scene, looks, speaks), options.address))
+            asyncio.run(_serve(scene, lines, RunLink(scene, lines, looks, speaks), options.address))
         return 0
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
 
 
-async def _serve(scene: Scene, link: RunLink, address: Path) -> None:
-    pages = ControlServer(scene, link.give)
+async def _serve(scene: Scene, lines: OrderLines, link: RunLink, address: Path) -> None:
+    pages = ControlServer(scene, lines, link.give)
     async with await pages.start():
         _write(address, pages.url)
         try:
             while not scene.over:
                 link.look()
+                pages.tell()
                 if scene.changed:
                     scene.changed = False
                     pages.renew()

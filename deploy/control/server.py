@@ -6,7 +6,7 @@ that takes nothing is closed; neither holds up anybody else.
 
 import asyncio
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from importlib import resources
 from typing import Final
@@ -17,18 +17,20 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from deploy.control.order_lines import KEPT, OrderLines
 from deploy.control.scene import Scene
-from deploy.control.wire import ASK_BYTES, Ask, JunkError, OrderAnswer, ask
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, OrderLine, ask
 
 HOST: Final = "127.0.0.1"
 PAGES: Final = 8
-"""Open at a time; the next one is turned away."""
+"""Open at a time; the next one is told so, and closed."""
+TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
 JUNK: Final = 20
 """After so many messages that are no orders a page is closed."""
 PATIENCE_S: Final = 10.0
 """A page that takes nothing for so long is closed; own choice."""
-_ANSWERS: Final = 64
-"""Answers that may wait for a page; more are dropped with the page."""
+_PARTS: Final = ("page.css", "drawing.js", "view.js", "panel.js", "gestures.js", "keys.js")
+"""Files that the page is put together from, in this order; each has its mark in page.html."""
 
 
 class OpenPage:
@@ -36,17 +38,19 @@ class OpenPage:
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
-        self.answers: asyncio.Queue[OrderAnswer] = asyncio.Queue(_ANSWERS)
+        self.lines: dict[int, OrderLine] = {}
+        """Lines of the list of orders that it has not been sent, by number."""
         self.wake = asyncio.Event()
         self.stale = True
         """There is a state that it has not been sent."""
         self.late = 0
         self.junk = 0
 
-    def tell(self, said: OrderAnswer) -> None:
-        """Queue an answer."""
-        if not self.answers.full():
-            self.answers.put_nowait(said)
+    def tell(self, lines: Iterable[OrderLine]) -> None:
+        """Have lines sent; a line takes the place of what it was before, and of many the oldest drop out."""
+        self.lines |= {line.number: line for line in lines}
+        for number in sorted(self.lines)[:-KEPT]:
+            del self.lines[number]
         self.wake.set()
 
     def renew(self) -> None:
@@ -59,9 +63,10 @@ class OpenPage:
 class ControlServer:
     """The pages of one run."""
 
-    def __init__(self, scene: Scene, give: Callable[[OpenPage, Ask], None]) -> None:
-        """`give` gives the run what a page asks for, and tells the page what becomes of it."""
+    def __init__(self, scene: Scene, lines: OrderLines, give: Callable[[Ask], None]) -> None:
+        """`give` gives the run what a page asks for, and `lines` tells what becomes of it."""
         self._scene = scene
+        self._lines = lines
         self._give = give
         self._token = secrets.token_urlsafe(24)
         self._nonce = secrets.token_urlsafe(12)
@@ -98,6 +103,12 @@ class ControlServer:
         for page in self._pages:
             page.renew()
 
+    def tell(self) -> None:
+        """Tell all pages what has become of orders."""
+        if fresh := self._lines.fresh():
+            for page in self._pages:
+                page.tell(fresh)
+
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page for its path; None for its socket, which becomes one; a refusal for all else."""
         here = f"{HOST}:{self._port}"
@@ -108,7 +119,9 @@ class ControlServer:
         ):
             return _response(HTTPStatus.NOT_FOUND, b"There is no such page.\n")
         if not path.endswith("/socket"):
-            text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+            text = _text("page.html")
+            for part in _PARTS:
+                text = text.replace(f"/* {part} */", _text(part))
             policy = (
                 f"default-src 'none'; script-src 'nonce-{self._nonce}'; style-src 'nonce-{self._nonce}'; "
                 f"img-src data:; connect-src ws://{here}; base-uri 'none'; form-action 'none'; "
@@ -117,12 +130,15 @@ class ControlServer:
             return _response(HTTPStatus.OK, text.replace("NONCE", self._nonce).encode(), policy)
         if request.headers.get_all("Origin") != [f"http://{here}"]:
             return _response(HTTPStatus.FORBIDDEN, b"Another page must not give orders here.\n")
-        if len(self._pages) >= PAGES:
-            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"Too many pages are open.\n")
         return None
 
     async def _page(self, connection: ServerConnection) -> None:
+        if len(self._pages) >= PAGES:
+            # Only now: of a refusal to connect a browser tells its page nothing.
+            await connection.close(1013, TOO_MANY)
+            return
         page = OpenPage(connection)
+        page.tell(self._lines.kept())
         self._pages.add(page)
         sender = asyncio.create_task(self._send(page))
         try:
@@ -137,7 +153,7 @@ class ControlServer:
                         await connection.close(1008, "no orders")
                         return
                 else:
-                    self._give(page, wish)
+                    self._give(wish)
         except ConnectionClosed:
             return
         finally:
@@ -145,15 +161,16 @@ class ControlServer:
             sender.cancel()
 
     async def _send(self, page: OpenPage) -> None:
-        """The newest state, and all answers, for as long as the page takes them."""
+        """The newest state, and all lines, for as long as the page takes them."""
         try:
             await self._put(page, msgspec.json.encode(self._scene.floor))
+            await self._put(page, msgspec.json.encode(self._scene.past()))
             page.wake.set()
             while True:
                 await page.wake.wait()
                 page.wake.clear()
-                while not page.answers.empty():
-                    await self._put(page, msgspec.json.encode(page.answers.get_nowait()))
+                while page.lines:
+                    await self._put(page, msgspec.json.encode(page.lines.pop(min(page.lines))))
                 if page.stale:
                     page.stale = False
                     state = msgspec.structs.replace(self._scene.state(junk=self.junk), late=page.late)
@@ -164,6 +181,10 @@ class ControlServer:
     async def _put(self, page: OpenPage, data: bytes) -> None:
         async with asyncio.timeout(PATIENCE_S):
             await page.connection.send(data.decode())
+
+
+def _text(file: str) -> str:
+    return resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
 
 
 def _response(status: HTTPStatus, body: bytes, policy: str = "default-src 'none'") -> Response:

@@ -293,7 +293,8 @@ def control_program(plan: RunPlan) -> Program:
     """The map page's program."""
     folder = plan.folder("world").resolve()
     argv = (
-        *(str(folder / SETUP), "--address", str(plan.out / CONTROL_ADDRESS)),
+        *(str(folder / SETUP), "--radio", str(plan.folder("radio").resolve() / SETUP)),
+        *("--address", str(plan.out / CONTROL_ADDRESS)),
         *("--router", unix_endpoint(folder / "router.sock")),
         *("--observer", str(folder / "observer.credentials")),
         *("--operator", str(folder / "operator.credentials")),

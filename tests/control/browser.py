@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import time
+from base64 import b64decode
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -23,6 +24,16 @@ _WORDS: Final = (
     "--window-size=1200,800",
 )  # fmt: skip
 _WHOLE: Final = "document.readyState == 'complete' && [...document.images].every(one => one.complete)"
+
+_KEYS: Final[dict[str, dict[str, Any]]] = {
+    **{
+        f"Arrow{name}": {"code": f"Arrow{name}", "windowsVirtualKeyCode": 37 + number}
+        for number, name in enumerate(("Left", "Up", "Right", "Down"))
+    },
+    "Enter": {"code": "Enter", "windowsVirtualKeyCode": 13, "text": "\r"},
+    "Escape": {"code": "Escape", "windowsVirtualKeyCode": 27},
+    "Tab": {"code": "Tab", "windowsVirtualKeyCode": 9},
+}
 
 
 class Browser:
@@ -67,8 +78,8 @@ class Browser:
                 return result
 
     def value(self, expression: str) -> Any:
-        """What an expression is worth on the page; None where it raises."""
-        told = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        """What an expression is worth on the page, a promise once it is kept; None where it raises."""
+        told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         return told["result"].get("value")
 
     def open(self, url: str, *, width: int = 1200, height: int = 800, scheme: str = "light") -> None:
@@ -105,6 +116,40 @@ class Browser:
             ("mouseReleased", end),
         ):  # fmt: skip
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Press a key and let it go, as `KeyboardEvent.key` has it."""
+        told: dict[str, Any] = {"key": key, "modifiers": 8 * shift, **_KEYS.get(key, {})}
+        if len(key) == 1:
+            told |= {"text": key, "windowsVirtualKeyCode": ord(key.upper())}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **told)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **told)
+
+    def touch(self, *stations: list[tuple[float, float]]) -> None:
+        """Put fingers down at the points of the first station, bring them to the others, take them off."""
+        for number, points in enumerate(stations):
+            told = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(points)]
+            self.call(
+                "Input.dispatchTouchEvent", type="touchMove" if number else "touchStart", touchPoints=told
+            )
+        self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+    def size(self, width: int, height: int, *, mobile: bool = False) -> None:
+        """Make the window so large."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width, height=height, deviceScaleFactor=1, mobile=mobile,
+        )  # fmt: skip
+        self.call("Emulation.setTouchEmulationEnabled", enabled=mobile)
+
+    def scheme(self, name: str) -> None:
+        """Let the reader's screen be `light` or `dark`."""
+        told = [{"name": "prefers-color-scheme", "value": name}]
+        self.call("Emulation.setEmulatedMedia", features=told)
+
+    def picture(self, file: Path) -> None:
+        """Keep what is seen, as a PNG."""
+        file.write_bytes(b64decode(self.call("Page.captureScreenshot")["data"]))
 
     def click(self, selector: str) -> None:
         """Click in the middle of an element."""

@@ -1,6 +1,5 @@
 """The map page in a real browser, beside a real run: a robot is dragged, the run paused, stepped, resumed."""
 
-from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from actors.orders import Move, Pause, Resume, Step, Stop, Wall
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.recording import Entry, read_recording
-from deploy.run import orders
 from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
@@ -51,8 +49,9 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
 
         _, x, y, *_ = page.value("state.robots[0]")
         page.drag(there(x, y), there(x, y - 1.0))
-        browser.until(lambda: page.value("$('said').textContent.includes('move r1')"))
-        assert page.value("$('said').firstChild.textContent.endsWith('carried out')")
+        line = "$('said').firstChild.textContent"
+        browser.until(lambda: page.value(f"{line}.startsWith('move r1') && !{line}.endsWith('waits')"))
+        assert page.value(f"{line}.endsWith('carried out')")
         moved = page.value("state.robots[0]")
         assert abs(moved[2] - (y - 1.0)) < 0.05
 
@@ -64,14 +63,15 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
         page.click("#pause")
         browser.until(lambda: page.value(f"state.step > {paused} + 3"))
         for scheme in ("light", "dark"):
-            page.call(
-                "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
-            )
-            colours = page.value(_COLOURS)
-            assert colours > 20, f"the map is blank in {scheme}"
-            (tmp_path / f"{scheme}.png").write_bytes(b64decode(page.call("Page.captureScreenshot")["data"]))
-        assert orders.send(out, Stop()) is None
-        browser.until(lambda: page.value("$('note').textContent == 'The run is over.'"))
+            page.scheme(scheme)
+            assert page.value(_COLOURS) > 20, f"the map is blank in {scheme}"
+            page.picture(tmp_path / f"{scheme}.png")
+        page.click("#stop")
+        browser.until(lambda: page.value("$('stop').textContent == 'Stop: sure?'"))
+        before = page.value("state.step")
+        browser.until(lambda: page.value(f"state.step > {before}"))
+        page.click("#stop")
+        browser.until(lambda: page.value("!$('lost').hidden && $('lost').textContent == 'The run is over.'"))
     process.communicate(timeout=60)
     assert process.returncode == 0
     assert processes_of(out) == [] and leftovers(out) == [] and not (out / "control.url").exists()

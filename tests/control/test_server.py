@@ -3,57 +3,27 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from actors.floor.map_file import load_map
-from actors.installation.repository import REPOSITORY
-from actors.messages import ANSWERED, CONTROL, Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
-from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
-from actors.runtime.bus_interface import Delivery
-from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
-from actors.task.words import PlaceReport
-from actors.topic import Message, Topic
-from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
-from deploy.control import scene as scenes
-from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapRobot, OrderAnswer, Place, ask
+from actors.messages import (
+    ANSWERED,
+    Answered,
+    Truth,
+)
+from actors.orders import (
+    Move,
+)
+from actors.runtime.codec import encode
+from deploy.control.order_lines import OrderLines
+from deploy.control.wire import ASK_BYTES, JunkError, ask
+from tests.control.stage import TRUTH_OF_R1, Mesh, scene, truth_of
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
 run_link = pytest.importorskip("deploy.control.run_link")
 client = pytest.importorskip("websockets.asyncio.client")
 exceptions = pytest.importorskip("websockets.exceptions")
-
-TRUTH_OF_R1 = RobotTruth("r1", 12.0, 13.0, 0.5, 0, 0, 0, stepping=True, powered=True, transmits=0)
-
-
-class Mesh:
-    """A bus on which the test is the run."""
-
-    def __init__(self) -> None:
-        self.given: list[Control] = []
-        self.says: dict[str, list[bytes]] = {}
-
-    def publish(self, key: str, payload: bytes) -> None:
-        told = decode(at(CONTROL).topic, key, payload)
-        assert isinstance(told, Control)
-        self.given.append(told)
-
-    def poll(self, topic: Topic[Message]) -> Delivery | None:
-        waiting = self.says.get(topic.pattern)
-        return Delivery(topic, topic.pattern, waiting.pop(0)) if waiting else None
-
-
-def scene(*events: TimedOrder) -> scenes.Scene:
-    robots = (BodySetup("r1", "turtlebot2", None, "exact", (12.0, 13.0, 0.0), ((13.0, 13.0), (14.0, 13.0))),)
-    setup = WorldSetup(str(_map()), 1, 100_000, 1_000_000, robots, events)
-    return scenes.Scene(setup, load_map(_map()), 2.0)
-
-
-def _map() -> Path:
-    return next(iter(sorted((REPOSITORY / "maps").rglob("*.yaml"))))
 
 
 Trial = Callable[[Any, Mesh, Any], Awaitable[None]]
@@ -63,9 +33,9 @@ def serve(trial: Trial) -> None:
     """Let the trial talk to a server of a scene whose run is a Mesh."""
 
     async def play() -> None:
-        mesh, stage = Mesh(), scene()
-        link = run_link.RunLink(stage, mesh, mesh)
-        pages = server.ControlServer(stage, link.give)
+        mesh, stage, lines = Mesh(), scene(), OrderLines()
+        link = run_link.RunLink(stage, lines, mesh, mesh)
+        pages = server.ControlServer(stage, lines, link.give)
         async with await pages.start():
             await trial(pages, mesh, link)
 
@@ -75,13 +45,23 @@ def serve(trial: Trial) -> None:
 def socket(pages: Any, *, url: str | None = None, origin: str | None = "") -> Any:
     address = (url or pages.url).replace("http", "ws") + "socket"
     own = pages.url.rsplit("/", 2)[0]
-    return client.connect(address, origin=own if origin == "" else origin, max_queue=1)
+    return client.connect(address, origin=own if origin == "" else origin, max_queue=1, close_timeout=0.1)
 
 
 async def heard(connection: Any, kind: str) -> dict[str, Any]:
     while True:
         told: dict[str, Any] = json.loads(await asyncio.wait_for(connection.recv(), 5))
         if told["kind"] == kind:
+            return told
+
+
+async def told_line(pages: Any, connection: Any, number: int) -> dict[str, Any]:
+    """A line of the list of orders that the run has answered."""
+    while True:
+        await asyncio.sleep(0.01)
+        pages.tell()
+        told = await heard(connection, "said")
+        if told["number"] == number and not told["waiting"]:
             return told
 
 
@@ -123,18 +103,23 @@ def test_an_order_of_a_page_is_given_to_the_run_and_answered() -> None:
     async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
         async with socket(pages) as page:
             assert (await heard(page, "floor"))["places"] == [["r1", 13.0, 13.0], ["r1", 14.0, 13.0]]
-            await page.send('{"id": 7, "order": "move r1 1 2 0"}')
-            await page.send('{"id": 8, "order": "dance"}')
-            told = await heard(page, "said")
-            assert told["id"] == 8 and told["refusal"].startswith("VERB: dance; must be one of")
+            await page.send('{"series": 0, "order": "move r1 1 2 0"}')
+            await page.send('{"series": 0, "order": "dance"}')
+            told = await told_line(pages, page, 2)
+            assert told["refused"] == 1 and told["refusal"].startswith("VERB: dance; must be one of")
             (given,) = mesh.given
             assert given.orders == (Move("r1", 1.0, 2.0, 0.0),)
             answer = encode(Answered(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
             mesh.says[ANSWERED.pattern] = [answer]
             link.look()
-            assert await heard(page, "said") == {
-                "kind": "said", "id": 7, "order": "move r1 1 2 0", "refusal": "at 3 s: no",
+            refused = {
+                "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
+                "refusal": "at 3 s: no",
             }  # fmt: skip
+            assert await told_line(pages, page, 1) == refused
+            async with socket(pages) as later:
+                assert await heard(later, "said") == refused
+                assert (await heard(later, "said"))["order"] == "dance"
 
     serve(trial)
 
@@ -191,53 +176,39 @@ def test_states_that_come_faster_than_a_page_takes_them_are_counted() -> None:
 
 @pytest.mark.parametrize(
     "data",
-    ["", "[]", "{}", "x" * 2000, '{"id": -1, "order": "pause"}', '{"id": 1, "order": ""}', "[" * 900,
-     '{"id": 1, "order": "pause", "more": 1}', '{"id": "1", "order": "pause"}', b"\xff\xfe"],
+    ["", "[]", "{}", "x" * 2000, '{"series": -1, "order": "pause"}', '{"series": 1, "order": ""}', "[" * 900,
+     '{"series": 1, "order": "pause", "more": 1}', '{"series": "1", "order": "pause"}', b"\xff\xfe"],
 )  # fmt: skip
 def test_what_is_no_order(data: str | bytes) -> None:
     with pytest.raises(JunkError):
         ask(data)
 
 
-def test_a_page_is_told_when_the_run_says_nothing() -> None:
-    now, stage, mesh = [0.0], scene(), Mesh()
-    link = run_link.RunLink(stage, mesh, mesh, lambda: now[0])
-    told: list[OrderAnswer] = []
+def test_the_ninth_page_is_told_why_it_is_closed() -> None:
+    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
+        opened = [await socket(pages) for _ in range(server.PAGES)]
+        async with socket(pages) as ninth:
+            with pytest.raises(exceptions.ConnectionClosed) as closed:
+                await asyncio.wait_for(ninth.recv(), 5)
+            told = closed.value.rcvd
+            assert (told.code, told.reason) == (
+                1013, "8 pages of this run are open already. Close one, then reload this one.",
+            )  # fmt: skip
+        await opened.pop().close()
+        async with socket(pages) as next_one:
+            await heard(next_one, "floor")
+        for page in opened:
+            await page.close()
 
-    class Listener:
-        tell = staticmethod(told.append)
-
-    link.give(Listener(), Ask(1, "pause"))
-    now[0] = run_link.PATIENCE_S + 1
-    link.look()
-    assert [one.refusal for one in told] == ["the run has not said yet; it heeds the order at its next step"]
+    serve(trial)
 
 
-def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
-    stage = scene(TimedOrder(200_000, Obstacle(5.0, 5.0, 0.2)))
-    stage.take(Truth(0, 0, (TRUTH_OF_R1,), (Jam(1.0, 1.0, 3.0, 250_000),)))
-    stage.take(Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
-    stage.take(Control(0, (Wall(1.0, 1.0, 2.0, 1.0), Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
-    stage.take(Control(0, (Wall(9.0, 9.0, 9.0, 9.0), Speed(7.0)), "b"))
-    assert stage.state(junk=0).speed == 2.0
-    stage.take(Answered(1, "a", ()))
-    stage.take(Answered(1, "b", ("no",)))
-    stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
-    state = stage.state(junk=3)
-    assert state.robots == (MapRobot("r1", 3.0, 4.0, 0.0, "driving"),)
-    assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
-    assert state.speed == 0.5
-    assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0),), ())
-    stage.take(Truth(3, 300_000, (TRUTH_OF_R1,)))
-    state = stage.state(junk=3)
-    assert (state.jammers, state.obstacles, state.missed) == ((), ((5.0, 5.0, 0.2),), 2)
-    assert (state.paused, state.t, state.over) == (False, 0.3, False)
-    stage.take(Control(0, (Give("r1", ((7.0, 7.0),)), CloseDoor(1.0, 1.0), CloseDoor(5.0, 5.0)), "c"))
-    stage.take(Control(0, (OpenDoor(4.9, 5.0),), "d"))
-    for ticket in ("c", "d"):
-        stage.take(Answered(3, ticket, ()))
-    stage.take(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),)))
-    state = stage.state(junk=3)
-    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), ((1.0, 1.0),))
-    stage.take(Truth(4, 400_000, (), halt=True))
-    assert stage.state(junk=0).over
+def test_a_page_that_comes_late_is_told_the_trails() -> None:
+    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
+        for number in range(300):
+            link._scene.take(Truth(number, number * 100_000, (truth_of("r1", 12 + number / 100, 13.0),)))
+        async with socket(pages) as page:
+            trail = (await heard(page, "past"))["trails"]["r1"]
+        assert len(trail) == 41 and trail[0] == [9.5, 12.95, 13.0] and trail[-1] == [29.5, 14.95, 13.0]
+
+    serve(trial)

@@ -1,0 +1,373 @@
+"""The map page by keys, by touch, in two tabs, over a reload, and as axe sees it: beside one run."""
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actors.installation.repository import REPOSITORY
+from tests.swarm.command import begin
+
+browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
+client = pytest.importorskip("websockets.sync.client")
+pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
+
+
+_CROWD = """(() => {
+  socket.onmessage = null;
+  const ids = [...Array(100).keys()].map((number) => `r${number + 1}`);
+  const spot = (number) => [floor.west + 1 + number % 20, floor.south + 1 + Math.floor(number / 20)];
+  ids.forEach((id, number) => {
+    floor.radii[id] = 0.18;
+    floor.colours[id] = "#0072b2";
+    trails.set(id, [...Array(41).keys()].map((back) => [state.t - 20 + back / 2, ...spot(number)]));
+  });
+  const robots = ids.map((id, number) => [id, ...spot(number), 0, "blocked", spot(number + 3), "r1"]);
+  const links = [...Array(400).keys()].map((number) => [number % 100, (number * 7) % 100]);
+  state = { ...state, robots, links };
+  show();
+})()"""
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of the page of a run that goes on for as long as the tests here do."""
+    out = tmp_path_factory.mktemp("run") / "out"
+    scenario = REPOSITORY / "scenarios" / "head_on.toml"
+    process = begin("run", scenario, "--control", "--speed", 3, "--duration", 10_000, "--out", out, "--json")
+    try:
+        browser.until((out / "control.url").exists, 90)
+        yield (out / "control.url").read_text()
+    finally:
+        process.kill()
+
+
+@pytest.fixture(scope="module")
+def window(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with browser.Browser(tmp_path_factory.mktemp("home"), address) as page:
+        yield page
+
+
+@pytest.fixture
+def page(window: Any, address: str) -> Any:
+    """The page, loaded anew, of the paused run; at the end of a test nothing of it is left but its orders."""
+    load(window, address)
+    if not window.value("state.paused"):
+        window.click("#pause")
+        browser.until(lambda: window.value("state.paused"))
+    for robot, _, _, _, state, *_ in window.value("state.robots"):
+        if state in ("off", "frozen"):
+            window.value(f"order('{'restart' if state == 'off' else 'thaw'} {robot}')")
+            browser.until(lambda: window.value("state.robots.every(([, , , , word]) => goes(word))"))
+    return window
+
+
+def load(window: Any, address: str) -> None:
+    window.size(1280, 800)
+    window.call("Page.navigate", url="about:blank")
+    window.call("Page.navigate", url=address)
+    browser.until(lambda: window.value("floor && walls && state && state.step > 2 && true"))
+
+
+def there(page: Any, x: float, y: float) -> tuple[float, float]:
+    """Where a point of the floor is in the window."""
+    px, py, left, top = page.value(
+        f"(() => {{ fit(); const b = canvas.getBoundingClientRect(); "
+        f"return [...toScreen({x}, {y}), b.x, b.y]; }})()"
+    )
+    return left + px, top + py
+
+
+def robot(page: Any, index: int = 0) -> Any:
+    return page.value(f"state.robots[{index}]")
+
+
+def note(page: Any) -> Any:
+    return page.value("$('note').textContent")
+
+
+def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_with(page: Any) -> None:
+    _, x, y, *_ = robot(page)
+    page.press("n")
+    assert page.value("chosen") == "r1"
+    for key in ("ArrowLeft", "ArrowLeft", "ArrowDown"):
+        page.press(key)
+    browser.until(lambda: robot(page)[1:3] == pytest.approx([x - 0.2, y - 0.1], abs=2e-3))
+    line = "$('said').firstChild.textContent"
+    browser.until(lambda: page.value(f"{line}.startsWith('move r1') && {line}.endsWith('carried out')"))
+    assert page.value("[...$('said').children].filter((one) => /^move/.test(one.textContent)).length") == 1
+
+    walls = page.value("state.walls.length")
+    for key in ("w", "Enter", "ArrowRight", "ArrowRight", "Enter"):
+        page.press(key)
+    browser.until(lambda: page.value(f"state.walls.length == {walls + 1}"))
+    from_x, from_y, to_x, to_y = page.value("state.walls[state.walls.length - 1]")
+    assert (to_x - from_x, to_y) == (pytest.approx(0.4, abs=2e-3), from_y)
+
+    paused = page.value("state.step")
+    page.press(".")
+    browser.until(lambda: page.value(f"state.step == {paused + 1} && state.paused"))
+    page.press("f")
+    browser.until(lambda: robot(page)[4] == "frozen")
+    page.press("f")
+    assert note(page) == "Cannot freeze r1: it is frozen."
+    page.press("t")
+    browser.until(lambda: robot(page)[4] == "driving")
+    page.press(" ")
+    browser.until(lambda: page.value(f"!state.paused && state.step > {paused + 3}"))
+
+
+def test_after_a_click_keys_go_to_the_map_and_a_button_reached_by_tab_keeps_its_own(page: Any) -> None:
+    page.click("[data-robot=r2]")
+    page.click("[data-order=freeze]")
+    browser.until(lambda: robot(page, 1)[4] == "frozen")
+    assert page.value("document.activeElement.id") == "map"
+    assert page.value("getComputedStyle(canvas).outlineStyle") == "solid"
+    _, x, *_ = robot(page, 1)
+    page.press("ArrowRight")
+    browser.until(lambda: robot(page, 1)[1] == pytest.approx(x + 0.1, abs=2e-3))
+    orders = page.value("$('said').children.length")
+    page.press(" ")
+    browser.until(lambda: not page.value("state.paused"))
+    assert page.value("$('said').firstChild.textContent.startsWith('resume')")
+    assert page.value("$('said').children.length") == orders + 1
+    page.press(" ")
+    browser.until(lambda: page.value("state.paused"))
+
+    paused = page.value("state.step")
+    page.value("$('pause').focus()")
+    page.press("Tab")
+    assert page.value("document.activeElement.id") == "step"
+    page.press(" ")
+    browser.until(lambda: page.value(f"state.step == {paused + 1} && state.paused"))
+    page.value("$('seconds').focus()")
+    page.press("ArrowUp")
+    assert page.value("$('seconds').value") == "21"
+
+
+def test_buttons_follow_the_state_of_the_robot(page: Any) -> None:
+    def can() -> Any:
+        return page.value(
+            "[...document.querySelectorAll('[data-order]')].filter((one) => !one.disabled)"
+            ".map((one) => one.dataset.order)"
+        )
+
+    assert can() == []
+    page.click("[data-robot=r1]")
+    assert page.value("document.querySelector('[data-robot=r1]').getAttribute('aria-pressed')") == "true"
+    assert can() == ["freeze", "kill"]
+    page.click("[data-order=freeze]")
+    browser.until(lambda: can() == ["thaw", "kill"])
+    page.click("[data-order=kill]")
+    browser.until(lambda: can() == ["restart"])
+    assert page.value("document.querySelector('[data-robot=r1]').textContent") == "r1off"
+
+
+def test_a_click_that_does_nothing_says_why(page: Any) -> None:
+    nowhere = there(page, 2.0, 2.0)
+    said = page.value("$('said').children.length")
+    for tool, why in (
+        ("move", "No robot there. Choose one, or drag one to move it."),
+        ("wall", "Drag from one end to the other to draw a wall."),
+        ("obstacle", "Drag from the middle to the rim to put an obstacle."),
+        ("give", "Choose a robot first: the place is given to it."),
+        ("door", "No door within 1 m."),
+        ("jam", "Drag from the middle to the rim to put a jammer."),
+    ):
+        page.click(f"[data-tool={tool}]")
+        page.drag(nowhere, nowhere)
+        browser.until(lambda expected=why: note(page) == expected)
+    assert page.value("$('said').children.length") == said
+    for key in ("k", "q"):
+        page.press("m")
+        page.press(key)
+        assert note(page) == "Choose a robot first."
+    page.press("w")
+    page.press("Enter")
+    page.press("Enter")
+    assert note(page) == "Move the cursor first: it is where it began."
+    page.press("Escape")
+    assert note(page) == "Dropped."
+    assert page.value("$('said').children.length") == said
+
+
+def test_keys_turn_a_robot_change_the_speed_and_ask_before_they_stop_the_run(page: Any) -> None:
+    page.press("p")
+    _, x, y, heading, *_ = robot(page, 1)
+    page.press("q")
+    browser.until(lambda: (robot(page, 1)[3] - heading) % 6.283185 == pytest.approx(3.141593 / 12, abs=2e-3))
+    assert robot(page, 1)[1:3] == [x, y]
+    page.press("]")
+    browser.until(lambda: page.value("state.speed") == 4 and page.value("$('speed').value") == "4")
+    page.press("[")
+    browser.until(lambda: page.value("state.speed") == 2)
+    page.press("x")
+    assert page.value("$('stop').textContent") == "Stop: sure?"
+    page.press("Escape")
+    assert page.value("$('stop').textContent") == "Stop"
+
+
+def test_while_one_drags_the_map_goes_on(page: Any) -> None:
+    page.press(" ")
+    browser.until(lambda: not page.value("state.paused"))
+    page.click("[data-tool=wall]")
+    for kind, (x, y) in (("mousePressed", there(page, 2.0, 2.0)), ("mouseMoved", there(page, 3.0, 2.0))):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1)
+    step, before = page.value("state.step"), page.value("canvas.toDataURL()")
+    browser.until(lambda: page.value(f"drag !== null && state.step > {step}"))
+    browser.until(lambda: page.value("canvas.toDataURL()") != before)
+    page.press("Escape")
+    assert page.value("drag") is None
+
+
+def test_a_hundred_robots_are_drawn(page: Any) -> None:
+    page.value(_CROWD)
+    page.value("draw()")
+    assert page.value("$('robots').children.length") == 100
+    assert page.value("state.robots.length == 100 && draw() === undefined")
+
+
+def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
+    assert page.value("floor.doors.length") == 5
+    x, y, to_x, to_y = page.value("floor.doors[2]")
+    beside = there(page, (x + to_x) / 2 + 0.6, (y + to_y) / 2)
+    before = page.value("canvas.toDataURL()")
+    page.click("[data-tool=door]")
+    page.drag(beside, beside)
+    browser.until(lambda: page.value("state.closed.length == 1 && state.closed[0] == 2"))
+    assert page.value("draw() || canvas.toDataURL()") != before
+    page.drag(beside, beside)
+    browser.until(lambda: page.value("state.closed.length == 0"))
+
+    page.click("[data-tool=jam]")
+    page.drag(there(page, 9.0, 12.0), there(page, 9.0, 13.0))
+    page.press(".")
+    browser.until(lambda: page.value("state.jammers.length == 1"))
+    _, _, radius, left = page.value("state.jammers[0]")
+    assert radius == pytest.approx(1.0, abs=0.05) and 19 < left <= 20
+    page.click("[data-tool=obstacle]")
+    page.drag(there(page, 4.0, 12.0), there(page, 4.0, 12.3))
+    page.press("n")
+    page.click("[data-tool=give]")
+    page.drag(there(page, 10.0, 12.0), there(page, 10.0, 12.0))
+    browser.until(lambda: page.value("state.obstacles.length == 1 && state.given.length == 1"))
+    page.click("[data-tool=move]")
+    page.press("k")
+    browser.until(lambda: robot(page)[4] == "off")
+    assert page.value("(() => { draw(); drawLegend(); return 'drawn'; })()") == "drawn"
+    assert page.value("floor.legend.every(([, shape]) => shape in MARKS || shape in LINES)")
+    assert page.value("$('legend').children.length") == page.value("floor.legend.length") == 15
+
+
+def test_orders_and_trails_outlive_a_reload_and_two_tabs_tell_the_same(
+    page: Any, address: str, tmp_path: Path
+) -> None:
+    for _ in range(3):
+        page.value("order('step')")
+    texts = "[...$('said').children].map((one) => one.textContent)"
+    browser.until(lambda: page.value("$('said').firstChild.textContent == 'step \\u00d73: carried out'"))
+    told = page.value(texts)
+    trail = page.value("trails.get('r1').slice(0, 5)")
+    load(page, address)
+    browser.until(lambda: page.value(texts) == told)
+    assert page.value("trails.get('r1').slice(0, 5)") == trail
+    with browser.Browser(tmp_path / "home", address) as other:
+        browser.until(lambda: other.value("state && true") and other.value(texts) == told)
+        other.value("order('thaw r1')")
+        refused = "thaw r1: not done: "
+        for one in (page, other):
+            browser.until(lambda one=one: one.value("$('said').firstChild.textContent").startswith(refused))
+        assert page.value(texts) == other.value(texts)
+
+
+def test_the_ninth_page_says_in_itself_that_there_are_too_many(page: Any, address: str) -> None:
+    origin = address.rsplit("/", 2)[0]
+    page.call("Page.navigate", url="about:blank")
+    with ExitStack() as stack:
+        for _ in range(8):
+            socket = client.connect(
+                address.replace("http", "ws") + "socket", origin=origin, max_size=None, close_timeout=0.1
+            )
+            stack.enter_context(socket)
+        page.call("Page.navigate", url=address)
+        browser.until(
+            lambda: (
+                page.value("!$('lost').hidden && $('lost').textContent")
+                == "8 pages of this run are open already. Close one, then reload this one."
+            )
+        )
+        assert page.value("$('lost').getAttribute('role')") == "alert"
+        assert page.value("$('pause').disabled")
+
+
+def test_on_a_phone_nothing_scrolls_sideways_and_fingers_move_robots_and_the_view(
+    page: Any, tmp_path: Path
+) -> None:
+    page.size(390, 844, mobile=True)
+    browser.until(lambda: page.value("innerWidth == 390"))
+    assert page.value("document.documentElement.scrollWidth") == 390
+    page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    assert page.value("document.documentElement.scrollWidth") == 390
+    page.picture(tmp_path / "phone.png")
+    assert page.value("getComputedStyle(canvas).touchAction") == "none"
+
+    _, x, y, *_ = robot(page)
+    page.touch([there(page, x, y)], [there(page, x, y - 0.5)], [there(page, x, y - 1.0)])
+    browser.until(lambda: robot(page)[2] == pytest.approx(y - 1.0, abs=0.1))
+    fit = page.value("fit() || scale")
+    cx, cy = there(page, x, y)
+    said = page.value("$('said').children.length")
+    page.touch([(cx - 30, cy), (cx + 30, cy)], [(cx - 60, cy), (cx + 60, cy)])
+    assert page.value("fit() || scale") == pytest.approx(2 * fit, rel=0.05)
+    at = page.value("fit() || left")
+    page.touch([(cx - 60, cy), (cx + 60, cy)], [(cx - 40, cy), (cx + 80, cy)])
+    assert page.value("fit() || left") == pytest.approx(at + 20, abs=2)
+    assert page.value("$('said').children.length") == said
+    page.click("#whole")
+    assert page.value("fit() || scale") == pytest.approx(fit)
+
+
+def test_wheel_keys_and_the_middle_button_change_the_view(page: Any) -> None:
+    fit = page.value("fit() || scale")
+    x, y = there(page, 12.0, 11.0)
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-400)
+    browser.until(lambda: page.value("fit() || scale") == pytest.approx(2.718 * fit, rel=0.01))
+    assert there(page, 12.0, 11.0) == pytest.approx((x, y), abs=1)
+    for kind, px in (("mousePressed", x), ("mouseMoved", x + 40), ("mouseReleased", x + 40)):
+        page.call("Input.dispatchMouseEvent", type=kind, x=px, y=y, button="middle", buttons=4)
+    assert there(page, 12.0, 11.0) == pytest.approx((x + 40, y), abs=1)
+    page.press("0")
+    assert page.value("fit() || scale") == pytest.approx(fit)
+    page.press("+")
+    assert page.value("fit() || scale") == pytest.approx(1.5 * fit)
+    page.press("-")
+    assert page.value("fit() || scale") == pytest.approx(fit)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_wrong(page: Any, width: int, scheme: str) -> None:
+    axe = pytest.importorskip("axe_core_python", reason="axe-core-python comes with the extra dev")
+    page.size(width, 844, mobile=width < 500)
+    page.scheme(scheme)
+    page.click("[data-robot=r1]")
+    page.click("[data-tool=wall]")
+    page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    page.value("order('thaw r1')")
+    browser.until(lambda: page.value("document.querySelector('#said .no') && $('note').textContent != ''"))
+    page.call(
+        "Runtime.evaluate", expression=resources.files(axe).joinpath("axe.min.js").read_text(encoding="utf-8")
+    )
+    told = json.loads(
+        page.value(
+            "axe.run().then((found) => JSON.stringify({ tried: found.passes.map((one) => one.id), "
+            "wrong: found.violations.map((one) => "
+            "[one.id, one.nodes.map((node) => node.html + node.failureSummary)]) }))"
+        )
+    )
+    assert told["wrong"] == []
+    assert {"color-contrast", "button-name", "label", "aria-allowed-role"} <= set(told["tried"])
