@@ -69,6 +69,7 @@ class FoxgloveForm:
     """Messages of Foxglove."""
 
     profile = ""
+    robots = r".+"
     encoding = "protobuf"
     about: Final[dict[str, dict[str, str]]] = {}
 

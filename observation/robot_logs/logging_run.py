@@ -1,6 +1,7 @@
 """What `acrc export --mcap` does: a run's folder as one log of all its robots."""
 
 import importlib
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,11 +10,12 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Final
 
-from actors.installation.usage import wrong_value
+from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import located_model
 from observation.evidence.run_evidence import world_setup
 from observation.replay.recorded_orders import given_orders
@@ -43,6 +45,10 @@ from observation.view.simulated import simulated_story
 from observation.view.story import Source, Story
 
 FORMS: Final = ("ros2", "foxglove")
+
+
+class LogError(AcrcError):
+    """A run that a form of log cannot hold."""
 
 
 @dataclass(frozen=True)
@@ -82,23 +88,34 @@ def log_run(
 
     `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
     whose trace is needed. `isolate`: see `actors.runtime.isolation.isolating`. Raises OptionError for a robot
-    that is none and a file that is there, RecordingError and the like for what is no folder of a run.
+    that is none and a file that is there, LogError for an id that the form cannot hold, RecordingError and
+    the like for what is no folder of a run.
     """
     if path.exists() or path.is_symlink():
-        raise wrong_value("--out", path, "a file that is not there yet")
+        raise OptionError(f"--out: {path} is there already; must be a new file")
     files = recordings(out)
     story = simulated_story(out) if "world" in files else collected_story(out)
     for robot in robots:
         if robot not in story.robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
-    models = _models(story, files)
+    for robot in story.robots:
+        if not re.fullmatch(form.robots, robot):
+            raise LogError(
+                f"{robot}: topics of ROS 2 cannot hold this robot's id; must be letters, digits and _"
+            )
+    models, left_out = _models(story, files), Counter[str]()
     sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
     with Spool(form) as spool, regular_file.replaced(path) as part:
         faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
         on_actor("")
-        entries = merge(*_streams(story, files, sources, models, spool), key=attrgetter("logged"))
-        counts = log_file.write(part, form, entries)
-    return LogReport(counts, (*story.notes, *faults))
+        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        counts = log_file.write(part, form, entries, left_out)
+    absent = [
+        f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
+        for topic, count in sorted(left_out.items())
+        if count
+    ]
+    return LogReport(counts, tuple(dict.fromkeys((*story.notes, *faults, *absent))))
 
 
 def _trace(
@@ -128,6 +145,7 @@ def _streams(
     sources: Mapping[str, Source],
     models: Mapping[str, RobotModel],
     spool: Spool,
+    left_out: Counter[str],
 ) -> Iterator[Iterator[Entry]]:
     """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
     yield iter((map_entry(story.grid), static_frames(models)))
@@ -141,7 +159,7 @@ def _streams(
         yield held_entries(robot, track)
     for actor, source in sources.items():
         track, model = story.tracks[source.robot], models[source.robot]
-        yield sensed_entries(files[actor], source, track, model)
+        yield sensed_entries(files[actor], source, track, model, left_out)
     yield link_entries(story)
     yield spool.entries()
 

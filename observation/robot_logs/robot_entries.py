@@ -1,5 +1,6 @@
 """What one robot logs: of its recording odometry, scans and where it is, of its trace what it means."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from heapq import merge
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
+from actors.message_limits import senses_fault
 from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
 from actors.robot_model import RobotModel
 from observation.evidence.recorded import taken
@@ -32,6 +34,8 @@ from observation.view.story import Source, Story, Track
 
 _NEAR_S: Final = 1e-6
 """Two instants of one step differ by less, s."""
+_FAR: Final = 10**15
+"""µs; nobody lives to see more."""
 _INSCRIBED: Final = 253
 """The cost of a cell that the robot's middle must not enter, as costmap_2d has it; 254 blocks, and of 255
 nothing is known."""
@@ -58,19 +62,34 @@ def held_entries(robot: str, track: Track) -> Iterator[Entry]:
             yield entry(second * 1e6, f"/{robot}/pose", PlacedPose(MAP, Pose(*held)))
 
 
-def sensed_entries(path: Path, source: Source, track: Track, model: RobotModel) -> Iterator[Entry]:
-    """What a robot's process sensed, and its frames. Raises RecordingError and WireError."""
+def sensed_entries(
+    path: Path, source: Source, track: Track, model: RobotModel, left_out: Counter[str]
+) -> Iterator[Entry]:
+    """What a robot's process sensed, and its frames. Raises RecordingError and WireError.
+
+    `left_out` counts by topic what no sensor says.
+    """
     robot, clock = source.robot, source.clock
     for _, senses in taken(path, SENSES):
         if senses.halt:
             continue
-        scans = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
+        if senses_fault(senses) is not None or abs(senses.instant) > _FAR:
+            left_out[f"/{robot}/odom"] += 1
+            continue
+        told = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
+        scans = [one for one in told if _is_of(one, model)]
+        left_out[f"/{robot}/scan"] += len(told) - len(scans)
         instants = np.array([senses.instant, *(scan.stamp for scan in scans)], np.int64)
         second, *stamps = clock(instants).tolist()
         yield from _moved(robot, senses, second, _held(track, second))
         for scan, stamp in zip(scans, stamps, strict=True):
             sweep = Sweep(f"{robot}/laser", model.sensor, _ranges(scan))
             yield Entry(round(second * 1e6), f"/{robot}/scan", sweep, round(stamp * 1e6))
+
+
+def _is_of(scan: Scan, model: RobotModel) -> bool:
+    """True if a scan has a range for each ray of the sensor, and an instant."""
+    return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= _FAR
 
 
 def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[Entry]:
