@@ -201,10 +201,6 @@ class Form(Protocol):
         """The file's, as the MCAP specification names it; empty: none."""
 
     @property
-    def robots(self) -> str:
-        """A regular expression of the ids that topics can have."""
-
-    @property
     def encoding(self) -> str:
         """Of messages."""
 

@@ -69,7 +69,6 @@ class FoxgloveForm:
     """Messages of Foxglove."""
 
     profile = ""
-    robots = r".+"
     encoding = "protobuf"
     about: Final[dict[str, dict[str, str]]] = {}
 

@@ -1,7 +1,6 @@
 """What `acrc export --mcap` does: a run's folder as one log of all its robots."""
 
 import importlib
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
-from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import located_model
 from observation.evidence.run_evidence import world_setup
 from observation.replay.recorded_orders import given_orders
@@ -45,10 +43,6 @@ from observation.view.simulated import simulated_story
 from observation.view.story import Source, Story
 
 FORMS: Final = ("ros2", "foxglove")
-
-
-class LogError(AcrcError):
-    """A run that a form of log cannot hold."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +82,7 @@ def log_run(
 
     `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
     whose trace is needed. `isolate`: see `actors.runtime.isolation.isolating`. Raises OptionError for a robot
-    that is none and a file that is there, LogError for an id that the form cannot hold, RecordingError and
-    the like for what is no folder of a run.
+    that is none and a file that is there, RecordingError and the like for what is no folder of a run.
     """
     if path.exists() or path.is_symlink():
         raise OptionError(f"--out: {path} is there already; must be a new file")
@@ -98,11 +91,6 @@ def log_run(
     for robot in robots:
         if robot not in story.robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
-    for robot in story.robots:
-        if not re.fullmatch(form.robots, robot):
-            raise LogError(
-                f"{robot}: topics of ROS 2 cannot hold this robot's id; must be letters, digits and _"
-            )
     models, left_out = _models(story, files), Counter[str]()
     sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
     with Spool(form) as spool, regular_file.replaced(path) as part:

@@ -62,7 +62,6 @@ class Ros2Form:
     """Messages of ROS 2."""
 
     profile = "ros2"
-    robots = r"[A-Za-z_][A-Za-z0-9_]*"
     encoding = "cdr"
     about: Final = {"rosbag2": {"serialized_metadata": ""}}
     """Without it rosbag2 of ROS 2 Jazzy and later reads QoS as words, and refuses numbers."""
