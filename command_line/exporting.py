@@ -1,35 +1,71 @@
-"""`acrc export`: a run as tables."""
+"""`acrc export`: a run as tables, or as a log of its robots."""
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actors.console import screen
+from actors.installation.usage import OptionError
 from command_line.options import Modules, Trust
+
+if TYPE_CHECKING:
+    from actors.robot.behaviour.foreign import Permit
 
 
 def export(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="A run's folder; with --mcap also one collected from robots."),
+    ],
     folder: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where to.  [default: OUT/tables]")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="PATH",
+            help="Where to.  [default: the folder OUT/tables; with --mcap the file OUT.FORM.mcap]",
+        ),
+    ] = None,
+    mcap: Annotated[
+        str | None,
+        typer.Option(metavar="FORM", help="Write an MCAP file for RViz (ros2) or Foxglove (foxglove)."),
+    ] = None,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --mcap: write all of this robot; repeatable.  [default: of every one]",
+        ),
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Write a run as tables (Parquet files).
+    """Write a run as tables (Parquet files), or as a log of its robots (MCAP).
 
-    The tables are poses, estimates, goals, frames, knowledge, exchanges, places and decisions.
+    The tables are poses, estimates, goals, frames, knowledge, exchanges, places and decisions. The log has
+    scans, frames, poses, plans, local cost maps, particles, the map, places, obstacles and radio links.
 
     It replays radio and robots to compute what was not recorded, robots in a sandbox where the machine has
     one.
     """
     from actors.robot.behaviour.foreign import permit_of
+
+    permit = permit_of(modules, trust=trust)
+    if mcap is not None:
+        _export_log(out, folder, mcap, tuple(robot or ()), permit)
+        return
+    if robot:
+        raise OptionError("--robot: requires --mcap; tables are of all robots")
+    _export_tables(out, folder, permit)
+
+
+def _export_tables(out: Path, folder: Path | None, permit: "Permit") -> None:
     from actors.runtime import regular_file
     from observation.replay.run_recordings import recordings
     from observation.replay.trust import check_trust
 
-    permit = permit_of(modules, trust=trust)
     for actor in recordings(out):
         check_trust(out, actor, permit)
     from actors.runtime.isolation.isolating import choose, warn
@@ -50,3 +86,29 @@ def export(
         where = folder or regular_file.no_link(out / "tables")
         for path, count in parquet_files.write(found, where):
             print(f"{path}: {count} rows")
+
+
+def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], permit: "Permit") -> None:
+    from actors.runtime.isolation.isolating import choose, warn
+    from deploy.run import out_folder
+    from observation.robot_logs.logging_run import form_of, log_run
+
+    form = form_of(name)
+    path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")
+    choice = choose(None)
+    warn(choice.warning)
+    console = screen(stderr=True, soft_wrap=False)
+    with out_folder.writing(path.parent), console.status("reading") as status:
+        report = log_run(
+            out,
+            path,
+            form,
+            robots,
+            lambda actor: status.update(f"replaying {actor}" if actor else "writing"),
+            permit=permit,
+            isolate=choice.isolate,
+        )
+    for note in report.notes:
+        print(note, file=sys.stderr)
+    size = path.stat().st_size / 1e6
+    print(f"{path}: {report.counts.total()} messages of {len(report.counts)} topics, {size:.1f} MB")

@@ -14,10 +14,13 @@ _LONGEST = 60
 _EXTRAS: Final = {
     "cryptography": "hardware",
     "distributed": "cluster",
+    "foxglove_schemas_protobuf": "logs",
+    "google": "logs",
     "matplotlib": "pictures",
     "pyarrow": "experiments",
     "pymunk": "sim",
     "rerun": "observe",
+    "rosbags": "logs",
     "scipy": "experiments",
     "serial": "hardware",
     "websockets": "control",

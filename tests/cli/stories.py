@@ -89,6 +89,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("explain runs/a r1 --json --modules . --trust", r"^\["),
         Line("record echo runs/a */log --follow", r"step 30  r[12] looks"),
         Line("export runs/a --out tables --modules . --trust", r"poses.*rows", "tables/poses.parquet"),
+        Line("export runs/a --mcap ros2 --robot r1 --trust", r"messages of \d+ topics", "runs/a.ros2.mcap"),
         Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
         Line("replay runs/a --robot r1 --modules . --isolate", r"^r1: identical: \d+ outputs$"),
         Line("replay runs/a --robot r2 --no-isolate --trust", r"^r2: identical: \d+ outputs$"),

@@ -150,7 +150,7 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
     clone.call("check")
-    everything = "cluster control dev docs experiments hardware observe pictures sim"
+    everything = "cluster control dev docs experiments hardware logs observe pictures sim"
     assert clone.extras() == everything.split()
     assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
     calls = clone.pip_calls()
@@ -168,10 +168,11 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         "docs",
         "experiments",
         "hardware",
+        "logs",
         "pictures",
         "sim",
     ]
-    assert err.splitlines()[0] == "acrc: .venv will take 1083 MB"
+    assert err.splitlines()[0] == "acrc: .venv will take 1087 MB"
     assert "rerun-sdk" not in clone.installed()
 
 
@@ -184,6 +185,8 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("record", "echo", "out", "truth"), []),
         (("record", "plot", "out"), ["pictures"]),
         (("export", "out"), ["experiments", "sim"]),
+        (("export", "out", "--mcap", "ros2"), ["logs", "sim"]),
+        (("export", "out", "--mcap=foxglove"), ["logs", "sim"]),
         (("verify", "onboard"), ["hardware", "sim"]),
         (("verify", "functions", "--full"), ["dev", "sim"]),
         (("verify", "radio", "causes"), ["experiments", "sim"]),

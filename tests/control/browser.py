@@ -103,11 +103,6 @@ class Browser:
         """What can be seen of the page, as a PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot")["data"])
 
-    def press(self, key: str, text: str = "") -> None:
-        """Press a key and let it go; `text`: what it types."""
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, text=text * (kind == "keyDown"))
-
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Press the mouse at one point, and let go at another."""
         middle = ((begin[0] + end[0]) / 2, (begin[1] + end[1]) / 2)

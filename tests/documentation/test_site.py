@@ -88,7 +88,7 @@ def test_the_home_page_leads_to_every_chapter(built: Path) -> None:
 
 def typed(browser: "Browser", words: str) -> None:
     for letter in words:
-        browser.press(letter, letter)
+        browser.press(letter)
 
 
 def test_typing_finds_page_heading_and_the_words_marked_in_an_excerpt(
@@ -120,9 +120,9 @@ def test_typing_finds_page_heading_and_the_words_marked_in_an_excerpt(
 
 def test_the_search_needs_no_mouse(built: Path, browser: "Browser") -> None:
     browser.open((built / "radio.html").as_uri())
-    browser.press("/", "/")
+    browser.press("/")
     typed(browser, "digest <b>")
-    browser.press("Enter", "\r")
+    browser.press("Enter")
     browser.until("document.getElementById('search-words').value == 'digest <b>'")
     browser.value("document.getElementById('search-words').value = ''")
     typed(browser, "dead reckoning")
@@ -134,7 +134,7 @@ def test_the_search_needs_no_mouse(built: Path, browser: "Browser") -> None:
     browser.press("Escape")
     assert browser.value("document.activeElement.id") == "search-words"
     leads = browser.value("document.querySelector('#search-found a').href")
-    browser.press("Enter", "\r")
+    browser.press("Enter")
     browser.until(f"location.href == '{leads}' && document.readyState == 'complete'")
     assert browser.value("document.getElementById(decodeURIComponent(location.hash.slice(1))) !== null")
 

@@ -105,6 +105,7 @@ def test_the_pins_of_this_project_are_all_read() -> None:
             "pictures",
             "experiments",
             "cluster",
+            "logs",
             "docs",
             "dev",
         ]

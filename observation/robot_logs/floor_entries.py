@@ -1,0 +1,180 @@
+"""What all robots share: the floor plan, places, bodies, things that orders put there, radio links."""
+
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.geometry import Pose
+from actors.observer import colours
+from actors.observer.colours import Colour
+from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
+from actors.robot_model import RobotModel
+from actors.task.words import PlaceKey
+from observation.accounting.true_floor import TrueFloor
+from observation.replay.recorded_orders import GivenOrder
+from observation.robot_logs.contents import (
+    UNKNOWN_CELL,
+    Blocks,
+    Disc,
+    Entry,
+    Grid,
+    Label,
+    Lines,
+    Scene,
+    Shape,
+    entry,
+)
+from observation.view.story import Story, Track
+
+_PLACE_RADIUS: Final = 0.15
+_FLAT: Final = 0.02
+_HIGH: Final = 0.4
+"""Of a robot, a wall, a thing, m."""
+_WALL: Final = 0.1
+"""How thick a wall is that was ordered, m, as in `actors.world.body`."""
+_LINK: Final = 0.02
+_LETTERS: Final = 0.3
+_PERIOD_S: Final = 1.0
+"""Links are those over which something was heard within, s."""
+_JAMMER: Final[Colour] = (213, 60, 40)
+_DOOR: Final[Colour] = (230, 159, 0)
+
+
+def map_entry(grid: OccupancyGrid) -> Entry:
+    """The robots' map."""
+    values = np.full(grid.cells.shape, UNKNOWN_CELL, np.int8)
+    values[grid.cells == FREE], values[grid.cells == OCCUPIED] = 0, 100
+    corner = Pose(grid.origin.x, grid.origin.y, 0.0)
+    return entry(0.0, "/map", Grid(corner, grid.resolution, values))
+
+
+def place_entries(story: Story) -> Iterator[Entry]:
+    """All places whenever one stands otherwise: solid, faint once cleaned, grey once given up.
+
+    One that came while the run went on is there from when a robot first speaks of it.
+    """
+    said = [(route.second, 0, place, "") for route in story.routes for place in route.places]
+    said += [(deed.second, 1, deed.place, "given up") for deed in story.given_up]
+    said += [(deed.second, 2, deed.place, "done") for deed in story.reported]
+    states = {PlaceKey(owner, n): "" for owner, count in story.begun_with.items() for n in range(count)}
+    yield entry(0.0, "/places", _places(story, states))
+    for second, now in groupby(sorted(said, key=lambda one: one[:2]), key=lambda one: one[0]):
+        before = dict(states)
+        for _, _, key, state in now:
+            if key.owner in story.places and 0 <= key.place < len(story.places[key.owner]):
+                states[key] = state or states.get(key, "")
+        if states != before:
+            yield entry(second * 1e6, "/places", _places(story, states))
+
+
+def _places(story: Story, states: Mapping[PlaceKey, str]) -> Scene:
+    shapes = []
+    for key, state in states.items():
+        x, y = story.places[key.owner][key.place]
+        colour = colours.robot(story.robots.index(key.owner))
+        shape = Shape(f"{key.owner}/{key.place}", Disc(x, y, _PLACE_RADIUS, _FLAT), colour)
+        if state:
+            shape = shape._replace(opacity=0.25, colour=colours.GREY if state == "given up" else colour)
+        shapes.append(shape)
+    return Scene(tuple(shapes))
+
+
+def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[Entry]:
+    """The robots' discs whenever one acts otherwise: faint while it is frozen, grey while it is off."""
+    acts: dict[str, str] = dict.fromkeys(models, "")
+    said = [
+        (second, robot, act)
+        for robot, track in story.tracks.items()
+        for second, act in track.acts
+        if robot in acts
+    ]
+    yield entry(0.0, "/robots", _bodies(story, models, acts))
+    for second, now in groupby(sorted(said), key=lambda one: one[0]):
+        before = dict(acts)
+        acts |= {robot: act for _, robot, act in now}
+        if acts != before:
+            yield entry(second * 1e6, "/robots", _bodies(story, models, acts))
+
+
+def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> Scene:
+    shapes = []
+    for number, robot in enumerate(story.robots):
+        if robot in models:
+            frame = f"{robot}/{'truth' if story.true else 'base_link'}"
+            body = Disc(0.0, 0.0, models[robot].footprint.circumradius, _HIGH)
+            colour = colours.GREY if acts[robot] == "off" else colours.robot(number)
+            shapes.append(Shape(robot, body, colour, 0.4 if acts[robot] else 0.9, frame))
+            label = Label(0.0, 0.0, robot, _LETTERS)
+            shapes.append(Shape(f"{robot}/name", label, colours.WHITE, frame=frame))
+    return Scene(tuple(shapes))
+
+
+def thing_entries(
+    story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
+) -> Iterator[Entry]:
+    """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
+    changes: list[tuple[int, str, Shape | None]] = []
+    for number, (step, order) in enumerate(orders):
+        name, begin = f"order {number}", step * step_us
+        match order:
+            case Obstacle():
+                form: Disc | Lines = Disc(order.x, order.y, order.radius, _HIGH)
+                changes.append((begin, name, Shape(name, form, colours.GREY)))
+            case Wall():
+                form = Lines(((order.x, order.y), (order.to_x, order.to_y)), _WALL)
+                changes.append((begin, name, Shape(name, form, colours.GREY)))
+            case StartJam():
+                form = Disc(order.x, order.y, order.radius, _FLAT)
+                changes.append((begin, name, Shape(name, form, _JAMMER, 0.3)))
+                changes.append((begin + order.duration, name, None))
+    changes += _doors(story, models, orders, step_us)
+    known: dict[str, Shape] = {}
+    end = round(story.end * 1e6)
+    for instant, now in groupby(sorted(changes, key=lambda one: one[:2]), key=lambda one: one[0]):
+        for _, name, shape in now:
+            known.pop(name, None)
+            if shape is not None:
+                known[name] = shape
+        if instant <= end:
+            yield entry(instant, "/things", Scene(tuple(known.values())))
+
+
+def _doors(
+    story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
+) -> Iterator[tuple[int, str, Shape | None]]:
+    """What fills the doors that are closed, as of each change."""
+    if not any(isinstance(order, CloseDoor | OpenDoor) for _, order in orders):
+        return
+    radius = max(model.footprint.circumradius for model in models.values())
+    true = np.stack([track.poses for track in story.tracks.values()], axis=1)
+    for stage in TrueFloor(story.grid, radius, orders).stages(true):
+        middles = tuple((x, y) for x, y in stage.leaves.tolist())
+        shape = Shape("doors", Blocks(middles, story.grid.resolution), _DOOR) if middles else None
+        yield stage.begin * step_us, "doors", shape
+
+
+def link_entries(story: Story) -> Iterator[Entry]:
+    """Once a second a line between each two robots one of which has just heard the other."""
+    tracks = list(story.tracks.values())
+    for period in range(1, int(story.end / _PERIOD_S) + 1):
+        second = period * _PERIOD_S
+        first, last = np.searchsorted(story.heard[:, 0], (second - _PERIOD_S, second))
+        pairs = np.unique(np.sort(story.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
+        points: list[tuple[float, float]] = []
+        for one, other in pairs.tolist():
+            ends = [_where(tracks[index], second) for index in (one, other)]
+            points += [end for end in ends if end is not None] if None not in ends else []
+        shape = Shape("links", Lines(tuple(points), _LINK), colours.LINK)
+        yield entry(second * 1e6, "/links", Scene((shape,) if points else ()))
+
+
+def _where(track: Track, second: float) -> tuple[float, float] | None:
+    """Where a robot last was by then, m; None: nobody knows."""
+    at = int(np.searchsorted(track.seconds, second, side="right")) - 1
+    if at < 0 or np.isnan(track.poses[at, 0]):
+        return None
+    x, y = track.poses[at, :2].tolist()
+    return x, y

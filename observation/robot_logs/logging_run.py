@@ -1,0 +1,164 @@
+"""What `acrc export --mcap` does: a run's folder as one log of all its robots."""
+
+import importlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from operator import attrgetter
+from pathlib import Path
+from typing import Final
+
+from actors.installation.usage import OptionError, wrong_value
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.foreign import Permit
+from actors.robot_model import RobotModel, load_model
+from actors.runtime import regular_file
+from actors.runtime.process_setup import located_model
+from observation.evidence.run_evidence import world_setup
+from observation.replay.recorded_orders import given_orders
+from observation.replay.recorded_setup import setup_of
+from observation.replay.run_recordings import recordings
+from observation.replay.sandboxed_calls import Bounds
+from observation.robot_logs import log_file
+from observation.robot_logs.contents import Entry, Form
+from observation.robot_logs.floor_entries import (
+    body_entries,
+    link_entries,
+    map_entry,
+    place_entries,
+    thing_entries,
+)
+from observation.robot_logs.robot_entries import (
+    held_entries,
+    sensed_entries,
+    static_frames,
+    traced_entries,
+    true_entries,
+)
+from observation.robot_logs.spool import Spool
+from observation.trace.traces import BOUNDS, traces
+from observation.view.collected import collected_story
+from observation.view.simulated import simulated_story
+from observation.view.story import Source, Story
+
+FORMS: Final = ("ros2", "foxglove")
+
+
+@dataclass(frozen=True)
+class LogReport:
+    """What has come of it."""
+
+    counts: Counter[str]
+    """Messages by topic."""
+    notes: tuple[str, ...]
+    """What is missing or not known, a sentence each."""
+
+
+def form_of(name: str) -> Form:
+    """The form of that name. Raises OptionError for one that there is not."""
+    if name not in FORMS:
+        raise wrong_value("--mcap", name, f"one of {', '.join(FORMS)}")
+    made: Form = (
+        importlib.import_module("observation.robot_logs.ros2_form").Ros2Form()
+        if name == "ros2"
+        else importlib.import_module("observation.robot_logs.foxglove_form").FoxgloveForm()
+    )
+    return made
+
+
+def log_run(
+    out: Path,
+    path: Path,
+    form: Form,
+    robots: Sequence[str] = (),
+    on_actor: Callable[[str], object] = lambda actor: None,
+    *,
+    permit: Permit,
+    isolate: bool,
+    bounds: Bounds = BOUNDS,
+) -> LogReport:
+    """Write the log of a run, simulated or collected from robots, to a file that is not there yet.
+
+    `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
+    whose trace is needed. `isolate`: see `actors.runtime.isolation.isolating`. Raises OptionError for a robot
+    that is none and a file that is there, RecordingError and the like for what is no folder of a run.
+    """
+    if path.exists() or path.is_symlink():
+        raise OptionError(f"--out: {path} is there already; must be a new file")
+    files = recordings(out)
+    story = simulated_story(out) if "world" in files else collected_story(out)
+    for robot in robots:
+        if robot not in story.robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
+    models, left_out = _models(story, files), Counter[str]()
+    sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
+    with Spool(form) as spool, regular_file.replaced(path) as part:
+        faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
+        on_actor("")
+        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        counts = log_file.write(part, form, entries, left_out)
+    absent = [
+        f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
+        for topic, count in sorted(left_out.items())
+        if count
+    ]
+    return LogReport(counts, tuple(dict.fromkeys((*story.notes, *faults, *absent))))
+
+
+def _trace(
+    story: Story,
+    sources: Mapping[str, Source],
+    spool: Spool,
+    on_actor: Callable[[str], object],
+    *,
+    permit: Permit,
+    isolate: bool,
+    bounds: Bounds,
+) -> list[str]:
+    """Set aside what robots perceived and meant; what is not to be had, in sentences."""
+    on_actor("robots")
+    found: dict[str, str | None] = {}
+    for one in traces(story.out, list(sources), permit=permit, isolate=isolate, bounds=bounds):
+        for part in one.parts:
+            spool.extend(traced_entries(sources[one.actor], part))
+        found[one.actor] = one.fault or (one.parts[-1].fault if one.parts else None)
+        on_actor(f"robots ({len(found)} of {len(sources)} are done)")
+    return [fault for actor in sources if (fault := found.get(actor)) is not None]
+
+
+def _streams(
+    story: Story,
+    files: Mapping[str, Path],
+    sources: Mapping[str, Source],
+    models: Mapping[str, RobotModel],
+    spool: Spool,
+    left_out: Counter[str],
+) -> Iterator[Iterator[Entry]]:
+    """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
+    yield iter((map_entry(story.grid), static_frames(models)))
+    yield from (place_entries(story), body_entries(story, models))
+    if "world" in files:
+        setup = world_setup(files["world"])
+        orders = given_orders(setup.events, setup.step_us, files["world"])
+        yield thing_entries(story, models, orders, setup.step_us)
+    yield true_entries(story)
+    for robot, track in story.tracks.items():
+        yield held_entries(robot, track)
+    for actor, source in sources.items():
+        track, model = story.tracks[source.robot], models[source.robot]
+        yield sensed_entries(files[actor], source, track, model, left_out)
+    yield link_entries(story)
+    yield spool.entries()
+
+
+def _models(story: Story, files: Mapping[str, Path]) -> dict[str, RobotModel]:
+    """What kind of robot each is, as the world was told, or else the robot."""
+    if "world" in files:
+        bodies = world_setup(files["world"]).robots
+        return {body.id: load_model(body.model, body.sensor) for body in bodies}
+    found = {}
+    for source in story.sources:
+        setup = setup_of(files[source.actor], RobotSetup, "a robot")
+        found[source.robot] = load_model(located_model(setup.model, files[source.actor].parent), setup.sensor)
+    return found
