@@ -28,20 +28,24 @@ def print_table(console: Console, table: Table) -> None:
     ]
     least = [max(cell.minimum for cell in cells) for cells in columns]
     widths = [max(cell.maximum for cell in cells) for cells in columns]
-    room = console.width - (Measurement.get(console, wide, table).maximum - sum(widths))
-    if sum(least) > room:
+    room = console.width - (Measurement.get(console, wide, table).maximum - _total(widths))
+    if _total(least) > room:
         _print_rows(console, table)
         return
-    if sum(widths) > room:
+    if _total(widths) > room:
         for column, width in zip(table.columns, _narrowed(widths, least, room), strict=True):
             column.width = width
     console.print(table)
 
 
+def _total(widths: list[int]) -> int:
+    return sum(int(width) for width in widths)
+
+
 def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
     """Widths that fit, the widest made narrower first, none less than it must be."""
     fitting = list(widths)
-    while sum(fitting) > room:
+    while _total(fitting) > room:
         _, place = max((width, place) for place, width in enumerate(fitting) if width > least[place])
         fitting[place] -= 1
     return fitting

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from rich.console import Console
+from rich.text import Text
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def run_checks(root: Path, console: Console, checks: tuple[Check, ...] = CHECKS)
     """Run every check in the folder `root`, also after one has failed; True if all are content."""
     failed = []
     for check in checks:
-        console.rule(f"[bold]{check.name}", align="left")
+        console.rule(Text(check.name, style="bold"), align="left")
         if subprocess.run([sys.executable, *check.command], cwd=root, check=False).returncode:
             failed.append(check.name)
     console.rule(align="left")

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from actors.observer.colours import WHITE, contrast, hexadecimal
-from actors.observer.glyphs import MARKS, PUT, SEEN_STATES
+from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, StateGlyph
 from observation.accounting.spells import Spell
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
@@ -30,7 +30,7 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
     rows = {robot: row for row, robot in enumerate(order(run, doing))}
     for one in doing:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, **_look(one.cause))
+        axes.broken_barh(*extent, **look_of(SEEN_STATES[one.cause.value]))
     for deed in run.reported:
         _mark(axes, run, deed, rows, "cleaned", 0.0, 9.0 if few else 3.0)
     for deed in run.taken_over:
@@ -63,7 +63,8 @@ def order(run: RunEvidence, doing: Sequence[Spell]) -> list[str]:
 def key(runs: Sequence[RunEvidence], doing: Sequence[Spell]) -> list[Artist]:
     """What the colours and marks mean that there are."""
     seen = {one.cause.value for one in doing}
-    kinds: list[Artist] = [Patch(label=word, **_look(Cause(word))) for word in SEEN_STATES if word in seen]
+    states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
+    kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
     used = [
         name
         for name, deeds in (
@@ -77,9 +78,8 @@ def key(runs: Sequence[RunEvidence], doing: Sequence[Spell]) -> list[Artist]:
     return kinds
 
 
-def _look(cause: Cause) -> dict[str, Any]:
+def look_of(glyph: StateGlyph) -> dict[str, Any]:
     """Colour, and a hatch that can be seen on it."""
-    glyph = SEEN_STATES[cause.value]
     ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
     colour = hexadecimal(glyph.colour)
     edge = ink if glyph.hatch else colour

@@ -45,7 +45,7 @@ def sample(name: str) -> Artist:
             return Patch(facecolor="none", edgecolor=colour, ls="--", label=mark.says)
         case "dotted line":
             return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.says)
-    size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 7.0, "snowflake": 9.0}
+    size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
     fill = "#9a9fa8" if name == "done" else ""
     look = _look(mark, style.INK, size.get(mark.shape, 6.0), fill)
     return Line2D([], [], ls="", label=mark.says, **look)

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.legend import Legend
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.observer.colours import hexadecimal
-from actors.observer.glyphs import CLOSED, JAM, MARKS, PUT
+from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES
 from actors.orders import CloseDoor, OpenDoor, Wall
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
@@ -21,7 +23,7 @@ from observation.evidence.floor_things import FloorThing, FloorThings
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import ThingsOverTime, ordered, spans
-from observation.picture import labels, lanes, look, moving, run_page, style
+from observation.picture import glyph_sheet, labels, lanes, look, moving, run_page, style
 from observation.replay.recorded_orders import GivenOrder
 from tests.swarm.command import ROOT, run
 
@@ -125,9 +127,7 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, 
     assert {PUT, JAM, CLOSED} <= seen
     with look.applied(style.LOOK):
         figure = run_page.draw(ordered_run)
-    legend = figure.axes[0].get_legend()
-    assert legend is not None
-    says = {text.get_text() for text in legend.get_texts()}
+    says = {text.get_text() for text in legend_of(figure.axes[0]).get_texts()}
     wanted = (
         "wall",
         "obstacle",
@@ -155,6 +155,12 @@ def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunEvidence, tmp_
             near = [int((np.abs(colours - wanted).max(axis=1) < 24).sum()) for wanted in (PUT, JAM, CLOSED)]
             seen.append([count > 5 for count in near])
     assert seen == [[False, False, False], [True, True, True], [True, False, False]]
+
+
+def legend_of(axes: Axes) -> Legend:
+    found = axes.get_legend()
+    assert found is not None
+    return found
 
 
 def grid() -> OccupancyGrid:
@@ -214,3 +220,14 @@ def test_many_lanes_are_named_and_those_that_were_kept_most_come_first(ordered_r
 
 def test_colours_of_marks_are_those_of_the_language() -> None:
     assert hexadecimal(PUT) == "#c31e87" and MARKS["wall"].colour == MARKS["obstacle"].colour == PUT
+
+
+def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) -> None:
+    glyph_sheet.write(tmp_path / "glyphs.png")
+    with Image.open(tmp_path / "glyphs.png") as drawn, Image.open(ROOT / "docs/pictures/glyphs.png") as kept:
+        assert drawn.size == kept.size
+        far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
+    assert far.max() == 0, "python -m observation.picture.glyph_sheet docs/pictures/glyphs.png"
+    figure = glyph_sheet.draw()
+    told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
+    assert {*SEEN_STATES, *OWN_STATES, *(mark.says for mark in MARKS.values())} <= told
