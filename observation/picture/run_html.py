@@ -13,6 +13,7 @@ from observation.accounting.time_spent import Cause
 from observation.evidence.recorded import outcomes
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_decisions import SaidDecision, adaptation
+from observation.evidence.things_over_time import ordered
 from observation.page import markup
 from observation.picture import floor_picture, look, run_page, style
 from observation.recordings.writers import goes_on
@@ -43,6 +44,7 @@ def html(run: RunEvidence, drawn: bytes) -> str:
         ("What happened", [markup.picture(drawn, _ALT, _CAPTION)]),
         ("What each robot did", [_deeds(run, doing)]),
         ("Where robots stood before others", [_meetings(doing)]),
+        ("What was put into the world", [_put(run, doing)]),
         ("What was decided", [_decided(run)]),
         ("Places", [_places(run.places)]),
         ("Radio", [_radio(run)]),
@@ -90,6 +92,15 @@ def _meetings(doing: Sequence[Spell]) -> str:
         for x, y, lasted in sorted(floor_picture.meetings(doing), key=lambda one: -one[2])
     ]
     return _table("Where, m, and how long in all.", ["x", "y", "s"], rows, 0)
+
+
+def _put(run: RunEvidence, doing: Sequence[Spell]) -> str:
+    """What was ordered, and which robots were frozen or off."""
+    stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
+    told = [(one.second, one.robot, one.words) for one in ordered(run)]
+    told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
+    rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(told)]
+    return _table("By the scenario's events, and by orders.", ["s", "robot", "what"], rows, -1, numbers=(0,))
 
 
 def _decided(run: RunEvidence) -> str:

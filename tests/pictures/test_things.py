@@ -1,6 +1,7 @@
 """What was put into a run's world is in every picture of it, from when to when; no words lie on others."""
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from observation.evidence.floor_things import FloorThing, FloorThings
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import ThingsOverTime, ordered, spans
-from observation.picture import glyph_sheet, labels, lanes, look, moving, run_page, style
+from observation.picture import glyph_sheet, labels, lanes, look, moving, run_html, run_page, style
 from observation.replay.recorded_orders import GivenOrder
 from tests.swarm.command import ROOT, run
 
@@ -143,6 +144,13 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, 
     assert {MARKS[name].says for name in wanted} <= says
     told = {text.get_text() for text in figure.axes[0].texts}
     assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
+
+
+def test_the_page_of_a_run_lists_it(ordered_run: RunEvidence) -> None:
+    page = run_html.html(ordered_run, b"")
+    rows = re.findall(r"<tr><td[^>]*>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td></tr>", page)
+    assert ("5.0", "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)") in rows
+    assert ("6.0", "r1", "is frozen until 8 s") in rows and ("13.0", "r2", "is off until 16 s") in rows
 
 
 def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunEvidence, tmp_path: Path) -> None:

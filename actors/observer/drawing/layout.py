@@ -187,7 +187,7 @@ def _plots(what: Arrangement) -> rrb.Tabs:
         visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) - 0.2)),
     )  # fmt: skip
     curves = rrb.Vertical(done, copies)
-    first = rrb.Horizontal(curves, fates, column_shares=[5, 1], name="Progress and radio")
+    first = rrb.Horizontal(curves, fates, column_shares=[4, 1], name="Progress and radio")
     rssi = plot("rssi", "RSSI, dBm", axis_y=rrb.ScalarAxis(range=(-100, -30)), plot_legend=hidden)
     ages = plot("ages", "Age of replicas, s", plot_legend=hidden)
     return rrb.Tabs(first, rssi, *tabs, ages, active_tab=0, name="Plots")
