@@ -36,7 +36,7 @@ def draw(run: RunEvidence) -> Figure:
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
-    draw_progress(figure.add_subplot(grid[1:, 1]), run)
+    draw_progress(figure.add_subplot(grid[1:, 1] if style.few(run.robots) else grid[2, 1]), run)
     labels.settle(figure)
     labels.place(floor, drawn.labels, drawn.taken)
     return figure
