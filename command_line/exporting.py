@@ -9,7 +9,7 @@ import typer
 
 from actors.console import screen
 from actors.installation.usage import OptionError
-from command_line.options import Modules, Trust
+from command_line.options import Json, Modules, Trust, answer
 
 if TYPE_CHECKING:
     from actors.robot.behaviour.foreign import Permit
@@ -41,6 +41,7 @@ def export(
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
+    json: Json = False,
 ) -> None:
     """Write a run as tables (Parquet files), or as a log of its robots (MCAP).
 
@@ -54,14 +55,14 @@ def export(
 
     permit = permit_of(modules, trust=trust)
     if mcap is not None:
-        _export_log(out, folder, mcap, tuple(robot or ()), permit)
+        _export_log(out, folder, mcap, tuple(robot or ()), permit, json=json)
         return
     if robot:
         raise OptionError("--robot: requires --mcap; tables are of all robots")
-    _export_tables(out, folder, permit)
+    _export_tables(out, folder, permit, json=json)
 
 
-def _export_tables(out: Path, folder: Path | None, permit: "Permit") -> None:
+def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bool) -> None:
     from actors.runtime import regular_file
     from observation.replay.run_recordings import recordings
     from observation.replay.trust import check_trust
@@ -84,11 +85,14 @@ def _export_tables(out: Path, folder: Path | None, permit: "Permit") -> None:
         )
     with out_folder.writing(folder or out):
         where = folder or regular_file.no_link(out / "tables")
-        for path, count in parquet_files.write(found, where):
-            print(f"{path}: {count} rows")
+        written = dict(parquet_files.write(found, where))
+    said = [f"{path}: {count} rows" for path, count in written.items()]
+    answer(said, [{"file": path, "rows": count} for path, count in written.items()], json=json)
 
 
-def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], permit: "Permit") -> None:
+def _export_log(
+    out: Path, file: Path | None, name: str, robots: Sequence[str], permit: "Permit", *, json: bool
+) -> None:
     from actors.runtime.isolation.isolating import choose, warn
     from deploy.run import out_folder
     from observation.robot_logs.logging_run import form_of, log_run
@@ -110,5 +114,6 @@ def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], 
         )
     for note in report.notes:
         print(note, file=sys.stderr)
-    size = path.stat().st_size / 1e6
-    print(f"{path}: {report.counts.total()} messages of {len(report.counts)} topics, {size:.1f} MB")
+    size, messages, topics = path.stat().st_size, report.counts.total(), len(report.counts)
+    said = f"{path}: {messages} messages of {topics} topics, {size / 1e6:.1f} MB"
+    answer([said], {"file": path, "messages": messages, "topics": topics, "bytes": size}, json=json)

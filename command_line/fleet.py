@@ -1,18 +1,18 @@
 """`acrc fleet`: what makes computers robots, and what is done with them then."""
 
 import sys
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actors.console import screen
 from actors.installation.repository import clone
 from command_line.collect import collect
 from command_line.laptop import pause, resume, stop, watch
 from command_line.onboard import onboard
-from command_line.options import FleetFile, Json, Modules
+from command_line.options import FleetFile, Json, Modules, answer
 
 if TYPE_CHECKING:
     from deploy.fleet.fleet_file import Fleet
@@ -28,6 +28,7 @@ def units(
         typer.Option(metavar="NAME", help="Run the robot as this user.  [default: the clone's owner]"),
     ] = None,
     modules: Modules = None,
+    json: Json = False,
 ) -> None:
     """Write a robot's systemd service and udev rules.
 
@@ -53,7 +54,7 @@ def units(
         modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
-    screen().print(
+    said = (
         f"{service}\n{rules}\n\n"
         "Look at them, then install them, here on the robot's own computer:\n\n"
         f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
@@ -64,6 +65,7 @@ def units(
         f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
         "wrong."
     )
+    answer([said], {"service": service, "rules": rules}, json=json)
     for sentence in written.unnamed:
         sys.stderr.write(f"acrc: {sentence}\n")
 
@@ -86,6 +88,7 @@ def keys(
             help="Replace all keys after this robot (or the operator) lost its own. Repeatable.",
         ),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Make the keys of a fleet.
 
@@ -100,15 +103,16 @@ def keys(
     hosts = fleet_keys.hosts_of(host or [], loaded)
     folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
     if not revoke:
-        _print_keys(loaded, fleet_keys.issue(loaded, folder, hosts, now=now, days=days))
+        made = fleet_keys.issue(loaded, folder, hosts, now=now, days=days)
+        _answer_keys(loaded, made, [], None, json=json)
         return
     made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
-    _print_keys(loaded, made)
-    screen().print(
+    said = [
         f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
-        "the operator's first, and start the robots again.\n"
-        f"The old keys are in {aside}; delete them after that."
-    )
+        "the operator's first, and start the robots again.",
+        f"The old keys are in {aside}; delete them after that.",
+    ]
+    _answer_keys(loaded, made, said, aside, json=json)
 
 
 def doctor(
@@ -133,25 +137,32 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
-    console = screen()
-    console.print(
-        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
-        "for its key is not encrypted"
-    )
-    for machine in made.machines:
-        if machine.hosts:
-            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
-            console.print(f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}")
-        else:
-            console.print(f"{machine.folder}\n  to the laptop of whoever watches and stops the robots")
-    console.print(f"All hold until {made.valid_until:%Y-%m-%d}.")
+def _answer_keys(
+    fleet: "Fleet", made: "FleetKeys", revoked: list[str], aside: Path | None, *, json: bool
+) -> None:
+    """Say where the keys are, then what was `revoked`, and where the old keys are now: `aside`."""
+    told = {"home": made.home, "valid_until": made.valid_until, "machines": made.machines, "old_keys": aside}
+    answer([*_keys_told(fleet, made), *revoked], told, json=json)
     for machine in made.machines:
         if machine.listens_unnamed:
             sys.stderr.write(
                 f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
                 f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
             )
+
+
+def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
+    yield (
+        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted"
+    )
+    for machine in made.machines:
+        if machine.hosts:
+            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            yield f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}"
+        else:
+            yield f"{machine.folder}\n  to the laptop of whoever watches and stops the robots"
+    yield f"All hold until {made.valid_until:%Y-%m-%d}."
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from actors.processes.signals import Interrupted
-from command_line.options import Endpoints, OperatorKeys
+from command_line.options import Endpoints, Json, OperatorKeys, answer
 
 if TYPE_CHECKING:
     from actors.orders import Order
@@ -42,39 +42,41 @@ def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
     watched.show(endpoints, keys, load_fleet(fleet))
 
 
-def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:
+def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Stop all robots for good.
 
     Within 2 s each robot has confirmed, or is named with what is in the way; then the exit code is 1.
     """
     from actors.orders import Stop
 
-    _give(endpoints, keys, Stop())
+    _give(endpoints, keys, Stop(), json=json)
 
 
-def pause(endpoints: Endpoints, keys: OperatorKeys) -> None:
+def pause(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Pause all robots until resume; answers as of stop."""
     from actors.orders import Pause
 
-    _give(endpoints, keys, Pause())
+    _give(endpoints, keys, Pause(), json=json)
 
 
-def resume(endpoints: Endpoints, keys: OperatorKeys) -> None:
+def resume(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Resume paused robots; answers as of stop."""
     from actors.orders import Resume
 
-    _give(endpoints, keys, Resume())
+    _give(endpoints, keys, Resume(), json=json)
 
 
-def _give(endpoints: list[str], keys: Path, order: "Order") -> NoReturn:
+def _give(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
     """Give an order to all robots, and say what became of it."""
     from deploy.fleet import watch as laptop
 
     answers = laptop.give(endpoints, keys, order)
-    for answer in answers:
-        words = answer.failure or laptop.done(order)
-        print(f"acrc: {answer.endpoint}: {words}", file=sys.stderr if answer.failure else sys.stdout)
-    _leave(1 if any(answer.failure for answer in answers) else 0)
+    for one in answers:
+        if one.failure:
+            print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
+    said = [f"acrc: {one.endpoint}: {laptop.done(order)}" for one in answers if not one.failure]
+    answer(said, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
+    _leave(1 if any(one.failure for one in answers) else 0)
 
 
 def _leave(code: int) -> NoReturn:

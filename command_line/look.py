@@ -2,17 +2,17 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 from command_line import completion
-from command_line.options import Modules, Robots, Seed, Setting, Trust
+from command_line.options import Json, Modules, Robots, Seed, Setting, Trust, answer
 
 if TYPE_CHECKING:
     from actors.robot.behaviour.foreign import Permit
@@ -27,6 +27,7 @@ def demo(
         Path | None,
         typer.Option(metavar="DIR", help="New folder for both runs and the picture.  [default: in runs/]"),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Show two robots in a doorway, without and with adaptation."""
     from actors.processes.kernels import compile_kernels
@@ -36,21 +37,21 @@ def demo(
     from observation.picture import side_by_side
 
     name = folder_name(Path("demo"))
-    options = checked(RunOptions(out or Path("runs", name)))
+    options = checked(RunOptions(out or Path("runs", name), json=json))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-        compile_kernels(quiet=False)
+        compile_kernels(quiet=json)
         shown = list(demonstration.demonstrate(options))
     runs = [read_run(options.out / one.strategy) for one in shown]
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
     with out_folder.writing(options.out):
         for picture in pictures:
             side_by_side.write(runs, picture)
-    console = screen()
-    for sentence in demonstration.sentences(shown, len(runs[-1].taken_over), pictures):
-        console.print(sentence)
-    if console.is_terminal and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    said = demonstration.sentences(shown, len(runs[-1].taken_over), pictures)
+    results = {one.strategy: one.result for one in shown}
+    answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
+    if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         typer.launch(str(pictures[0]))
 
 
@@ -111,6 +112,9 @@ def view(
             "--isolate/--no-isolate", help="Replay robots in a sandbox.  [default: where the machine can]"
         ),
     ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print how the run stands and the files as JSON; open nothing.")
+    ] = False,
 ) -> None:
     """Open a run in the viewer, or draw it.
 
@@ -123,16 +127,28 @@ def view(
     if beside and (html or movie or why):
         raise OptionError("--beside: cannot be combined with --html, --movie or --why")
     if beside and (png or svg):
-        _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
+        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished]
+        _answer_drawn(out, _draw_beside((out, *beside), kinds), json=json)
         return
-    if png or svg or html or movie:
+    if png or svg or html or movie or (json and save is None and screenshot is None):
         kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
-        _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
+        drawn = _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed) if kinds or movie else []
+        _answer_drawn(out, drawn, json=json)
         return
     from actors.robot.behaviour.foreign import permit_of
 
     wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
     _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+    if json:
+        _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
+
+
+def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
+    """Name the files that were written, and with `json` how the run stands."""
+    from observation.recordings.writers import standing
+
+    told = {"out": out, "stands": standing(out).value, "files": files} if json else None
+    answer(map(str, files), told, json=json)
 
 
 def _newest() -> Path:
@@ -176,8 +192,8 @@ def _show(
             beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
 
 
-def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
-    """Draw several runs beside one another, in the folder of the first."""
+def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> list[Path]:
+    """Draw several runs beside one another, in the folder of the first, and give the files."""
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
@@ -185,11 +201,11 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
     runs = [read_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
         _warn_of_short(folder, run)
-    for kind in kinds:
-        picture = folders[0] / f"beside.{kind}"
-        with out_folder.writing(folders[0]):
+    pictures = [folders[0] / f"beside.{kind}" for kind in kinds]
+    with out_folder.writing(folders[0]):
+        for picture in pictures:
             side_by_side.write(runs, picture)
-        screen().print(str(picture))
+    return pictures
 
 
 def _warn_of_short(out: Path, run: "RunEvidence") -> None:
@@ -199,8 +215,8 @@ def _warn_of_short(out: Path, run: "RunEvidence") -> None:
         sys.stderr.write(f"acrc: {out}: {short}\n")
 
 
-def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
-    """Draw the run on one page, once into each file, and as a movie if one is wished."""
+def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> list[Path]:
+    """Draw the run on one page, once into each file, and as a movie if one is wished; gives the files."""
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
@@ -212,15 +228,15 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     if run.result is None:
         screen(stderr=True).print(drawn_until(out, run.end))
     _warn_of_short(out, run)
-    console = screen()
-    for name in names:
-        with out_folder.writing(out):
-            (run_html if name.endswith(".html") else run_page).write(run, out / name)
-        console.print(str(out / name))
-    if movie is not None:
-        with out_folder.writing(movie.parent):
-            moving.write(run, movie, speed)
-        console.print(str(movie))
+    pages = [out / name for name in names]
+    with out_folder.writing(out):
+        for page in pages:
+            (run_html if page.suffix == ".html" else run_page).write(run, page)
+    if movie is None:
+        return pages
+    with out_folder.writing(movie.parent):
+        moving.write(run, movie, speed)
+    return [*pages, movie]
 
 
 def scenario(
@@ -239,6 +255,7 @@ def scenario(
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
+    json: Json = False,
 ) -> None:
     """Check a scenario, a map or a robot model.
 
@@ -258,26 +275,23 @@ def scenario(
     if (is_map := file.suffix in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
-        _part(file, png, is_map=is_map)
+        _part(file, png, is_map=is_map, json=json)
         return
     permit = permit_of(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
     settled = resolve(load_scenario(file, overrides))
     found = survey.survey(settled)
-    console = screen()
-    for sentence in survey.sentences(found):
-        console.print(sentence)
     if png is not None:
         from deploy.scenario import scenario_picture
 
         with out_folder.writing(png.parent):
             scenario_picture.write(found, png)
-        console.print(str(png))
+    _answer_surveyed(survey.sentences(found), survey.as_json(found), png, json=json)
     folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
     preflight_here(settled, folders)
 
 
-def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
+def _part(file: Path, png: Path | None, *, is_map: bool, json: bool) -> None:
     """The same for a map or a robot model."""
     from actors.robot_model import load_model
     from deploy.run import out_folder
@@ -285,17 +299,20 @@ def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
 
     floor = survey.survey_map(file) if is_map else None
     model = None if is_map else load_model(str(file))
-    console = screen()
-    told = survey.map_sentences(floor) if floor else ()
-    for sentence in (*told, *(survey.model_sentences(model) if model else ())):
-        console.print(sentence)
-    if png is None:
-        return
-    from deploy.scenario import scenario_picture
+    if png is not None:
+        from deploy.scenario import scenario_picture
 
-    with out_folder.writing(png.parent):
-        if floor:
-            scenario_picture.write_map(floor, png)
-        elif model:
-            scenario_picture.write_model(model, png)
-    console.print(str(png))
+        with out_folder.writing(png.parent):
+            if floor:
+                scenario_picture.write_map(floor, png)
+            elif model:
+                scenario_picture.write_model(model, png)
+    if floor:
+        _answer_surveyed(survey.map_sentences(floor), survey.map_as_json(floor), png, json=json)
+    elif model:
+        _answer_surveyed(survey.model_sentences(model), survey.model_as_json(model), png, json=json)
+
+
+def _answer_surveyed(sentences: Iterable[str], told: dict[str, Any], png: Path | None, *, json: bool) -> None:
+    """What a file means, and where it was drawn."""
+    answer([*sentences, *([] if png is None else [str(png)])], told | {"picture": png}, json=json)

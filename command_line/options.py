@@ -1,5 +1,7 @@
 """Arguments and options that several commands have, each with one meaning."""
 
+import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -42,3 +44,20 @@ Setting = Annotated[
         "--set", metavar="KEY=VALUE", help="Replace a key of the scenario: deeco.publish=0.5. Repeatable."
     ),
 ]
+
+
+def answer(sentences: Iterable[str], told: object, *, json: bool) -> None:
+    """Print what a command answers: sentences for people, or the same for programs as one line of JSON.
+
+    `told`: what msgspec encodes, or paths.
+    """
+    if json:
+        import msgspec
+
+        sys.stdout.write(msgspec.json.encode(told, enc_hook=str).decode() + "\n")
+        return
+    from actors.console import screen
+
+    console = screen()
+    for sentence in sentences:
+        console.print(sentence)

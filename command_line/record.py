@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
-from command_line.options import Json
+from command_line.options import Json, answer
 
 if TYPE_CHECKING:
     from observation.recordings.rates import Rate
@@ -101,6 +100,7 @@ def plot(
     ],
     begin: _Begin = 0.0,
     end: _End = None,
+    json: Json = False,
 ) -> None:
     """Draw a field over simulated time."""
     if file.suffix not in {".png", ".svg"} or not file.absolute().parent.is_dir():
@@ -114,13 +114,14 @@ def plot(
 
     with out_folder.writing(file.parent):
         series.write({short(name): values for name, values in found.items()}, field, file)
-    print(file)
+    answer([str(file)], {"file": file}, json=json)
 
 
 @app.command()
 def merge(
     out: _Run,
     file: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.mcap", help="New file.")],
+    json: Json = False,
 ) -> None:
     """Merge recordings into one file for any MCAP reader.
 
@@ -131,11 +132,12 @@ def merge(
 
     with out_folder.writing(file.absolute().parent):
         report = merged_file.merge(out, file)
-    print(f"{file}: {report.about.messages} messages of digest {report.about.digest}; {report.size} B")
+    said = f"{file}: {report.about.messages} messages of digest {report.about.digest}; {report.size} B"
+    answer([said], {"file": file, "bytes": report.size, "about": report.about}, json=json)
 
 
 @app.command()
-def check(out: _Recorded) -> None:
+def check(out: _Recorded, json: Json = False) -> None:
     """Check whether a run's files are as it left them.
 
     Compares recordings with their checksums, one another and the result, and all files with the seal. Of one
@@ -145,25 +147,16 @@ def check(out: _Recorded) -> None:
     from observation.replay import record_check
     from observation.results import seal
 
-    console = screen()
     if out.is_file():
-        console.print(merged_file.sentence(out))
+        plainly, said = merged_file.told(out)
+        answer([said], plainly, json=json)
         return
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
-        console.print(seal.sentence(out, sealed))
+        answer([seal.sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
         return
     report = record_check.check(out)
-    digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
-    console.print(f"{digest} over {report.messages} messages")
-    if report.unreceived:
-        console.print(f"{report.unreceived} messages were taken by nobody: who they were for had ended")
-    if not report.complete:
-        until = "not even to the first step" if report.good_until is None else f"to step {report.good_until}"
-        console.print(
-            "the run did not end as planned: this is the digest of what was recorded until then; every "
-            f"recording is good up {until}"
-        )
-    console.print(seal.sentence(out, report.sealed))
+    told = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
+    answer([*record_check.sentences(report), seal.sentence(out, report.sealed)], told, json=json)
 
 
 def _messages(

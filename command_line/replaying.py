@@ -5,14 +5,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
 from actors.console import screen
 from actors.installation.usage import OptionError
 from command_line import completion
-from command_line.options import Json, Modules, Trust
+from command_line.options import Json, Modules, Trust, answer
 
 if TYPE_CHECKING:
     from observation.replay.record_replay import ReplayReport
@@ -59,6 +59,7 @@ def replay(
             help="With --robot: replay it in a sandbox.  [default: where the machine can]",
         ),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Replay a run, or one robot of it, and compare every message.
 
@@ -72,7 +73,6 @@ def replay(
         "--debugpy": debugpy,
         "--strategy": strategy,
     }
-    console = screen()
     if robot is None:
         alone = [name for name, value in options.items() if value is not None]
         if alone:
@@ -83,8 +83,12 @@ def replay(
         again = replay_swarm(out, permit=permit_of(modules, trust=trust))
         orders = "" if not again.orders else f", with {again.orders} orders from outside"
         whole = "" if again.complete else ", as far as it was recorded"
-        console.print(f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}")
+        answer(
+            [f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}"], again, json=json
+        )
         return
+    if json and (pdb or debugpy is not None):
+        raise OptionError("--json: cannot be combined with --pdb and --debugpy")
     if pdb and debugpy is not None:
         raise OptionError("--pdb: cannot be combined with --debugpy")
     if begin is not None and not pdb and debugpy is None:
@@ -95,14 +99,15 @@ def replay(
     if isolate and watched:
         raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
     if watched:
-        report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
+        prints = sys.stderr if json else sys.stdout
+        report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust), prints)
     else:
         from actors.robot.behaviour.foreign import permit_of
         from observation.replay import trusted_replay
 
         report = trusted_replay.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
-    console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
+    answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
 
 
 def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
@@ -122,6 +127,7 @@ def _one(
     debugger: tuple[bool, int | None],
     strategy: str | None,
     words: tuple[list[Path] | None, bool],
+    prints: TextIO,
 ) -> "ReplayReport":
     from actors.robot.behaviour.foreign import admitted, permit_of
     from actors.robot.behaviour.modules import look_in
@@ -148,8 +154,8 @@ def _one(
         stop()
 
     wanted = None if stop is None else stopping
-    prints = None if stop is not None else partial(on, sys.stdout)  # a debugger talks for itself
-    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=prints)
+    shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=shown)
     if strategy is None:
         report = replay_actor(out, robot, onlook)
     else:

@@ -11,7 +11,7 @@ from actors.console import screen
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from command_line import completion
-from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust
+from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust, answer
 
 
 def run(
@@ -288,6 +288,7 @@ def order(
         ),
     ],
     words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,
+    json: Json = False,
 ) -> None:
     """Give an order to a run in progress.
 
@@ -303,4 +304,4 @@ def order(
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:
         raise AcrcError(f"the run refused the order {given!r} {refusal}")
-    print(f"acrc: the run has carried out: {given}")
+    answer([f"acrc: the run has carried out: {given}"], {"order": given}, json=json)

@@ -177,11 +177,12 @@ def report(
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the report.  [default: report in the first DIR]"),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Write an HTML report of runs, with the data behind it."""
     from command_line.experiments import report_command
 
-    report_command.run(folders, out)
+    report_command.run(folders, out, json=json)
 
 
 def bundle(
@@ -193,8 +194,9 @@ def bundle(
     author: Annotated[
         list[str] | None, typer.Option("--author", metavar="NAME", help="Author to cite. Repeatable.")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Pack a campaign so that others can check and repeat it."""
     from command_line.experiments import bundle_command
 
-    bundle_command.run(folder, out, tuple(author or ()))
+    bundle_command.run(folder, out, tuple(author or ()), json=json)

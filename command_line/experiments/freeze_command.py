@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from actors.console import screen
 from actors.installation.version import software
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
+from command_line.options import answer
 from deploy.run import out_folder
 from experiments.campaign.plan_taken import declared
 from experiments.comparison import decision
@@ -14,7 +14,7 @@ from experiments.study import frozen_plan
 from experiments.study.study_file import load_study
 
 
-def run(study_file: Path, out: Path | None, *, until_decided: bool) -> None:
+def run(study_file: Path, out: Path | None, *, until_decided: bool, json: bool) -> None:
     """Freeze the study beside its file, or where it is asked for. Raises AcrcError over a file."""
     target = out or study_file.with_suffix(frozen_plan.SUFFIX)
     if target.exists():
@@ -26,9 +26,8 @@ def run(study_file: Path, out: Path | None, *, until_decided: bool) -> None:
     with out_folder.writing(target):
         regular_file.write(target, content)
     plan = frozen_plan.read(target)
-    console = screen()
-    for line in (
+    said = [
         f"Frozen {declared(plan)}",
         f"written to {target}; a hash proves no date: publish it before the first run to prove one",
-    ):
-        console.print(line)
+    ]
+    answer(said, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)

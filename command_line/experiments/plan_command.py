@@ -10,6 +10,7 @@ from rich.table import Table
 from actors.console import print_table, screen
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
+from command_line.options import answer
 from experiments.campaign import store
 from experiments.comparison import metrics
 from experiments.comparison.comparison import PairedSample, samples
@@ -20,20 +21,22 @@ from experiments.statistics.sample_size import Effect, pairs_needed
 from experiments.study.study import Study
 
 
-def run(a12: float, power: float, correlation: float, comparisons: int) -> None:
+def run(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
     """Print the number of pairs that an effect needs; a comparison has two tests, of places and of times."""
     tests = 2 * comparisons
     try:
         pairs = pairs_needed(Effect(a12, correlation, power, tests))
     except ValueError as error:
         raise OptionError(f"--a12: {error}") from None
-    screen().print(
+    said = (
         f"{pairs} pairs of runs show an effect of A12 = {a12:g} with probability {power:g} at 5 % shared by "
         f"{tests} tests, if two runs with the same seed correlate by {correlation:g}."
     )
+    told = {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests}
+    answer([said], told, json=json)
 
 
-def run_pilot(folder: Path, metric: str | None, power: float, comparisons: int) -> None:
+def run_pilot(folder: Path, metric: str | None, power: float, comparisons: int, *, json: bool) -> None:
     """Print how often campaigns of a size would tell the declared strategies apart, and what is too easy."""
     if comparisons > 1:
         raise OptionError("--comparisons: cannot be combined with --pilot, whose study declares them")
@@ -45,10 +48,16 @@ def run_pilot(folder: Path, metric: str | None, power: float, comparisons: int) 
     found = primary(samples(records, study), study)
     if not found or not all(sample.pairs for sample in found):
         raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
+    made = list(promises(found, study, power))
+    if json:
+        names = [f"{sample.one} and {sample.other}{sample.where}" for sample in found]
+        told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
+        answer([], told, json=True)
+        return
     console = screen()
     for line in failures(records, study):
         console.print(line)
-    _print(console, found, list(promises(found, study, power)), study, power)
+    _print(console, found, made, study, power)
     for line in ceilings(records):
         console.print(line)
     if not kept.study.tuning:

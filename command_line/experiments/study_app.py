@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from command_line.options import Json
+
 
 def plan(
     a12: Annotated[
@@ -30,14 +32,15 @@ def plan(
         str | None,
         typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Compute how many pairs of runs an effect needs."""
     from command_line.experiments import plan_command
 
     if pilot is not None:
-        plan_command.run_pilot(pilot, metric, power, comparisons)
+        plan_command.run_pilot(pilot, metric, power, comparisons, json=json)
     else:
-        plan_command.run(a12, power, correlation, comparisons)
+        plan_command.run(a12, power, correlation, comparisons, json=json)
 
 
 def freeze(
@@ -52,6 +55,7 @@ def freeze(
         bool,
         typer.Option("--until-decided", help="Plan interim looks, as the campaign's --until-decided."),
     ] = False,
+    json: Json = False,
 ) -> None:
     """Freeze a study before its first run, and print the plan's SHA-256.
 
@@ -60,7 +64,7 @@ def freeze(
     """
     from command_line.experiments import freeze_command
 
-    freeze_command.run(study, out, until_decided=until_decided)
+    freeze_command.run(study, out, until_decided=until_decided, json=json)
 
 
 app = typer.Typer(

@@ -4,10 +4,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from actors import toml_file
 from actors.floor.grid import UNKNOWN, OccupancyGrid, largest_region, passable, reachable
@@ -144,6 +145,30 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
     return said
 
 
+def as_json(found: ScenarioSurvey) -> dict[str, Any]:
+    """The same for programs: m, m², s."""
+    world, grid = found.resolved.world, found.grid
+    return {
+        "is": "scenario",
+        "robots": len(world.robots),
+        "places": sum(len(body.places) for body in world.robots),
+        "duration_s": world.duration_us / 1e6,
+        "strategy": found.resolved.scenario.run.strategy,
+        "seed": world.seed,
+        "floor": {**_size(grid), "reached_m2": found.surface, "narrow_places": len(found.parts.doors)},
+        "regions": found.parts.count,
+        "radio_reach_m": found.radio_reach,
+        "out_of_reach": [_name(key) for key in found.out_of_reach],
+        "close": [
+            {"one": _name(one), "other": _name(other), "apart_m": apart} for one, other, apart in found.close
+        ],
+    }
+
+
+def _size(grid: OccupancyGrid) -> dict[str, float]:
+    return {"width_m": grid.corner.x - grid.origin.x, "depth_m": grid.corner.y - grid.origin.y}
+
+
 def _doors(count: int) -> str:
     return (
         "no door between them" if not count else "1 narrow place" if count == 1 else f"{count} narrow places"
@@ -200,6 +225,21 @@ def map_sentences(found: MapSurvey) -> Iterator[str]:
         yield f"{apart:.1f} m² more have room for it, but no way leads there from the largest piece"
 
 
+def map_as_json(found: MapSurvey) -> dict[str, Any]:
+    """The same for programs: m, m²."""
+    grid, cell = found.grid, found.grid.resolution**2
+    return {
+        "is": "map",
+        "name": found.name,
+        **_size(grid),
+        "cell_m": grid.resolution,
+        "free_m2": float(grid.free.sum() * cell),
+        "unknown_m2": float((grid.cells == UNKNOWN).sum() * cell),
+        "reached_m2": float(found.reached.sum() * cell),
+        "narrow_places": len(found.parts.doors),
+    }
+
+
 def is_model(path: Path) -> bool:
     """True if a file is a robot model's; of one that cannot be read nobody knows."""
     try:
@@ -207,6 +247,12 @@ def is_model(path: Path) -> bool:
         return "footprint" in toml_file.tables(content, path)
     except AcrcError:
         return False
+
+
+def model_as_json(model: RobotModel) -> dict[str, Any]:
+    """The same for programs, and all else that the model says, as its file has it."""
+    told: dict[str, Any] = TypeAdapter(RobotModel).dump_python(model, mode="json")
+    return {"is": "robot model", **told}
 
 
 def model_sentences(model: RobotModel) -> Iterator[str]:

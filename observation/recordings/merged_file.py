@@ -226,17 +226,24 @@ def _check_fields(topic: Topic[Message], data: bytes) -> None:
         raise ValueError(f"a message on {topic.pattern} has the field {min(unknown)[:40]!r}")
 
 
-def sentence(file: Path) -> str:
-    """What a file is: a merged one, or one process's recording. Raises RecordingError and CheckError."""
+def told(file: Path) -> tuple[dict[str, Any], str]:
+    """What a file is, for programs and for people. Raises RecordingError and CheckError.
+
+    It is a merged one, or one process's recording.
+    """
     if not is_merged(file):
-        told = read_pass(file.stem, file)
-        state = "whole" if told.whole else "cut"
-        until = "" if told.step is None else f", good up to step {told.step}"
-        return f"the recording of {told.actor}: {told.digest.count} digested messages, {state}{until}"
+        found = read_pass(file.stem, file)
+        state = "whole" if found.whole else "cut"
+        until = "" if found.step is None else f", good up to step {found.step}"
+        count = found.digest.count
+        said = f"the recording of {found.actor}: {count} digested messages, {state}{until}"
+        plainly = {"actor": found.actor, "messages": count, "whole": found.whole, "good_until": found.step}
+        return {"is": "recording", **plainly}, said
     about = check_merged(file)
     state = "" if about.complete else ", which did not end as planned"
     hashes = f"; of {about.hashes} only the hash" if about.hashes else ""
-    return (
+    said = (
         f"a merged file of {', '.join(about.recordings)}: {about.messages} messages{hashes}, in canonical "
         f"order, of the run with the digest {about.digest}{state}"
     )
+    return {"is": "merged", **msgspec.to_builtins(about)}, said

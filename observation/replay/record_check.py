@@ -38,6 +38,20 @@ class CheckReport:
     """What its seal says, with which everything agrees; None: it has none."""
 
 
+def sentences(report: CheckReport) -> Iterator[str]:
+    """What recordings say, for people, but for the seal."""
+    digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
+    yield f"{digest} over {report.messages} messages"
+    if report.unreceived:
+        yield f"{report.unreceived} messages were taken by nobody: who they were for had ended"
+    if not report.complete:
+        until = "not even to the first step" if report.good_until is None else f"to step {report.good_until}"
+        yield (
+            "the run did not end as planned: this is the digest of what was recorded until then; every "
+            f"recording is good up {until}"
+        )
+
+
 def check(out: Path) -> CheckReport:
     """Read all recordings of a run, and compare, also with its seal.
 

@@ -51,7 +51,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             needs="websockets",
         ),
     ),
-    "demo": (Line("demo --out d", r"d/demo\.png", "d/demo.png"),),
+    "demo": (Line("demo --out d --json", r'"pictures":\["d/demo\.png"', "d/demo.png"),),
     "loop": (
         Line(
             "run near.toml --hardware-in-the-loop --board r1 --duration 4 --out runs/loop",
@@ -69,6 +69,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line(f"run {HEAD_ON} --duration 4 --strategy mine:behaviour --out runs/a", "", "runs/a/run.json"),
         Line(f"run {HEAD_ON} --duration 4 --strategy none --out runs/b", "", "runs/b/run.json"),
         Line("view runs/a --png --svg --html", r"run.png", "runs/a/run.svg"),
+        Line("view runs/a --json", r'"stands":"ended","files":\[\]'),
         Line("view runs/a --movie a.gif --speed 100", r"a.gif", "a.gif"),
         Line("view runs/a --beside runs/b --png", r"beside.png", "runs/a/beside.png"),
         Line(
@@ -77,9 +78,11 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "plan.png",
         ),
         Line("scenario own.toml --modules .", r"mine:behaviour"),
+        Line("scenario scenarios/head_on.toml --json", r'^\{"is":"scenario","robots":2,'),
         Line("scenario own.toml --trust", r"mine:behaviour"),
         Line("replay runs/a --modules .", r"^identical: \d+ messages; digest"),
         Line("replay runs/a --robot r1 --to 2 --trust", r"^r1: identical: \d+ outputs up to 2 s"),
+        Line("replay runs/a --robot r1 --trust --json", r'^\{"actor":"r1","outputs":\d+,"whole":true\}'),
         Line("replay runs/a --robot r1 --strategy none --trust", r"r1"),
         Line("replay runs/a --robot r1 --from 1 --pdb --trust", r"\(Pdb\)", typed="c\n"),
         Line(
@@ -88,18 +91,24 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("explain runs/a r1 --json --modules . --trust", r"^\["),
         Line("record echo runs/a */log --follow", r"step 30  r[12] looks"),
-        Line("export runs/a --out tables --modules . --trust", r"poses.*rows", "tables/poses.parquet"),
+        Line(
+            "export runs/a --out tables --modules . --trust --json",
+            r'"tables/poses.parquet","rows":\d',
+            "tables/poses.parquet",
+        ),
         Line("export runs/a --mcap ros2 --robot r1 --trust", r"messages of \d+ topics", "runs/a.ros2.mcap"),
-        Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
+        Line("record merge runs/a --out all.mcap --json", r'"bytes":\d+', "all.mcap"),
+        Line("record check runs/a --json", r'^\{"digest":"'),
         Line("replay runs/a --robot r1 --modules . --isolate", r"^r1: identical: \d+ outputs$"),
         Line("replay runs/a --robot r2 --no-isolate --trust", r"^r2: identical: \d+ outputs$"),
         Line("record echo runs/a r1/drive --csv --follow --from 1", r"^2\.9,r1/drive,29,"),
         Line("record echo runs/a truth --json --to 1", r'^\{"seconds": 1\.0'),
         Line("record info runs/a r1/drive --follow --from 1 --to 2 --json", r'"r1/drive"'),
-        Line("record plot runs/a r1/drive vx --from 1 --to 2 --out vx.png", r"vx.png", "vx.png"),
+        Line("record plot runs/a r1/drive vx --from 1 --to 2 --out vx.png --json", r'"vx.png"', "vx.png"),
         Line("causes runs/a --json", r'"r1"'),
         Line("causes runs/a --what-if --modules . --trust", r"nothing that was ordered kept the robots"),
-        Line("report runs/a --out page", r"page", "page/report.html"),
+        Line("report runs/a --out page --json", r'^\{"page":"page/report.html"', "page/report.html"),
+        Line("order runs/a pause --json", r"no run is going on", codes=(1,)),
     ),
     "viewer": (
         Line(
@@ -124,11 +133,11 @@ STORIES: dict[str, tuple[Line, ...]] = {
             r'"none"',
         ),
         Line("compare campaigns/a --metric radio --json", r'"none"'),
-        Line("bundle campaigns/a --out a.zip --author 'Ada Lovelace'", r"a.zip", "a.zip"),
+        Line("bundle campaigns/a --out a.zip --author 'Ada Lovelace' --json", r'^\{"file":"a.zip"', "a.zip"),
         Line("study plan --pilot campaigns/a --metric radio", r"pairs"),
         Line(  # refused where sources have been changed
-            "study freeze studies/drawn_places.toml --until-decided --out plan.json",
-            r"^Frozen at commit|must be committed before a plan is frozen",
+            "study freeze studies/drawn_places.toml --until-decided --out plan.json --json",
+            r'^\{"file":"plan.json"|must be committed before a plan is frozen',
             codes=(0, 1),
         ),
         Line(
@@ -136,7 +145,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             r"study.toml: no frozen plan",
             codes=(1,),
         ),
-        Line("study plan --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2", r"pairs"),
+        Line("study plan --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2 --json", r'^\{"pairs":\d+'),
         Line(
             "campaign --preset chapter --seeds 1 --robots 2 --duration 1 --check-every 0 --until-decided "
             "--out campaigns/b",
@@ -241,7 +250,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
     # last, as the emulated devices compute from here to the end of the file
     "fleet": (
         Line(
-            "fleet keys f.toml --out keys --host r1=127.0.0.1 --days 30", r"holds for r1, r1.local, 127.0.0.1"
+            "fleet keys f.toml --out keys --host r1=127.0.0.1 --days 30 --json",
+            r'"hosts":\["r1","r1.local","127.0.0.1"\]',
         ),
         Line(
             "fleet keys f.toml --host r1=127.0.0.1 --revoke r1",
@@ -249,8 +259,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "keys/r1/key.pem",
         ),
         Line(
-            "fleet units f.toml --robot r1 --user ada --modules . --out u",
-            r"60-acrc.rules",
+            "fleet units f.toml --robot r1 --user ada --modules . --out u --json",
+            r'"rules":".*60-acrc.rules"',
             "u/acrc-r1.service",
         ),
         Line("fleet doctor f.toml --robot r1 --modules . --json", r'^\{"robot":"r1"', codes=(0, 1)),
@@ -267,9 +277,9 @@ STORIES: dict[str, tuple[Line, ...]] = {
             codes=(130,),
             needs="rerun",
         ),
-        Line("fleet pause {listen} --keys keys/operator", r"stands"),
-        Line("fleet resume {listen} --keys keys/operator", r"goes on"),
-        Line("fleet stop {listen} --keys keys/operator", r"has stopped"),
+        Line("fleet pause {listen} --keys keys/operator --json", r'"failure":null'),
+        Line("fleet resume {listen} --keys keys/operator --json", r'"failure":null'),
+        Line("fleet stop {listen} --keys keys/operator --json", r'"failure":null'),
     ),
     "told": (
         Line("fleet keys f.toml --host r1=127.0.0.1", r"All hold until"),

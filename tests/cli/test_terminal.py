@@ -1,5 +1,6 @@
 """What is printed stays what it is: no name is broken in narrow terminals, nothing in it means a picture."""
 
+import json
 import os
 import re
 import subprocess
@@ -11,6 +12,8 @@ from rich.table import Table
 from actors.console import print_table, screen
 from actors.installation.repository import REPOSITORY
 from cleaning.strategies.registry import STRATEGIES
+from command_line.documentation.commands import tree
+from command_line.options import answer
 from tests import warm
 
 NAMES = ("none-giving-up", "chapter-careful", "my_package.strategies:make_way", "r1", "of 12 places")
@@ -71,3 +74,31 @@ def test_there_is_one_kind_of_console() -> None:
         cwd=REPOSITORY, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert listed.stdout.split() == ["actors/console.py"]
+
+
+def test_every_command_that_answers_does_so_in_json_too() -> None:
+    commands = {words: command for words, command in tree().items() if not hasattr(command, "list_commands")}
+    without = {
+        words
+        for words, command in commands.items()
+        if not any("--json" in one.opts for one in command.params)
+    }
+    assert without == {
+        "acrc add", "acrc check", "acrc docs", "acrc test", "acrc fleet onboard", "acrc fleet watch"
+    }, "what only does something, or goes on until it is ended"  # fmt: skip
+
+
+def test_json_is_alone_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    told = {"file": Path("runs/a:x:"), "rows": 3}
+    answer(["one :x:", "two"], told, json=False)
+    assert capsys.readouterr().out == "one :x:\ntwo\n"
+    answer(["one :x:", "two"], told, json=True)
+    assert json.loads(capsys.readouterr().out) == {"file": "runs/a:x:", "rows": 3}
+    done = warm.run(
+        ["scenario", "scenarios/head_on.toml", "--json"], REPOSITORY, os.environ, 60.0, finds_cwd=False
+    )
+    assert json.loads(done.stdout)["robots"] == 2
+    part = warm.run(
+        ["scenario", "maps/corridor.yaml", "--json"], REPOSITORY, os.environ, 60.0, finds_cwd=False
+    )
+    assert json.loads(part.stdout)["narrow_places"] == 5

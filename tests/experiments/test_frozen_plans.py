@@ -55,7 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def frozen(folder: Path, *, until_decided: bool = False) -> Path:
-    freeze_command.run(folder / "study.toml", None, until_decided=until_decided)
+    freeze_command.run(folder / "study.toml", None, until_decided=until_decided, json=False)
     return folder / "study.frozen.json"
 
 
