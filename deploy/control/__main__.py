@@ -18,8 +18,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
 from actors.runtime.process_setup import read_setup
 from actors.world.program import load_setup
-from deploy.control.floor_plan import FloorPlan
 from deploy.control.order_lines import OrderLines
+from deploy.control.page_floor import PageFloor
 from deploy.control.run_link import LISTENS, RunLink
 from deploy.control.scene import Scene
 from deploy.control.server import ControlServer
@@ -64,7 +64,7 @@ def main(argv: Sequence[str]) -> int:
         setup = told.actor.located(options.setup.parent)
         radio = read_setup(options.radio, RadioProgram, "a radio").actor
         addresses = {address: robot for robot, address in radio.robots}
-        plan, lines = FloorPlan(setup, load_map(setup.map)), OrderLines()
+        plan, lines = PageFloor(setup, load_map(setup.map)), OrderLines()
         scene = Scene(setup, plan, told.process.speed or 0.0, addresses)
         observer = client_config(options.observer, options.router, onlooker=True)
         operator = client_config(options.operator, options.router)

@@ -50,7 +50,7 @@ class SeenRobot:
             self.trail.append((_brief(second), _brief(x), _brief(y)))
 
     def stays(self, second: float) -> bool:
-        """True if it drives by its own account, and has not got on lately."""
+        """True if its program goes, and it has not got on lately."""
         return self.standing == "driving" and second - self._since >= STANDARD.pause_s
 
     def shown(self, second: float, destination: tuple[float, float] | None, near: str) -> MapRobot:

@@ -26,8 +26,8 @@ from actors.orders import (
 from actors.task.words import PlaceKey
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
-from deploy.control.floor_plan import FloorPlan
 from deploy.control.onlooking import Links, SeenRobot
+from deploy.control.page_floor import PageFloor
 from deploy.control.wire import Circle, Line, MapRobot, MapState, Past, Place
 from observation.accounting.episodes import STANDARD
 
@@ -39,7 +39,7 @@ class Scene:
     """The world as far as its messages tell. What has changed what is not in them, orders do."""
 
     def __init__(
-        self, setup: WorldSetup, plan: FloorPlan, speed: float, addresses: Mapping[int, str]
+        self, setup: WorldSetup, plan: PageFloor, speed: float, addresses: Mapping[int, str]
     ) -> None:
         """`speed`: simulated seconds per second with which the run begins, at most; 0: no limit.
 

@@ -19,7 +19,7 @@ from websockets.http11 import Request, Response
 
 from deploy.control.order_lines import KEPT, OrderLines
 from deploy.control.scene import Scene
-from deploy.control.wire import ASK_BYTES, Ask, JunkError, OrderLine, ask
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapState, OrderLine, ask
 
 HOST: Final = "127.0.0.1"
 PAGES: Final = 8
@@ -72,6 +72,8 @@ class ControlServer:
         self._nonce = secrets.token_urlsafe(12)
         self._port = 0
         self._pages: set[OpenPage] = set()
+        self._newest: MapState | None = None
+        """Of all pages; None: to be made."""
         self.junk = 0
         """Messages that were no orders."""
 
@@ -100,6 +102,7 @@ class ControlServer:
 
     def renew(self) -> None:
         """The scene has changed."""
+        self._newest = None
         for page in self._pages:
             page.renew()
 
@@ -148,6 +151,7 @@ class ControlServer:
                 except JunkError:
                     self.junk += 1
                     page.junk += 1
+                    self._newest = None
                     page.renew()
                     if page.junk >= JUNK:
                         await connection.close(1008, "no orders")
@@ -173,7 +177,9 @@ class ControlServer:
                     await self._put(page, msgspec.json.encode(page.lines.pop(min(page.lines))))
                 if page.stale:
                     page.stale = False
-                    state = msgspec.structs.replace(self._scene.state(junk=self.junk), late=page.late)
+                    if self._newest is None:
+                        self._newest = self._scene.state(junk=self.junk)
+                    state = msgspec.structs.replace(self._newest, late=page.late)
                     await self._put(page, msgspec.json.encode(state))
         except (ConnectionClosed, TimeoutError):
             page.connection.transport.abort()

@@ -13,7 +13,7 @@ from actors.runtime.core import at
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import scene as scenes
-from deploy.control.floor_plan import FloorPlan
+from deploy.control.page_floor import PageFloor
 
 
 def truth_of(robot: str, x: float, y: float, *, stepping: bool = True, powered: bool = True) -> RobotTruth:
@@ -60,11 +60,11 @@ def scene(*events: TimedOrder, others: int = 0) -> scenes.Scene:
     return scenes.Scene(setup, plan_for(others, setup), 2.0, addresses)
 
 
-PLANS: dict[int, FloorPlan] = {}
+PLANS: dict[int, PageFloor] = {}
 
 
-def plan_for(others: int, setup: WorldSetup) -> FloorPlan:
+def plan_for(others: int, setup: WorldSetup) -> PageFloor:
     """That of a floor with so many other robots: to find its doors takes half a second."""
     if others not in PLANS:
-        PLANS[others] = FloorPlan(setup, load_map(MAP))
+        PLANS[others] = PageFloor(setup, load_map(MAP))
     return PLANS[others]

@@ -62,6 +62,8 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
         browser.until(lambda: page.value(f"state.step == {paused + 1} && state.paused"))
         page.click("#pause")
         browser.until(lambda: page.value(f"state.step > {paused} + 3"))
+        browser.until(lambda: page.value("state.links.length == 1 && trails.get('r1').length > 1"))
+        assert page.value("state.robots[0][5]") == [9.0, 12.5], "the first of the places that r1 has"
         for scheme in ("light", "dark"):
             page.scheme(scheme)
             assert page.value(_COLOURS) > 20, f"the map is blank in {scheme}"

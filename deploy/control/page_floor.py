@@ -19,8 +19,8 @@ _HALF: Final = 40
 """How opaque is what nobody knows, of 255."""
 
 
-class FloorPlan:
-    """The floor of a run with its doors."""
+class PageFloor:
+    """The floor of a run with its doors, as the page shows it."""
 
     def __init__(self, setup: WorldSetup, grid: OccupancyGrid) -> None:
         self.radii = {
