@@ -43,7 +43,7 @@ class PlacedPose(NamedTuple):
     pose: Pose
 
 
-class Motion(NamedTuple):
+class PlacedMotion(NamedTuple):
     """A pose in a frame, and the velocity of what is there, in its own frame, m/s and rad/s."""
 
     frame: str
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class LoggedScan:
     """One scan."""
 
     frame: str
@@ -65,14 +65,14 @@ class Sweep:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class LoggedPlan:
     """A way along points of the map; none: it was dropped."""
 
     points: Points
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class PointSet:
     """Points of the map."""
 
     points: Points
@@ -99,7 +99,7 @@ class Disc(NamedTuple):
     height: float
 
 
-class Lines(NamedTuple):
+class LineList(NamedTuple):
     """Straight lines, each between two points that follow one another."""
 
     points: tuple[tuple[float, float], ...]
@@ -122,49 +122,59 @@ class Label(NamedTuple):
     size: float
 
 
-class Shape(NamedTuple):
+class MarkedShape(NamedTuple):
     """Something to be drawn."""
 
     name: str
     """Its own within the scene."""
-    form: Disc | Lines | Blocks | Label
+    form: Disc | LineList | Blocks | Label
     colour: Colour
     opacity: float = 1.0
     frame: str = MAP
     """It goes along with that frame."""
 
 
-class Scene(NamedTuple):
+class MarkedScene(NamedTuple):
     """All that is drawn by one topic from an instant on, in place of what was before."""
 
-    shapes: tuple[Shape, ...]
+    shapes: tuple[MarkedShape, ...]
 
 
-class Words(NamedTuple):
+class RobotWords(NamedTuple):
     """What a robot says of itself."""
 
     robot: str
     text: str
 
 
-Content = Transforms | PlacedPose | Motion | Sweep | Plan | Cloud | Grid | Scene | Words
+Content = (
+    Transforms
+    | PlacedPose
+    | PlacedMotion
+    | LoggedScan
+    | LoggedPlan
+    | PointSet
+    | Grid
+    | MarkedScene
+    | RobotWords
+)
 
 KINDS: Final[dict[str, type[Content]]] = {
     "tf": Transforms,
     "tf_static": Transforms,
     "map": Grid,
-    "places": Scene,
-    "robots": Scene,
-    "things": Scene,
-    "links": Scene,
-    "rosout": Words,
+    "places": MarkedScene,
+    "robots": MarkedScene,
+    "things": MarkedScene,
+    "links": MarkedScene,
+    "rosout": RobotWords,
     "truth": PlacedPose,
     "pose": PlacedPose,
     "goal": PlacedPose,
-    "odom": Motion,
-    "scan": Sweep,
-    "plan": Plan,
-    "particles": Cloud,
+    "odom": PlacedMotion,
+    "scan": LoggedScan,
+    "plan": LoggedPlan,
+    "particles": PointSet,
     "local_costmap": Grid,
 }
 """What each topic holds, by the last part of its name."""
@@ -172,7 +182,7 @@ LATCHED: Final = frozenset({"tf_static", "map", "places", "robots", "things"})
 """Who comes later is given the last message of these."""
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """One message of the log."""
 
     logged: int
@@ -193,7 +203,7 @@ class Schema(NamedTuple):
     data: bytes
 
 
-class Form(Protocol):
+class LogForm(Protocol):
     """A form in which messages are written."""
 
     @property
@@ -228,7 +238,7 @@ def flat(points: Points) -> bytes:
     return np.pad(points.astype("<f4"), ((0, 0), (0, 1))).tobytes()
 
 
-def entry(microseconds: float, topic: str, content: Content) -> Entry:
+def entry(microseconds: float, topic: str, content: Content) -> LogEntry:
     """A message that is logged at the instant of which it tells."""
     instant = round(microseconds)
-    return Entry(instant, topic, content, instant)
+    return LogEntry(instant, topic, content, instant)

@@ -19,12 +19,12 @@ from observation.robot_logs.contents import (
     UNKNOWN_CELL,
     Blocks,
     Disc,
-    Entry,
     Grid,
     Label,
-    Lines,
-    Scene,
-    Shape,
+    LineList,
+    LogEntry,
+    MarkedScene,
+    MarkedShape,
     entry,
 )
 from observation.view.story import Story, Track
@@ -43,7 +43,7 @@ _JAMMER: Final[Colour] = (213, 60, 40)
 _DOOR: Final[Colour] = (230, 159, 0)
 
 
-def map_entry(grid: OccupancyGrid) -> Entry:
+def map_entry(grid: OccupancyGrid) -> LogEntry:
     """The robots' map."""
     values = np.full(grid.cells.shape, UNKNOWN_CELL, np.int8)
     values[grid.cells == FREE], values[grid.cells == OCCUPIED] = 0, 100
@@ -51,7 +51,7 @@ def map_entry(grid: OccupancyGrid) -> Entry:
     return entry(0.0, "/map", Grid(corner, grid.resolution, values))
 
 
-def place_entries(story: Story) -> Iterator[Entry]:
+def place_entries(story: Story) -> Iterator[LogEntry]:
     """All places whenever one stands otherwise: solid, faint once cleaned, grey once given up.
 
     One that came while the run went on is there from when a robot first speaks of it.
@@ -70,19 +70,19 @@ def place_entries(story: Story) -> Iterator[Entry]:
             yield entry(second * 1e6, "/places", _places(story, states))
 
 
-def _places(story: Story, states: Mapping[PlaceKey, str]) -> Scene:
+def _places(story: Story, states: Mapping[PlaceKey, str]) -> MarkedScene:
     shapes = []
     for key, state in states.items():
         x, y = story.places[key.owner][key.place]
         colour = colours.robot(story.robots.index(key.owner))
-        shape = Shape(f"{key.owner}/{key.place}", Disc(x, y, _PLACE_RADIUS, _FLAT), colour)
+        shape = MarkedShape(f"{key.owner}/{key.place}", Disc(x, y, _PLACE_RADIUS, _FLAT), colour)
         if state:
             shape = shape._replace(opacity=0.25, colour=colours.GREY if state == "given up" else colour)
         shapes.append(shape)
-    return Scene(tuple(shapes))
+    return MarkedScene(tuple(shapes))
 
 
-def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[Entry]:
+def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
     """The robots' discs whenever one acts otherwise: faint while it is frozen, grey while it is off."""
     acts: dict[str, str] = dict.fromkeys(models, "")
     said = [
@@ -99,39 +99,39 @@ def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[Ent
             yield entry(second * 1e6, "/robots", _bodies(story, models, acts))
 
 
-def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> Scene:
+def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> MarkedScene:
     shapes = []
     for number, robot in enumerate(story.robots):
         if robot in models:
             frame = f"{robot}/{'truth' if story.true else 'base_link'}"
             body = Disc(0.0, 0.0, models[robot].footprint.circumradius, _HIGH)
             colour = colours.GREY if acts[robot] == "off" else colours.robot(number)
-            shapes.append(Shape(robot, body, colour, 0.4 if acts[robot] else 0.9, frame))
+            shapes.append(MarkedShape(robot, body, colour, 0.4 if acts[robot] else 0.9, frame))
             label = Label(0.0, 0.0, robot, _LETTERS)
-            shapes.append(Shape(f"{robot}/name", label, colours.WHITE, frame=frame))
-    return Scene(tuple(shapes))
+            shapes.append(MarkedShape(f"{robot}/name", label, colours.WHITE, frame=frame))
+    return MarkedScene(tuple(shapes))
 
 
 def thing_entries(
     story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
-) -> Iterator[Entry]:
+) -> Iterator[LogEntry]:
     """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
-    changes: list[tuple[int, str, Shape | None]] = []
+    changes: list[tuple[int, str, MarkedShape | None]] = []
     for number, (step, order) in enumerate(orders):
         name, begin = f"order {number}", step * step_us
         match order:
             case Obstacle():
-                form: Disc | Lines = Disc(order.x, order.y, order.radius, _HIGH)
-                changes.append((begin, name, Shape(name, form, colours.GREY)))
+                form: Disc | LineList = Disc(order.x, order.y, order.radius, _HIGH)
+                changes.append((begin, name, MarkedShape(name, form, colours.GREY)))
             case Wall():
-                form = Lines(((order.x, order.y), (order.to_x, order.to_y)), _WALL)
-                changes.append((begin, name, Shape(name, form, colours.GREY)))
+                form = LineList(((order.x, order.y), (order.to_x, order.to_y)), _WALL)
+                changes.append((begin, name, MarkedShape(name, form, colours.GREY)))
             case StartJam():
                 form = Disc(order.x, order.y, order.radius, _FLAT)
-                changes.append((begin, name, Shape(name, form, _JAMMER, 0.3)))
+                changes.append((begin, name, MarkedShape(name, form, _JAMMER, 0.3)))
                 changes.append((begin + order.duration, name, None))
     changes += _doors(story, models, orders, step_us)
-    known: dict[str, Shape] = {}
+    known: dict[str, MarkedShape] = {}
     end = round(story.end * 1e6)
     for instant, now in groupby(sorted(changes, key=lambda one: one[:2]), key=lambda one: one[0]):
         for _, name, shape in now:
@@ -139,12 +139,12 @@ def thing_entries(
             if shape is not None:
                 known[name] = shape
         if instant <= end:
-            yield entry(instant, "/things", Scene(tuple(known.values())))
+            yield entry(instant, "/things", MarkedScene(tuple(known.values())))
 
 
 def _doors(
     story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
-) -> Iterator[tuple[int, str, Shape | None]]:
+) -> Iterator[tuple[int, str, MarkedShape | None]]:
     """What fills the doors that are closed, as of each change."""
     if not any(isinstance(order, CloseDoor | OpenDoor) for _, order in orders):
         return
@@ -152,11 +152,11 @@ def _doors(
     true = np.stack([track.poses for track in story.tracks.values()], axis=1)
     for stage in TrueFloor(story.grid, radius, orders).stages(true):
         middles = tuple((x, y) for x, y in stage.leaves.tolist())
-        shape = Shape("doors", Blocks(middles, story.grid.resolution), _DOOR) if middles else None
+        shape = MarkedShape("doors", Blocks(middles, story.grid.resolution), _DOOR) if middles else None
         yield stage.begin * step_us, "doors", shape
 
 
-def link_entries(story: Story) -> Iterator[Entry]:
+def link_entries(story: Story) -> Iterator[LogEntry]:
     """Once a second a line between each two robots one of which has just heard the other."""
     tracks = list(story.tracks.values())
     for period in range(1, int(story.end / _PERIOD_S) + 1):
@@ -167,8 +167,8 @@ def link_entries(story: Story) -> Iterator[Entry]:
         for one, other in pairs.tolist():
             ends = [_where(tracks[index], second) for index in (one, other)]
             points += [end for end in ends if end is not None] if None not in ends else []
-        shape = Shape("links", Lines(tuple(points), _LINK), colours.LINK)
-        yield entry(second * 1e6, "/links", Scene((shape,) if points else ()))
+        shape = MarkedShape("links", LineList(tuple(points), _LINK), colours.LINK)
+        yield entry(second * 1e6, "/links", MarkedScene((shape,) if points else ()))
 
 
 def _where(track: Track, second: float) -> tuple[float, float] | None:

@@ -34,34 +34,34 @@ from actors.portable import cos_sin
 from observation.robot_logs.contents import (
     MAP,
     Blocks,
-    Cloud,
     Content,
     Disc,
     Grid,
     Label,
-    Lines,
-    Motion,
+    LineList,
+    LoggedPlan,
+    LoggedScan,
+    MarkedScene,
+    MarkedShape,
+    PlacedMotion,
     PlacedPose,
-    Plan,
-    Scene,
+    PointSet,
+    RobotWords,
     Schema,
-    Shape,
-    Sweep,
     Transforms,
-    Words,
     flat,
 )
 
 _TYPES: Final[dict[type[Content], Any]] = {
     Transforms: FrameTransforms,
     PlacedPose: PoseInFrame,
-    Motion: Odometry,
-    Sweep: LaserScan,
-    Plan: PosesInFrame,
-    Cloud: PointCloud,
+    PlacedMotion: Odometry,
+    LoggedScan: LaserScan,
+    LoggedPlan: PosesInFrame,
+    PointSet: PointCloud,
     Grid: GridMessage,
-    Scene: SceneUpdate,
-    Words: Log,
+    MarkedScene: SceneUpdate,
+    RobotWords: Log,
 }
 
 
@@ -112,14 +112,14 @@ class FoxgloveForm:
         return PoseInFrame(timestamp=stamp, frame_id=content.frame, pose=_pose(content.pose))
 
     @_message.register
-    def _(self, content: Motion, stamp: Timestamp) -> Any:
+    def _(self, content: PlacedMotion, stamp: Timestamp) -> Any:
         return Odometry(
             timestamp=stamp, frame_id=content.frame, body_frame_id=content.child, pose=_pose(content.pose),
             linear_velocity=Vector3(x=content.vx, y=content.vy), angular_velocity=Vector3(z=content.omega),
         )  # fmt: skip
 
     @_message.register
-    def _(self, content: Sweep, stamp: Timestamp) -> Any:
+    def _(self, content: LoggedScan, stamp: Timestamp) -> Any:
         sensor = content.sensor
         return LaserScan(
             timestamp=stamp, frame_id=content.frame, pose=_pose(ORIGIN), start_angle=sensor.first_angle,
@@ -128,12 +128,12 @@ class FoxgloveForm:
         )  # fmt: skip
 
     @_message.register
-    def _(self, content: Plan, stamp: Timestamp) -> Any:
+    def _(self, content: LoggedPlan, stamp: Timestamp) -> Any:
         poses = [_pose(Pose(x, y, 0.0)) for x, y in content.points.tolist()]
         return PosesInFrame(timestamp=stamp, frame_id=MAP, poses=poses)
 
     @_message.register
-    def _(self, content: Cloud, stamp: Timestamp) -> Any:
+    def _(self, content: PointSet, stamp: Timestamp) -> Any:
         fields = [
             PackedElementField(name=name, offset=4 * number, type=PackedElementField.FLOAT32)
             for number, name in enumerate("xyz")
@@ -154,12 +154,12 @@ class FoxgloveForm:
         )  # fmt: skip
 
     @_message.register
-    def _(self, content: Scene, stamp: Timestamp) -> Any:
+    def _(self, content: MarkedScene, stamp: Timestamp) -> Any:
         before = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.ALL)
         return SceneUpdate(deletions=[before], entities=[_entity(shape, stamp) for shape in content.shapes])
 
     @_message.register
-    def _(self, content: Words, stamp: Timestamp) -> Any:
+    def _(self, content: RobotWords, stamp: Timestamp) -> Any:
         return Log(timestamp=stamp, level=Log.INFO, name=content.robot, message=content.text)
 
 
@@ -171,7 +171,7 @@ def _add(found: FileDescriptorSet, file: Any, seen: set[str]) -> None:
     file.CopyToProto(found.file.add())
 
 
-def _entity(shape: Shape, stamp: Timestamp) -> SceneEntity:
+def _entity(shape: MarkedShape, stamp: Timestamp) -> SceneEntity:
     red, green, blue = (part / 255 for part in shape.colour)
     colour = Color(r=red, g=green, b=blue, a=shape.opacity)
     entity = SceneEntity(
@@ -183,7 +183,7 @@ def _entity(shape: Shape, stamp: Timestamp) -> SceneEntity:
             pose = _pose(Pose(x, y, 0.0), height / 2)
             disc = CylinderPrimitive(pose=pose, size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
             entity.cylinders.append(disc)
-        case Lines(points, width):
+        case LineList(points, width):
             ends = [Point3(x=x, y=y) for x, y in points]
             kind = LinePrimitive.LINE_LIST
             line = LinePrimitive(type=kind, pose=_pose(ORIGIN), thickness=width, points=ends, color=colour)

@@ -7,7 +7,7 @@ from typing import Final
 
 from mcap.writer import CompressionType, Writer
 
-from observation.robot_logs.contents import KINDS, LATCHED, Content, Entry, Form, last_part
+from observation.robot_logs.contents import KINDS, LATCHED, Content, LogEntry, LogForm, last_part
 
 _LATEST: Final = 2**31 * 1_000_000
 """Before this, µs, and from 0 on, every form can tell an instant."""
@@ -15,7 +15,7 @@ _CHUNK: Final = 4 << 20
 """Bytes that a reader must read at once; so many are in memory here."""
 
 
-def write(path: Path, form: Form, entries: Iterable[Entry], left_out: Counter[str]) -> Counter[str]:
+def write(path: Path, form: LogForm, entries: Iterable[LogEntry], left_out: Counter[str]) -> Counter[str]:
     """Write a file over what is there: how many messages each topic has. OSError as for any file.
 
     `left_out` counts by topic what is of no instant that a log can have.
@@ -42,7 +42,7 @@ def write(path: Path, form: Form, entries: Iterable[Entry], left_out: Counter[st
     return counts
 
 
-def _channel(writer: Writer, form: Form, topic: str, schemas: dict[type[Content], int]) -> int:
+def _channel(writer: Writer, form: LogForm, topic: str, schemas: dict[type[Content], int]) -> int:
     part = last_part(topic)
     kind = KINDS[part]
     if kind not in schemas:

@@ -21,7 +21,7 @@ from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.robot_logs import log_file
-from observation.robot_logs.contents import Entry, Form
+from observation.robot_logs.contents import LogEntry, LogForm
 from observation.robot_logs.floor_entries import (
     body_entries,
     link_entries,
@@ -55,11 +55,11 @@ class LogReport:
     """What is missing or not known, a sentence each."""
 
 
-def form_of(name: str) -> Form:
+def form_of(name: str) -> LogForm:
     """The form of that name. Raises OptionError for one that there is not."""
     if name not in FORMS:
         raise wrong_value("--mcap", name, f"one of {', '.join(FORMS)}")
-    made: Form = (
+    made: LogForm = (
         importlib.import_module("observation.robot_logs.ros2_form").Ros2Form()
         if name == "ros2"
         else importlib.import_module("observation.robot_logs.foxglove_form").FoxgloveForm()
@@ -70,7 +70,7 @@ def form_of(name: str) -> Form:
 def log_run(
     out: Path,
     path: Path,
-    form: Form,
+    form: LogForm,
     robots: Sequence[str] = (),
     on_actor: Callable[[str], object] = lambda actor: None,
     *,
@@ -134,7 +134,7 @@ def _streams(
     models: Mapping[str, RobotModel],
     spool: Spool,
     left_out: Counter[str],
-) -> Iterator[Iterator[Entry]]:
+) -> Iterator[Iterator[LogEntry]]:
     """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
     yield iter((map_entry(story.grid), static_frames(models)))
     yield from (place_entries(story), body_entries(story, models))

@@ -17,16 +17,16 @@ from observation.evidence.recorded import taken
 from observation.robot_logs.contents import (
     MAP,
     UNKNOWN_CELL,
-    Cloud,
-    Entry,
     Grid,
-    Motion,
+    LogEntry,
+    LoggedPlan,
+    LoggedScan,
+    PlacedMotion,
     PlacedPose,
-    Plan,
-    Sweep,
+    PointSet,
+    RobotWords,
     Transform,
     Transforms,
-    Words,
     entry,
 )
 from observation.trace.rows import Trace
@@ -42,7 +42,7 @@ nothing is known."""
 _LETHAL: Final = 254
 
 
-def true_entries(story: Story) -> Iterator[Entry]:
+def true_entries(story: Story) -> Iterator[LogEntry]:
     """Where robots truly were, step by step; nothing where nobody knows."""
     if not story.true:
         return
@@ -55,7 +55,7 @@ def true_entries(story: Story) -> Iterator[Entry]:
             yield entry(second * 1e6, f"/{robot}/truth", PlacedPose(MAP, pose))
 
 
-def held_entries(robot: str, track: Track) -> Iterator[Entry]:
+def held_entries(robot: str, track: Track) -> Iterator[LogEntry]:
     """Where a robot held itself to be, as often as it said so."""
     for second, held in zip(track.seconds.tolist(), track.held.tolist(), strict=True):
         if held[0] == held[0]:
@@ -64,7 +64,7 @@ def held_entries(robot: str, track: Track) -> Iterator[Entry]:
 
 def sensed_entries(
     path: Path, source: Source, track: Track, model: RobotModel, left_out: Counter[str]
-) -> Iterator[Entry]:
+) -> Iterator[LogEntry]:
     """What a robot's process sensed, and its frames. Raises RecordingError and WireError.
 
     `left_out` counts by topic what no sensor says.
@@ -83,8 +83,8 @@ def sensed_entries(
         second, *stamps = clock(instants).tolist()
         yield from _moved(robot, senses, second, _held(track, second))
         for scan, stamp in zip(scans, stamps, strict=True):
-            sweep = Sweep(f"{robot}/laser", model.sensor, _ranges(scan))
-            yield Entry(round(second * 1e6), f"/{robot}/scan", sweep, round(stamp * 1e6))
+            sweep = LoggedScan(f"{robot}/laser", model.sensor, _ranges(scan))
+            yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, round(stamp * 1e6))
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:
@@ -92,14 +92,14 @@ def _is_of(scan: Scan, model: RobotModel) -> bool:
     return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= _FAR
 
 
-def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[Entry]:
+def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[LogEntry]:
     told = senses.odometry
     odometry, odom, base = Pose(told.x, told.y, told.heading), f"{robot}/odom", f"{robot}/base_link"
     frames = [Transform(odom, base, odometry)]
     if held is not None:
         frames.insert(0, Transform(MAP, odom, held.frame(odometry)))
     yield entry(second * 1e6, "/tf", Transforms(tuple(frames)))
-    motion = Motion(odom, base, odometry, told.vx, told.vy, told.omega)
+    motion = PlacedMotion(odom, base, odometry, told.vx, told.vy, told.omega)
     yield entry(second * 1e6, f"/{robot}/odom", motion)
 
 
@@ -117,7 +117,7 @@ def _ranges(scan: Scan) -> NDArray[np.float32]:
     return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
 
 
-def traced_entries(source: Source, trace: Trace) -> Iterator[Entry]:
+def traced_entries(source: Source, trace: Trace) -> Iterator[LogEntry]:
     """What a robot perceived and meant, by a part of its trace, in order of time."""
     return merge(
         _meant(source, trace), _clouds(source, trace), _costs(source, trace), _plans(source, trace),
@@ -131,30 +131,30 @@ def _times(source: Source, instants: NDArray[np.int64]) -> list[float]:
     return found
 
 
-def _clouds(source: Source, trace: Trace) -> Iterator[Entry]:
+def _clouds(source: Source, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.particles_at), trace.particles.rows(), strict=True):
-        yield entry(time, f"/{source.robot}/particles", Cloud(points))
+        yield entry(time, f"/{source.robot}/particles", PointSet(points))
 
 
-def _plans(source: Source, trace: Trace) -> Iterator[Entry]:
+def _plans(source: Source, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.plans_at), trace.plans.rows(), strict=True):
-        yield entry(time, f"/{source.robot}/plan", Plan(points))
+        yield entry(time, f"/{source.robot}/plan", LoggedPlan(points))
 
 
-def _costs(source: Source, trace: Trace) -> Iterator[Entry]:
+def _costs(source: Source, trace: Trace) -> Iterator[LogEntry]:
     times = _times(source, trace.costs_at)
     for time, costs, corner in zip(times, trace.costs, trace.corners.tolist(), strict=True):
         grid = Grid(Pose(*corner), trace.cell, occupancy(costs))
         yield entry(time, f"/{source.robot}/local_costmap", grid)
 
 
-def _meant(source: Source, trace: Trace) -> Iterator[Entry]:
+def _meant(source: Source, trace: Trace) -> Iterator[LogEntry]:
     """What it is about in words; and its goal, where that is another one."""
     before = None
     times = _times(source, np.array([one.instant for one in trace.doings], np.int64))
     for time, one in zip(times, trace.doings, strict=True):
         where = f" to {one.destination}" if one.destination else ""
-        yield entry(time, "/rosout", Words(source.robot, one.activity + where))
+        yield entry(time, "/rosout", RobotWords(source.robot, one.activity + where))
         if one.point is not None and one.point != before:
             yield entry(time, f"/{source.robot}/goal", PlacedPose(MAP, Pose(*one.point, 0.0)))
         before = one.point
@@ -172,7 +172,7 @@ def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     return values
 
 
-def static_frames(models: Mapping[str, RobotModel]) -> Entry:
+def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
     """Where each robot's range sensor sits."""
     frames = [
         Transform(f"{robot}/base_link", f"{robot}/laser", model.sensor.mount)

@@ -14,35 +14,35 @@ from actors.portable import cos_sin
 from observation.robot_logs.contents import (
     MAP,
     Blocks,
-    Cloud,
     Content,
     Disc,
     Grid,
     Label,
-    Lines,
-    Motion,
+    LineList,
+    LoggedPlan,
+    LoggedScan,
+    MarkedScene,
+    MarkedShape,
+    PlacedMotion,
     PlacedPose,
-    Plan,
-    Scene,
+    PointSet,
+    RobotWords,
     Schema,
-    Shape,
-    Sweep,
     Transform,
     Transforms,
-    Words,
     flat,
 )
 
 _TYPES: Final[dict[type[Content], str]] = {
     Transforms: "tf2_msgs/msg/TFMessage",
     PlacedPose: "geometry_msgs/msg/PoseStamped",
-    Motion: "nav_msgs/msg/Odometry",
-    Sweep: "sensor_msgs/msg/LaserScan",
-    Plan: "nav_msgs/msg/Path",
-    Cloud: "sensor_msgs/msg/PointCloud2",
+    PlacedMotion: "nav_msgs/msg/Odometry",
+    LoggedScan: "sensor_msgs/msg/LaserScan",
+    LoggedPlan: "nav_msgs/msg/Path",
+    PointSet: "sensor_msgs/msg/PointCloud2",
     Grid: "nav_msgs/msg/OccupancyGrid",
-    Scene: "visualization_msgs/msg/MarkerArray",
-    Words: "rcl_interfaces/msg/Log",
+    MarkedScene: "visualization_msgs/msg/MarkerArray",
+    RobotWords: "rcl_interfaces/msg/Log",
 }
 _FOR_EVER: Final = "{sec: 9223372036, nsec: 854775807}"
 _QOS: Final = (
@@ -103,7 +103,7 @@ class Ros2Form:
         return self._stamped(content.frame, content.pose, stamp)
 
     @_message.register
-    def _(self, content: Motion, stamp: int) -> Any:
+    def _(self, content: PlacedMotion, stamp: int) -> Any:
         unknown = np.zeros(36)  # as bases publish it that estimate none
         pose = self._of("geometry_msgs/PoseWithCovariance", pose=self._pose(content.pose), covariance=unknown)
         linear = self._vector(content.vx, content.vy)
@@ -115,7 +115,7 @@ class Ros2Form:
         )  # fmt: skip
 
     @_message.register
-    def _(self, content: Sweep, stamp: int) -> Any:
+    def _(self, content: LoggedScan, stamp: int) -> Any:
         sensor = content.sensor
         return self._of(
             "sensor_msgs/LaserScan", header=self._header(content.frame, stamp), angle_min=sensor.first_angle,
@@ -126,12 +126,12 @@ class Ros2Form:
         )  # fmt: skip
 
     @_message.register
-    def _(self, content: Plan, stamp: int) -> Any:
+    def _(self, content: LoggedPlan, stamp: int) -> Any:
         poses = [self._stamped(MAP, Pose(x, y, 0.0), stamp) for x, y in content.points.tolist()]
         return self._of("nav_msgs/Path", header=self._header(MAP, stamp), poses=poses)
 
     @_message.register
-    def _(self, content: Cloud, stamp: int) -> Any:
+    def _(self, content: PointSet, stamp: int) -> Any:
         fields = [
             self._of("sensor_msgs/PointField", name=name, offset=4 * number, datatype=_FLOAT32, count=1)
             for number, name in enumerate("xyz")
@@ -154,20 +154,20 @@ class Ros2Form:
         return self._of("nav_msgs/OccupancyGrid", header=self._header(MAP, stamp), info=info, data=data)
 
     @_message.register
-    def _(self, content: Scene, stamp: int) -> Any:
-        nothing = Shape("", Label(0.0, 0.0, "", 0.0), (0, 0, 0))
+    def _(self, content: MarkedScene, stamp: int) -> Any:
+        nothing = MarkedShape("", Label(0.0, 0.0, "", 0.0), (0, 0, 0))
         markers = [self._marker(nothing, 0, stamp, action=_ALL)]
         markers += [self._marker(shape, number, stamp) for number, shape in enumerate(content.shapes)]
         return self._of("visualization_msgs/MarkerArray", markers=markers)
 
     @_message.register
-    def _(self, content: Words, stamp: int) -> Any:
+    def _(self, content: RobotWords, stamp: int) -> Any:
         return self._of(
             "rcl_interfaces/Log", stamp=self._time(stamp), level=_INFO, name=content.robot, msg=content.text,
             file="", function="", line=0,
         )  # fmt: skip
 
-    def _marker(self, shape: Shape, number: int, stamp: int, action: int = 0) -> Any:
+    def _marker(self, shape: MarkedShape, number: int, stamp: int, action: int = 0) -> Any:
         kind, (x, y, z), scale, points = _drawn(shape)
         red, green, blue = (part / 255 for part in shape.colour)
         placed = self._of("geometry_msgs/Pose", position=self._point(x, y, z), orientation=self._turned(0.0))
@@ -228,12 +228,12 @@ class Ros2Form:
 _Spot = tuple[float, float, float]
 
 
-def _drawn(shape: Shape) -> tuple[int, _Spot, _Spot, list[_Spot]]:
+def _drawn(shape: MarkedShape) -> tuple[int, _Spot, _Spot, list[_Spot]]:
     """A marker's type, position, scale and points."""
     match shape.form:
         case Disc(x, y, radius, height):
             return 3, (x, y, height / 2), (2 * radius, 2 * radius, height), []
-        case Lines(points, width):
+        case LineList(points, width):
             return 5, (0.0, 0.0, 0.0), (width, 0.0, 0.0), [(x, y, 0.0) for x, y in points]
         case Blocks(middles, side):
             return 6, (0.0, 0.0, side / 2), (side, side, side), [(x, y, 0.0) for x, y in middles]

@@ -366,12 +366,12 @@ def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
     lines = capsys.readouterr().out.splitlines()
     assert "packages experiments " in {line[7:28] for line in lines}
     assert lines[0] == "ok     packages base        21 packages, as they were tested"
-    assert lines[-1] == "all 14 are well"
+    assert lines[-1] == "all 15 are well"
     assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     lines = capsys.readouterr().out.splitlines()
-    assert "wrong  disk                 0.0 GB are free at /home/robot, but 2.0 should be" in lines[11]
-    assert lines[-1] == "2 of 23 are wrong"  # the disk, and keys that were never made
+    assert "wrong  disk                 0.0 GB are free at /home/robot, but 2.0 should be" in lines[12]
+    assert lines[-1] == "2 of 24 are wrong"  # the disk, and keys that were never made
     assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
     report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)
-    assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 23)
+    assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 24)
     assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]

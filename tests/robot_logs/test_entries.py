@@ -10,7 +10,7 @@ import pytest
 from actors.messages import Odometry, Scan, Senses
 from actors.robot_model import load_model
 from observation.robot_logs import log_file, robot_entries
-from observation.robot_logs.contents import Entry, Words
+from observation.robot_logs.contents import LogEntry, RobotWords
 from observation.robot_logs.logging_run import form_of
 from observation.view.story import Source, Track
 
@@ -22,7 +22,7 @@ GOOD = Senses(
 )  # fmt: skip
 
 
-def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[Entry], Counter[str]]:
+def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEntry], Counter[str]]:
     """What comes of these messages of a robot that never says where it is."""
     left_out = Counter[str]()
     monkeypatch.setattr(robot_entries, "taken", lambda path, topic: (("r1", one) for one in told))
@@ -52,6 +52,9 @@ def test_what_no_sensor_says_is_left_out_and_counted(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("instant", [-1, 2**31 * 1_000_000])
 def test_an_instant_that_no_log_can_have_is_left_out(instant: int, tmp_path: Path) -> None:
     left_out = Counter[str]()
-    given = [Entry(0, "/rosout", Words("r1", "a"), 0), Entry(0, "/rosout", Words("r1", "b"), instant)]
+    given = [
+        LogEntry(0, "/rosout", RobotWords("r1", "a"), 0),
+        LogEntry(0, "/rosout", RobotWords("r1", "b"), instant),
+    ]
     counts = log_file.write(tmp_path / "a.mcap", form_of("ros2"), given, left_out)
     assert (counts["/rosout"], left_out["/rosout"]) == (1, 1)
