@@ -47,6 +47,7 @@ def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
     extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
     axes.imshow(colours[grid.cells], extent=extent, origin="lower", interpolation="nearest", zorder=0)
     axes.set_aspect("equal")
+    axes.autoscale(enable=False)  # what reaches beyond the floor, such as a jammer, is cut off
     axes.set_xlabel("m")
     axes.set_ylabel("m")
 

@@ -45,7 +45,7 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
     axes.set_xlim(0.0, run.end)
     if legend:
         axes.legend(
-            handles=key([run], doing), ncols=7, fontsize=7, frameon=False, handlelength=1.6,
+            handles=key([run], doing), ncols=5, fontsize=7, frameon=False, handlelength=1.6,
             columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
