@@ -1,5 +1,5 @@
 // What the run says, in words beside the map, and the orders that buttons give.
-const SURE_MS = 4000;
+const SURE_MS = 4000, MINE = 100;
 const brief = (value) => String(Math.round(value * 1000) / 1000);
 const mine = new Set(); // orders of this page that nobody has answered: others' are no news for its note
 let series = 0;
@@ -28,6 +28,7 @@ function order(words, of = 0) {
   if (socket.readyState !== WebSocket.OPEN) return;
   note("");
   mine.add(words);
+  if (mine.size > MINE) mine.delete(mine.values().next().value);
   socket.send(JSON.stringify({ series: of, order: words }));
 }
 function newSeries() { // of two pages no two are the same, but for great chance
