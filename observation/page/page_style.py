@@ -16,8 +16,8 @@ h2 { font-size: 1.25rem; margin: 2.8rem 0 .6rem; padding-top: .6rem; border-top:
 p, li { max-width: 46rem; overflow-wrap: anywhere; }
 nav ul { columns: 2; padding-left: 1.2rem; }
 a { color: var(--link); }
-figure { margin: 1.2rem 0 .4rem; }
-figure img { display: block; width: 100%; height: auto; }
+figure { margin: 1.2rem 0 .4rem; overflow-x: auto; }
+figure img { display: block; width: 100%; min-width: 40rem; height: auto; }
 figcaption { color: var(--faint); font-size: .9rem; max-width: 46rem; }
 .wide { overflow-x: auto; margin: .6rem 0; }
 table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }

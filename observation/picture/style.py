@@ -47,7 +47,7 @@ HALO: Final[list[patheffects.AbstractPathEffect]] = [patheffects.withStroke(line
 _DARK_GROUND: Final[Colour] = (22, 25, 29)
 _CONTRAST: Final = 4.5
 """What words have at least to the ground that they lie on: success criterion 1.4.3 of WCAG 2.1."""
-_DARK_RASTER: Final = "image{filter:invert(.9)}"
+_DARK_RASTER: Final = "image{filter:invert(.9) hue-rotate(180deg)}"
 """The floor plan is one: its free floor becomes nearly as dark as the ground, its walls become light."""
 
 
