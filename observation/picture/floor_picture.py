@@ -23,7 +23,7 @@ from observation.evidence.floor_things import FloorThings
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.things_over_time import spans
 from observation.picture import marks, style, things_picture
-from observation.picture.labels import Label
+from observation.picture.labels import PointLabel
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
@@ -70,18 +70,18 @@ def draw_doors(axes: Axes, run: RunEvidence) -> bool:
     return bool(parts.doors)
 
 
-class DrawnFloor(NamedTuple):
+class DrawnRun(NamedTuple):
     """What was drawn of a run, and what is to be written beside it."""
 
     kinds: frozenset[str]
     """Names of the marks."""
-    labels: tuple[Label, ...]
+    labels: tuple[PointLabel, ...]
     """The most important first."""
     taken: tuple[tuple[float, float], ...]
     """Points on which no words should lie, m."""
 
 
-def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnFloor:
+def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
     """Trails, where robots are at the end, places, what was put there, where robots stood before others."""
     few = style.few(run.robots)
     put = spans(run)
@@ -102,7 +102,7 @@ def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnFloor
     kinds |= {"stood"} if stood else set()
     ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
     taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.places))
-    return DrawnFloor(frozenset(kinds), tuple(labels), taken)
+    return DrawnRun(frozenset(kinds), tuple(labels), taken)
 
 
 def legend(kinds: Collection[str]) -> list[Artist]:
@@ -124,9 +124,9 @@ def _trail(axes: Axes, run: RunEvidence, index: int, *, few: bool) -> set[str]:
     return {"carried"} if jumps.size else set()
 
 
-def _name(run: RunEvidence, index: int, robot: str, *, few: bool) -> Label:
+def _name(run: RunEvidence, index: int, robot: str, *, few: bool) -> PointLabel:
     x, y = run.true[-1, index, :2].tolist()
-    return Label(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
+    return PointLabel(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
 
 
 def _stopped(axes: Axes, spell: Spell, run: RunEvidence) -> None:
@@ -151,11 +151,11 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunEvidence, *, few: bool) -> s
     return shape if by is None or shape == "given" else "done"
 
 
-def _meeting(axes: Axes, x: float, y: float, lasted: float) -> Label:
+def _meeting(axes: Axes, x: float, y: float, lasted: float) -> PointLabel:
     """A disc where robots stood before others, larger the longer somebody did."""
     size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
     marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
-    return Label(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
+    return PointLabel(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
 
 
 def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:

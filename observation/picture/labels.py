@@ -22,7 +22,7 @@ _COVERS: Final = 8.0
 """Covering a point of somebody else's costs so much; a point farther away costs 1."""
 
 
-class Label(NamedTuple):
+class PointLabel(NamedTuple):
     """Words that belong to a point."""
 
     words: str
@@ -42,7 +42,7 @@ def settle(figure: Figure) -> None:
     figure.set_layout_engine("none")
 
 
-def place(axes: Axes, labels: Sequence[Label], taken: Iterable[tuple[float, float]] = ()) -> int:
+def place(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:
     """Write labels, the first ones first, where none lies on another; gives how many found no room.
 
     `taken`: points, in the axes' units, on which words should not lie if they can stand elsewhere. The figure
@@ -58,7 +58,7 @@ def place(axes: Axes, labels: Sequence[Label], taken: Iterable[tuple[float, floa
     return len(labels) - len(boxes)
 
 
-def _room(axes: Axes, label: Label, boxes: Sequence[Bbox], covered: NDArray[np.float64]) -> Bbox | None:
+def _room(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]) -> Bbox | None:
     """Write a label; the box that it takes, pixels; None, and nothing is written, without room."""
     said = axes.annotate(
         label.words, (label.x, label.y), xytext=(0, 0), textcoords="offset points", color=label.colour,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from observation.accounting.spells import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, labels, lanes, look, style
-from observation.picture.floor_picture import DrawnFloor
+from observation.picture.floor_picture import DrawnRun
 
 _MARGIN: Final = 1.5
 """Around what happened, m."""
@@ -23,7 +23,7 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
     end = max(run.end for run in runs)
     done = [spells(run) for run in runs]
-    floors: list[tuple[Axes, DrawnFloor]] = []
+    floors: list[tuple[Axes, DrawnRun]] = []
     for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
         axes = figure.add_subplot(grid[0, column])
         floors.append((axes, _draw_floor(axes, run, doing)))
@@ -52,7 +52,7 @@ def write(runs: Sequence[RunEvidence], path: Path) -> None:
         style.save(draw(runs), path)
 
 
-def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnFloor:
+def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
     """The part of the floor where something happened."""
     floor_picture.draw_floor(axes, run.grid)
     drawn = floor_picture.draw_run(axes, run, doing)

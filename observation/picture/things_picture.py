@@ -12,14 +12,14 @@ from actors.observer.glyphs import MARKS
 from observation.evidence.floor_things import FloorThing
 from observation.evidence.things_over_time import ThingSpan
 from observation.picture import marks
-from observation.picture.labels import Label
+from observation.picture.labels import PointLabel
 
 _ZORDER: Final = 3.5
 _WORDS: Final = {"closed door": "closed"}
 """Where the mark's name says too much."""
 
 
-def draw(axes: Axes, put: Sequence[ThingSpan]) -> list[Label]:
+def draw(axes: Axes, put: Sequence[ThingSpan]) -> list[PointLabel]:
     """All of them, with what each is and from when to when it was there, to be written beside it."""
     for one in put:
         artist(axes, one.thing)
@@ -39,9 +39,9 @@ def artist(axes: Axes, thing: FloorThing) -> Line2D | Patch:
     return line
 
 
-def _label(one: ThingSpan) -> Label:
+def _label(one: ThingSpan) -> PointLabel:
     thing = one.thing
     x, y = (math.fsum(axis) / len(thing.points) for axis in zip(*thing.points, strict=True))
     lasted = f"{one.begin:.0f} to {one.end:.0f} s"
     colour = marks.colour_of(MARKS[thing.kind])
-    return Label(f"{_WORDS.get(thing.kind, thing.kind)} {lasted}", x, y, colour, 5.0, 7.0)
+    return PointLabel(f"{_WORDS.get(thing.kind, thing.kind)} {lasted}", x, y, colour, 5.0, 7.0)

@@ -201,8 +201,8 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
         axes.set_xlim(0.0, 10.0)
         axes.set_ylim(0.0, 6.0)
         labels.settle(figure)
-        crowd = [labels.Label(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
-        left_out = labels.place(axes, [*crowd, labels.Label("far", 1.0, 1.0, "#000000")])
+        crowd = [labels.PointLabel(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
+        left_out = labels.place(axes, [*crowd, labels.PointLabel("far", 1.0, 1.0, "#000000")])
         written = [text for text in axes.texts if text.get_text()]
         placed = list(boxes([text for text in written if isinstance(text, Annotation)]))
     assert len(placed) == 21 - left_out and left_out < 10
