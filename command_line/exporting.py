@@ -43,10 +43,11 @@ def export(
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Write a run as tables (Parquet files), or as a log of its robots (MCAP).
+    """Write a run as tables, or as a log of its robots.
 
-    The tables are poses, estimates, goals, frames, knowledge, exchanges, places and decisions. The log has
-    scans, frames, poses, plans, local cost maps, particles, the map, places, obstacles and radio links.
+    The tables (Parquet files) are poses, estimates, goals, frames, knowledge, exchanges, places and
+    decisions. The log (MCAP) has scans, frames, poses, plans, local cost maps, particles, the map, places,
+    obstacles and radio links.
 
     It replays radio and robots to compute what was not recorded, robots in a sandbox where the machine has
     one.

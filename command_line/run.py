@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from actors.console import screen
-from actors.installation.usage import OptionError
+from actors.installation.usage import OptionError, command
 from actors.runtime.errors import AcrcError
 from command_line import completion
 from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust, answer
@@ -299,7 +299,7 @@ def order(
 
     if str(out) in orders.VERBS and verb not in orders.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
-        raise OptionError(f"OUT: is missing; must be as in acrc order {folder} {out} {verb}")
+        raise OptionError(f"OUT: is missing; must be as in {command()} order {folder} {out} {verb}")
     given = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:

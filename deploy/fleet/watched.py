@@ -227,7 +227,7 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
     opened = viewer.open_any(say_at_once, "words are printed only")
     try:
         if opened is not None and opened.page:
-            say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends that")
+            say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends it")
         with scratch_folder() as folder:
             arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address

@@ -112,7 +112,9 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     """
     file = out / "world" / router_file.NAME
     if not file.is_file():
-        raise AcrcError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
+        raise AcrcError(
+            f"{out}: no run is going on here; must be the folder of a run in progress, not in memory"
+        )
     issued = router_file.read(file)
     config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
     ticket = secrets.token_hex(8)

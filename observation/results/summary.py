@@ -48,7 +48,8 @@ def sentences(result: RunResult) -> Iterator[str]:
 def print_next(out: Path, *, adapted: bool) -> None:
     """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
     console = screen()
-    acrc, folder = command(), shlex.quote(str(out))
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    acrc, folder = command(), shlex.quote(str(here))
     console.print(f"See it on one page: {acrc} view {folder} --png")
     console.print(f"See it with all that robots perceived: {acrc} view {folder}")
     if adapted:

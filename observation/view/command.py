@@ -82,7 +82,7 @@ def opened(say: Say) -> OpenViewer | None:
     """The viewer that is opened here; None where none comes up, which is said."""
     shown = viewer.open_any(say, "the view goes to its file only")
     if shown is not None and shown.page:
-        say(f"to see it, open {shown.page} in a browser on this machine; Ctrl-C ends that")
+        say(f"to see it, open {shown.page} in a browser on this machine; Ctrl-C ends it")
     return shown
 
 

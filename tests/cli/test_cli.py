@@ -109,8 +109,8 @@ def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
         (tmp_path / "runs" / name).mkdir(parents=True)
         (tmp_path / "runs" / name / "scenario.toml").touch()
     os.utime(tmp_path / "runs" / "a" / "scenario.toml", (1e9, 1e9))
-    assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: runs/b"
-    said = "acrc: OUT: is missing; must be as in acrc order runs/b kill r1\n"
+    assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: runs/b: the newest run"
+    said = f"acrc: OUT: is missing; must be as in {REPOSITORY / 'acrc'} order runs/b kill r1\n"
     assert acrc("order", "kill", "r1", cwd=tmp_path) == (2, "", said)
 
 
@@ -279,8 +279,11 @@ def test_a_run_says_what_shows_it(
         "See it with all that robots perceived: ./acrc view '/o/my run'",
         "The same without adaptation: ./acrc run --strategy none",
     ]
-    summary.print_next(Path("/o"), adapted=False)
-    assert "without adaptation" not in capsys.readouterr().out
+    summary.print_next(REPOSITORY / "runs" / "a", adapted=False)
+    assert capsys.readouterr().out.splitlines() == [
+        "See it on one page: ./acrc view runs/a --png",
+        "See it with all that robots perceived: ./acrc view runs/a",
+    ]
 
 
 def test_a_hint_names_the_command_as_it_can_be_typed_there(

@@ -131,5 +131,5 @@ def test_a_run_that_is_over_takes_no_orders(tmp_path: Path) -> None:
     done = acrc("order", tmp_path, "stop")
     assert done.returncode == 1
     assert done.stderr.strip() == (
-        f"acrc: {tmp_path}: no run is going on here; name the folder of one that is, over Zenoh"
+        f"acrc: {tmp_path}: no run is going on here; must be the folder of a run in progress, not in memory"
     )
