@@ -106,13 +106,6 @@ class LineList(NamedTuple):
     width: float
 
 
-class Blocks(NamedTuple):
-    """Cubes that stand on the floor."""
-
-    middles: tuple[tuple[float, float], ...]
-    side: float
-
-
 class Label(NamedTuple):
     """Words above a point."""
 
@@ -127,7 +120,7 @@ class MarkedShape(NamedTuple):
 
     name: str
     """Its own within the scene."""
-    form: Disc | LineList | Blocks | Label
+    form: Disc | LineList | Label
     colour: Colour
     opacity: float = 1.0
     frame: str = MAP

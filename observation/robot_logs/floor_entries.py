@@ -9,15 +9,12 @@ import numpy as np
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.observer import colours
-from actors.observer.colours import Colour
-from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
+from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
-from observation.accounting.true_floor import TrueFloor
-from observation.replay.recorded_orders import GivenOrder
+from observation.evidence.floor_things import FloorThing
 from observation.robot_logs.contents import (
     UNKNOWN_CELL,
-    Blocks,
     Disc,
     Grid,
     Label,
@@ -39,8 +36,6 @@ _LINK: Final = 0.02
 _LETTERS: Final = 0.3
 _PERIOD_S: Final = 1.0
 """Links are those over which something was heard within, s."""
-_JAMMER: Final[Colour] = (213, 60, 40)
-_DOOR: Final[Colour] = (230, 159, 0)
 
 
 def map_entry(grid: OccupancyGrid) -> LogEntry:
@@ -112,48 +107,20 @@ def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, s
     return MarkedScene(tuple(shapes))
 
 
-def thing_entries(
-    story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
-) -> Iterator[LogEntry]:
+def thing_entries(story: Story) -> Iterator[LogEntry]:
     """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
-    changes: list[tuple[int, str, MarkedShape | None]] = []
-    for number, (step, order) in enumerate(orders):
-        name, begin = f"order {number}", step * step_us
-        match order:
-            case Obstacle():
-                form: Disc | LineList = Disc(order.x, order.y, order.radius, _HIGH)
-                changes.append((begin, name, MarkedShape(name, form, colours.GREY)))
-            case Wall():
-                form = LineList(((order.x, order.y), (order.to_x, order.to_y)), _WALL)
-                changes.append((begin, name, MarkedShape(name, form, colours.GREY)))
-            case StartJam():
-                form = Disc(order.x, order.y, order.radius, _FLAT)
-                changes.append((begin, name, MarkedShape(name, form, _JAMMER, 0.3)))
-                changes.append((begin + order.duration, name, None))
-    changes += _doors(story, models, orders, step_us)
-    known: dict[str, MarkedShape] = {}
-    end = round(story.end * 1e6)
-    for instant, now in groupby(sorted(changes, key=lambda one: one[:2]), key=lambda one: one[0]):
-        for _, name, shape in now:
-            known.pop(name, None)
-            if shape is not None:
-                known[name] = shape
-        if instant <= end:
-            yield entry(instant, "/things", MarkedScene(tuple(known.values())))
+    for second, things in story.things:
+        shapes = [_thing(number, thing) for number, thing in enumerate(things)]
+        yield entry(second * 1e6, "/things", MarkedScene(tuple(shapes)))
 
 
-def _doors(
-    story: Story, models: Mapping[str, RobotModel], orders: list[GivenOrder], step_us: int
-) -> Iterator[tuple[int, str, MarkedShape | None]]:
-    """What fills the doors that are closed, as of each change."""
-    if not any(isinstance(order, CloseDoor | OpenDoor) for _, order in orders):
-        return
-    radius = max(model.footprint.circumradius for model in models.values())
-    true = np.stack([track.poses for track in story.tracks.values()], axis=1)
-    for stage in TrueFloor(story.grid, radius, orders).stages(true):
-        middles = tuple((x, y) for x, y in stage.leaves.tolist())
-        shape = MarkedShape("doors", Blocks(middles, story.grid.resolution), _DOOR) if middles else None
-        yield stage.begin * step_us, "doors", shape
+def _thing(number: int, thing: FloorThing) -> MarkedShape:
+    mark, (x, y) = MARKS[thing.kind], thing.points[0]
+    jams = mark.shape == "dashed ring"
+    form: Disc | LineList = LineList(thing.points, _WALL)
+    if thing.radius:
+        form = Disc(x, y, thing.radius, _FLAT if jams else _HIGH)
+    return MarkedShape(f"{thing.kind} {number}", form, mark.colour or colours.GREY, 0.3 if jams else 1.0)
 
 
 def link_entries(story: Story) -> Iterator[LogEntry]:

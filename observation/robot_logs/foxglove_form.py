@@ -4,7 +4,6 @@ from functools import singledispatchmethod
 from typing import Any, Final
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -33,7 +32,6 @@ from actors.geometry import ORIGIN, Pose
 from actors.portable import cos_sin
 from observation.robot_logs.contents import (
     MAP,
-    Blocks,
     Content,
     Disc,
     Grid,
@@ -188,11 +186,6 @@ def _entity(shape: MarkedShape, stamp: Timestamp) -> SceneEntity:
             kind = LinePrimitive.LINE_LIST
             line = LinePrimitive(type=kind, pose=_pose(ORIGIN), thickness=width, points=ends, color=colour)
             entity.lines.append(line)
-        case Blocks(middles, side):
-            size = Vector3(x=side, y=side, z=side)
-            for x, y in middles:
-                pose = _pose(Pose(x, y, 0.0), side / 2)
-                entity.cubes.append(CubePrimitive(pose=pose, size=size, color=colour))
         case Label(x, y, text, size_m):
             pose = _pose(Pose(x, y, 0.0), 2 * size_m)
             words = TextPrimitive(pose=pose, billboard=True, font_size=size_m, color=colour, text=text)

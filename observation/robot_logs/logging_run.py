@@ -16,7 +16,6 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
 from actors.runtime.process_setup import located_model
 from observation.evidence.run_evidence import world_setup
-from observation.replay.recorded_orders import given_orders
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Bounds
@@ -138,10 +137,8 @@ def _streams(
     """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
     yield iter((map_entry(story.grid), static_frames(models)))
     yield from (place_entries(story), body_entries(story, models))
-    if "world" in files:
-        setup = world_setup(files["world"])
-        orders = given_orders(setup.events, setup.step_us, files["world"])
-        yield thing_entries(story, models, orders, setup.step_us)
+    if story.things:
+        yield thing_entries(story)
     yield true_entries(story)
     for robot, track in story.tracks.items():
         yield held_entries(robot, track)

@@ -13,7 +13,6 @@ from actors.geometry import Pose
 from actors.portable import cos_sin
 from observation.robot_logs.contents import (
     MAP,
-    Blocks,
     Content,
     Disc,
     Grid,
@@ -235,7 +234,5 @@ def _drawn(shape: MarkedShape) -> tuple[int, _Spot, _Spot, list[_Spot]]:
             return 3, (x, y, height / 2), (2 * radius, 2 * radius, height), []
         case LineList(points, width):
             return 5, (0.0, 0.0, 0.0), (width, 0.0, 0.0), [(x, y, 0.0) for x, y in points]
-        case Blocks(middles, side):
-            return 6, (0.0, 0.0, side / 2), (side, side, side), [(x, y, 0.0) for x, y in middles]
         case Label(x, y, _, size):
             return 9, (x, y, 2 * size), (0.0, 0.0, size), []

@@ -83,9 +83,9 @@ def test_a_scene_replaces_the_one_before_it(foxglove: Log, ros2: Log) -> None:
             assert [deletion.type for deletion in one.deletions] == [1]  # ALL
             assert len(one.entities) == len(other.markers) - 1
             assert len({entity.id for entity in one.entities}) == len(one.entities)
-    door = next(one for _, scene in foxglove["/things"] for one in scene.entities if one.cubes)
+    door = next(one for _, scene in foxglove["/things"] for one in scene.entities if one.lines)
     lines = [one for _, scene in foxglove["/links"] for entity in scene.entities for one in entity.lines]
-    assert len(door.cubes) > 3 and {(line.type, len(line.points)) for line in lines} == {(2, 2)}
+    assert len(door.lines[0].points) == 2 and {(line.type, len(line.points)) for line in lines} == {(2, 2)}
 
 
 def test_words_are_those_of_the_other_form(foxglove: Log, ros2: Log) -> None:

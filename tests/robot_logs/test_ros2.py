@@ -18,7 +18,7 @@ from observation.robot_logs.robot_entries import occupancy
 from tests.robot_logs.conftest import Log
 
 ADD, DELETE_ALL = 0, 3
-CYLINDER, CUBES = 3, 6
+CYLINDER, LINES = 3, 5
 
 
 def stamp(time: Any) -> int:
@@ -210,10 +210,10 @@ def test_orders_put_things_there_and_take_them_away(ros2: Log) -> None:
     things = shapes(ros2, "/things")
     kinds = {second: sorted(one.type for one in found) for second, found in things.items()}
     assert kinds[1.0] == [CYLINDER] and kinds[2.0] == [CYLINDER, CYLINDER]
-    assert kinds[3.0] == [CYLINDER, CYLINDER, CUBES] and kinds[4.0] == [CYLINDER, CUBES]
+    assert kinds[3.0] == [CYLINDER, CYLINDER, LINES] and kinds[4.0] == [CYLINDER, LINES]
     (obstacle,) = things[1.0]
     assert (obstacle.pose.position.x, obstacle.pose.position.y, obstacle.scale.x) == (14.0, 12.0, 0.4)
-    (door,) = (one for one in things[4.0] if one.type == CUBES)
+    (door,) = (one for one in things[4.0] if one.type == LINES)
     middle = np.mean([(one.x, one.y) for one in door.points], axis=0)
     assert math.dist(middle, (12.5, 9.4)) < 0.6
 
