@@ -1,13 +1,16 @@
 """Until when the runs of two strategies with the same seed are one and the same."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from statistics import median
-from typing import Any
+from typing import Any, Final
 
 from experiments.campaign.trace import coincide_s
 from experiments.campaign.trial_record import TrialRecord
+
+_FEW: Final = 4
+"""Combinations of which each is told by itself."""
 
 
 @dataclass(frozen=True)
@@ -63,16 +66,42 @@ def _coincidence(
 
 
 def told(found: Sequence[Coincidence]) -> list[str]:
-    """A sentence for each, and one more where whole runs coincide."""
-    lines = []
+    """A sentence for each, and one more where whole runs coincide; many combinations have one together."""
+    pairs: dict[tuple[str, str], list[Coincidence]] = {}
     for one in found:
-        where = "".join(f", {key} = {value}" for key, value in one.variant)
-        longest = f"least {min(one.seconds)} s, median {median(one.seconds):g} s, most {max(one.seconds)} s"
-        lines.append(
-            f"{one.one} and {one.other}{where}: the first {one.half_s} s of {one.sharing} of"
-            f" {len(one.seconds)} pairs coincide ({longest})"
-        )
-        if one.whole:
-            seeds = ", ".join(map(str, one.whole[:10])) + (" …" if len(one.whole) > 10 else "")
-            lines.append(f"    {len(one.whole)} from beginning to end, which tell nothing: seeds {seeds}")
+        pairs.setdefault((one.one, one.other), []).append(one)
+    lines = []
+    for same in pairs.values():
+        lines += _together(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
     return lines
+
+
+def _alone(one: Coincidence) -> Iterator[str]:
+    where = "".join(f", {key} = {value}" for key, value in one.variant)
+    yield (
+        f"{one.one} and {one.other}{where}: the first {one.half_s} s of {one.sharing} of"
+        f" {len(one.seconds)} pairs coincide ({_range(one.seconds)})"
+    )
+    if one.whole:
+        seeds = ", ".join(map(str, one.whole[:10])) + (" …" if len(one.whole) > 10 else "")
+        yield f"    {len(one.whole)} from beginning to end, so they tell no difference: seeds {seeds}"
+
+
+def _together(same: Sequence[Coincidence]) -> Iterator[str]:
+    """All combinations of two strategies in one sentence."""
+    seconds = [second for one in same for second in one.seconds]
+    name = f"{same[0].one} and {same[0].other}, in {len(same)} combinations"
+    yield f"{name}: {len(seconds)} pairs coincide at first ({_range(seconds)})"
+    whole = [one for one in same if one.whole]
+    if whole:
+        most = max(whole, key=lambda one: len(one.whole))
+        where = ", ".join(f"{key} = {value}" for key, value in most.variant)
+        count = sum(len(one.whole) for one in whole)
+        yield (
+            f"    {count} from beginning to end, so they tell no difference, in {len(whole)} combinations;"
+            f" most ({len(most.whole)}) with {where}"
+        )
+
+
+def _range(seconds: Sequence[int]) -> str:
+    return f"least {min(seconds)} s, median {median(seconds):g} s, most {max(seconds)} s"

@@ -108,7 +108,15 @@ def test_what_coincides_is_told_in_a_sentence() -> None:
     (found,) = coincidences(records)
     assert told([found]) == [
         "one and two: the first 8 s of 2 of 4 pairs coincide (least 4 s, median 7 s, most 10 s)",
-        "    1 from beginning to end, which tell nothing: seeds 2",
+        "    1 from beginning to end, so they tell no difference: seeds 2",
+    ]
+    floors = [
+        msgspec.structs.replace(one, variant={"floor": name}) for one in records[:8] for name in "abcde"
+    ]
+    floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
+    assert told(coincidences(floors)) == [
+        "one and two, in 5 combinations: 19 pairs coincide at first (least 4 s, median 6 s, most 10 s)",
+        "    4 from beginning to end, so they tell no difference, in 4 combinations; most (1) with floor = a",
     ]
 
 
