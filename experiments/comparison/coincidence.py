@@ -70,7 +70,7 @@ def told(found: Sequence[Coincidence]) -> list[str]:
     pairs: dict[tuple[str, str], list[Coincidence]] = {}
     for one in found:
         pairs.setdefault((one.one, one.other), []).append(one)
-    lines = []
+    lines: list[str] = []
     for same in pairs.values():
         lines += _together(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
     return lines
