@@ -110,7 +110,12 @@ def test_an_extra_that_is_missing_is_named(python: Path, tmp_path: Path) -> None
 def test_every_package_of_an_extra_has_its_name() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    imported = {"pyserial": "serial", "rerun-sdk": "rerun"}
+    imported = {
+        "foxglove-schemas-protobuf": "foxglove_schemas_protobuf",
+        "protobuf": "google",
+        "pyserial": "serial",
+        "rerun-sdk": "rerun",
+    }
     needs_a_clone = {"dev", "docs"}
     named = {Requirement(one).name: extra for extra, all_of_it in extras.items() for one in all_of_it}
     wanted = {imported.get(name, name): extra for name, extra in named.items() if extra not in needs_a_clone}
