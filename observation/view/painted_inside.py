@@ -1,7 +1,7 @@
 """What one robot perceived, meant and knew, drawn as it is computed: at once, or piece by piece."""
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -67,25 +67,33 @@ def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) ->
     return list(own)
 
 
+class Shown(NamedTuple):
+    """What is drawn of a robot beside what it does and knows."""
+
+    detailed: bool
+    """All that it perceives."""
+    goals: bool
+    """Where it heads for."""
+
+
 class PaintedInside:
     """One process of a robot."""
 
-    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, *, detailed: bool) -> None:
-        """`detailed`: everything is drawn, and not what it does, wants and knows alone."""
+    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, shown: Shown) -> None:
         self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
-        self._detailed = detailed
+        self._shown = shown
         self._happenings = InnerHappenings(source)
         self._doing: Doing | None = None
         self._line_due: float | None = None
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: when the plot of its age goes on, and when it was heard last, s."""
-        if detailed:
+        if shown.detailed:
             insides.introduce_inside(canvas, source.robot)
 
     def draw(self, inside: Trace, end: float | None = None) -> Iterator[LearntExchange]:
         """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
         canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
-        if self._detailed:
+        if self._shown.detailed:
             _draw(canvas, robot, clock, inside)
             self._ages(inside, end)
         until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
@@ -93,7 +101,8 @@ class PaintedInside:
         self._lane.do(spells, until if end is None else max(until, end))
         tables = [(at(clock, one.instant), one.rows) for one in inside.knowledge]
         words.draw_knowledge(canvas, robot, tables)
-        self._intents(inside, until)
+        if self._shown.goals:
+            self._intents(inside, until)
         words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
         for one, _ in inside.decisions():
             if one.peer:

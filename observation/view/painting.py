@@ -9,14 +9,14 @@ import numpy as np
 from actors.installation.usage import wrong_value
 from actors.observer.colours import FATES
 from actors.observer.drawing import floor, layout, legend, places, radio, robots, things, words
-from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
 from observation.explanation.explain import Explanation
 from observation.trace.fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace
 from observation.view.events import Happenings, name
-from observation.view.painted_inside import PaintedInside, RobotLane
+from observation.view.painted_inside import PaintedInside, RobotLane, Shown
 from observation.view.place_history import PlaceHistory
 from observation.view.plots import Plots
 from observation.view.story import Floats, Source, Story
@@ -36,7 +36,7 @@ class Painting:
         """`detailed`: the robots of which everything is drawn."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
-        """Robots of which all links are drawn, however many robots there are."""
+        """Robots of which all links, goals and adoptions are drawn, however many robots there are."""
         self._ways = {robot: Way() for robot in story.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in story.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in story.robots}
@@ -97,8 +97,8 @@ class Painting:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
         if source.actor not in self._insides:
             way, lane = self._ways[source.robot], self._lanes[source.robot]
-            detailed = source.robot in self._detailed
-            painted = PaintedInside(self._canvas, source, way, lane, detailed=detailed)
+            shown = Shown(source.robot in self._detailed, self._in_full(source.robot))
+            painted = PaintedInside(self._canvas, source, way, lane, shown)
             self._insides[source.actor] = painted
         self._exchanges += self._insides[source.actor].draw(inside, end)
 
@@ -147,9 +147,13 @@ class Painting:
         """(n, robots, 2): where robots are, m."""
         return np.stack([way.at(seconds) for way in self._ways.values()], axis=1)
 
+    def _in_full(self, robot: str) -> bool:
+        """What a robot heads for and adopts is drawn: of a few all, of many the chosen."""
+        return len(self._canvas.robots) <= FEW or robot in self._chosen
+
     def _adoptions(self, story: Story) -> None:
         for deed in story.taken_over:
-            if deed.place.place < len(story.places.get(deed.place.owner, ())):
+            if self._in_full(deed.robot) and deed.place.place < len(story.places.get(deed.place.owner, ())):
                 point = story.places[deed.place.owner][deed.place.place]
                 x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
                 places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))

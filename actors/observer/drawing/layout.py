@@ -184,7 +184,7 @@ def _plots(what: Arrangement) -> rrb.Tabs:
     copies = plot("copies", "Copies of frames per second, by fate", plot_legend=hidden)
     fates = rrb.Spatial2DView(
         origin=f"{what.root}/legend/copies", name="Fates", background=_GROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) - 0.2)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) + 0.4)),
     )  # fmt: skip
     curves = rrb.Vertical(done, copies)
     first = rrb.Horizontal(curves, fates, column_shares=[4, 1], name="Progress and radio")
