@@ -26,10 +26,11 @@ from actors.instant import in_seconds
 from actors.orders import Give
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
+from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from observation.evidence.run_evidence import Floats, RunEvidence
 from observation.evidence.things_over_time import spans
-from observation.picture import floor_picture, look, style, things_picture
+from observation.picture import floor_picture, look, marks, style, things_picture
 
 _FRAMES_PER_S: Final = 10
 """Of the movie: robots move at 0.3 m/s."""
@@ -125,15 +126,27 @@ class _Scene:
         self._figure.set_dpi(_DPI)
         self._axes = axes = self._figure.add_subplot()
         floor_picture.draw_floor(axes, run.grid)
-        floor_picture.draw_doors(axes, run)
+        doors = floor_picture.draw_doors(axes, run)
         self._few = few = style.few(run.robots)
+        self._begins = _begins(run)
         self._places = {
-            PlaceKey(one.owner, one.place): _place(axes, run, one.owner, (one.x, one.y), few=few)
+            (key := PlaceKey(one.owner, one.place)): _place(
+                axes, run, one, few=few, given=key in self._begins
+            )
             for one in run.places
         }
-        self._begins = _begins(run)
         self._put = [(one, things_picture.artist(axes, one.thing)) for one in spans(run)]
         self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
+        kinds = {"open", "done", *(one.thing.kind for one, _ in self._put)}
+        told = (("door", doors), ("given", bool(self._begins)), ("given up", bool(run.given_up)))
+        kinds |= {kind for kind, there in told if there}
+        self._figure.legend(
+            handles=floor_picture.legend(kinds),
+            loc="outside lower center",
+            ncols=3,
+            fontsize=7,
+            frameon=False,
+        )
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
         self._done: set[PlaceKey] = set()
         self._next = self._lost = 0
@@ -193,13 +206,14 @@ class _Scene:
 def _size(run: RunEvidence) -> tuple[float, float]:
     """Of the picture, inches: as wide as a page, as tall as the floor."""
     width, height = run.grid.corner.x - run.grid.origin.x, run.grid.corner.y - run.grid.origin.y
-    return 10.0, min(max(10.0 * height / width + 0.8, 3.0), 10.0)
+    return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
 
 
-def _place(axes: Axes, run: RunEvidence, owner: str, at: tuple[float, float], *, few: bool) -> Line2D:
-    edge = style.colour(run.robots.index(owner)) if owner in run.robots else style.INK
-    (mark,) = axes.plot(*at, marker="o", ms=4.6 if few else 2.6, mfc="w", mec=edge, mew=1.3, zorder=3)
-    return mark
+def _place(axes: Axes, run: RunEvidence, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
+    edge = style.colour(run.robots.index(place.owner)) if place.owner in run.robots else style.INK
+    size = 4.6 if few else 2.6
+    marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
+    return axes.lines[-1]
 
 
 def _begins(run: RunEvidence) -> dict[PlaceKey, float]:
