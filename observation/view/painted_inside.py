@@ -67,7 +67,7 @@ def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) ->
     return list(own)
 
 
-class Shown(NamedTuple):
+class DrawnParts(NamedTuple):
     """What is drawn of a robot beside what it does and knows."""
 
     detailed: bool
@@ -79,7 +79,7 @@ class Shown(NamedTuple):
 class PaintedInside:
     """One process of a robot."""
 
-    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, shown: Shown) -> None:
+    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
         self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
         self._shown = shown
         self._happenings = InnerHappenings(source)

@@ -16,7 +16,7 @@ from observation.explanation.explain import Explanation
 from observation.trace.fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace
 from observation.view.events import Happenings, name
-from observation.view.painted_inside import PaintedInside, RobotLane, Shown
+from observation.view.painted_inside import DrawnParts, PaintedInside, RobotLane
 from observation.view.place_history import PlaceHistory
 from observation.view.plots import Plots
 from observation.view.story import Floats, Source, Story
@@ -97,7 +97,7 @@ class Painting:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
         if source.actor not in self._insides:
             way, lane = self._ways[source.robot], self._lanes[source.robot]
-            shown = Shown(source.robot in self._detailed, self._in_full(source.robot))
+            shown = DrawnParts(source.robot in self._detailed, self._in_full(source.robot))
             painted = PaintedInside(self._canvas, source, way, lane, shown)
             self._insides[source.actor] = painted
         self._exchanges += self._insides[source.actor].draw(inside, end)
