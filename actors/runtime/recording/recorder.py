@@ -90,6 +90,7 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._stream.recover()
         self._seal()
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
@@ -201,6 +202,7 @@ class _Checked:
     """A file that knows the CRC-32 of what was written to it; UnwritableError where the disk takes no more.
 
     What the disk has not taken is kept, and offered again with what follows: nothing is cut in the middle.
+    A signal may end any call before any of its statements: what belongs together is one statement.
     """
 
     def __init__(self, file: FileIO, path: Path) -> None:
@@ -210,7 +212,9 @@ class _Checked:
         """What was written and is not in the CRC yet."""
         self.unsummed = 0
         """Bytes of them; the recorder hands them over before they are many."""
-        self._waiting = bytearray()
+        self._waiting = b""
+        self._handed = 0
+        """Bytes that the operating system has."""
         self._size = 0
         self._crc32 = 0
         self.unsealed = 0
@@ -239,18 +243,15 @@ class _Checked:
         self._sum_up()
         checksum = vouched(self._crc32, sealed)
         seal = sealed[: MESSAGE_HEAD.size] + SEAL.pack(checksum, step)
-        self._waiting += seal
+        crc32 = zlib.crc32(seal, self._crc32)
+        self._waiting, self._crc32, self.unsealed = self._waiting + seal, crc32, 0
         self._size += _SEALED_SIZE
-        self._crc32 = zlib.crc32(seal, self._crc32)
-        self.unsealed = 0
 
     def _sum_up(self) -> None:
         """Take into the CRC what is not in it yet."""
         data = b"".join(self._parts)
-        self._parts = []
-        self.unsummed = 0
-        self._waiting += data
-        self._crc32 = zlib.crc32(data, self._crc32)
+        crc32 = zlib.crc32(data, self._crc32)
+        self._parts, self.unsummed, self._waiting, self._crc32 = [], 0, self._waiting + data, crc32
 
     def flush(self) -> None:
         """Nothing: the library calls it between records that belong together; see `hand_over`."""
@@ -261,9 +262,15 @@ class _Checked:
             self._sum_up()
         while self._waiting:
             try:
-                del self._waiting[: self._file.write(self._waiting)]
+                written = self._file.write(self._waiting)
             except OSError as error:
                 raise self._full(error) from None
+            self._waiting, self._handed = self._waiting[written:], self._handed + written
+
+    def recover(self) -> None:
+        """Before the last calls: a signal may have ended one that had handed something over already."""
+        taken = self._file.tell() - self._handed
+        self._waiting, self._handed = self._waiting[taken:], self._handed + taken
 
     def close(self) -> None:
         """The last call."""
