@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
+from actors.runtime.recording import Note, read_recording
 from actors.runtime.recording import recorder as module
-from actors.runtime.recording.reading import Note, read_recording
 from actors.runtime.recording.recorder import Recorder
 
 LINES = 3000
