@@ -73,16 +73,6 @@ class FloorThings:
         """(rows, columns): the cells that a closed door fills."""
         return self._leaves[thing.door]
 
-    def doors(self) -> list[Span]:
-        """Where the map's doors would hang, m: both ends of each that a straight one closes."""
-        found = []
-        for door in self.doorways.regions.doors:
-            try:
-                found.append(self._span(self._filled(door.index)))
-            except DoorError:
-                continue
-        return found
-
     def _take(self, order: object) -> bool:
         """True if the floor has changed by it. Those that make no sense were refused."""
         match order:

@@ -15,6 +15,8 @@ PutThing = tuple[str, tuple[tuple[float, float], ...], float]
 """Kind, one of MARKS; m: middle or both ends; radius, 0 of what is straight."""
 _DASHES: Final = 12
 """Of a dashed ring."""
+_RINGS: Final = 100.0
+"""Of a disc, at most: a recording may hold any radius."""
 
 
 def draw_things(canvas: Canvas, second: float, things: Sequence[PutThing]) -> None:
@@ -46,7 +48,7 @@ def _strips(
         return [(np.array([(x, y, TRAIL) for x, y in points], np.float32), -3.0)]
     (x, y), *_ = points
     if shape != "dashed ring":
-        rings = max(2, round(radius / 0.06))
+        rings = round(min(max(2.0, radius / 0.06), _RINGS))
         return [(ring(x, y, radius * (one + 1) / rings, TRAIL), -2.0) for one in range(rings)]
     part = (len(CIRCLE) - 1) // _DASHES
     whole = ring(x, y, radius, TRAIL)
