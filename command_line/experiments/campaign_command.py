@@ -15,10 +15,10 @@ from actors.console import screen
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
+from deploy.hosts.cluster_address import check as check_address
 from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
-from experiments.campaign.cluster_address import check as check_address
 from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences

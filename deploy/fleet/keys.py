@@ -14,9 +14,9 @@ from typing import Final
 from actors.installation.usage import wrong_value
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR, PRIVATE_KEY_FILE
 from actors.runtime.errors import AcrcError
-from deploy.fleet import certificates
-from deploy.fleet.certificates import CLIENT, SERVER, Pair
 from deploy.fleet.fleet_file import Fleet, FleetRobot
+from deploy.hosts import certificates
+from deploy.hosts.certificates import CLIENT, SERVER, Pair
 
 HOME: Final = "authority"
 """Folder of the authority, which goes to no machine."""

@@ -10,6 +10,7 @@ from typing import Final
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.processes.last_word import last_line, where_it_crashed
 from actors.processes.launch import Child, Launcher, LaunchError, Program
+from actors.processes.resource_watch import ResourceWatch
 from actors.processes.silence import HoldUp, Timeout
 from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
@@ -18,7 +19,6 @@ from actors.runtime.lifecycle.failure import FailureNote, in_words
 from actors.runtime.lifecycle.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
-from deploy.run.resource_watch import ResourceWatch
 from deploy.run.vigil import Vigil
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)

@@ -18,6 +18,7 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
 from actors.processes import silence
 from actors.processes.launch import Launcher, Program, launcher
+from actors.processes.resource_watch import ResourceWatch
 from actors.processes.robot_logs import check_names, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.silence import HoldUp, Timeout
@@ -48,7 +49,6 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
-from deploy.run.resource_watch import ResourceWatch
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.tables import Scenario

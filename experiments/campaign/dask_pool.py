@@ -12,9 +12,9 @@ from distributed import Client, Future, KilledWorker
 from distributed import wait as wait_for
 
 from actors.installation.repository import REPOSITORY
+from deploy.hosts.cluster_address import PAGE, ClusterError, is_safe
+from deploy.hosts.cluster_tls import security
 from experiments.campaign import remote
-from experiments.campaign.cluster_address import PAGE, ClusterError, is_safe
-from experiments.campaign.cluster_tls import security
 from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.trial_order import order_of

@@ -66,7 +66,7 @@ STARTS = {
     "verify same-bits": ("actors.processes.forkserver", *ACTORS),
     "verify functions": ("mpmath",),
     "bench swarm": ("benchmarks.swarm.ping_pong.__main__", *ACTORS),
-    "fleet keys": ("deploy.fleet.certificates",),
+    "fleet keys": ("deploy.hosts.certificates",),
     "campaign --on x": ("experiments.campaign.dask_pool", "experiments.campaign.remote"),
     "campaign": (
         "experiments.campaign.trial_program",

@@ -24,10 +24,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from actors.installation.usage import OptionError
+from deploy.hosts.cluster_address import ClusterError, check, is_safe
+from deploy.hosts.cluster_tls import security
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.cluster_address import ClusterError, check, is_safe
-from experiments.campaign.cluster_tls import security
 from experiments.campaign.dask_pool import DaskPool
 from experiments.campaign.remote import RemoteOutcome, checked
 from experiments.campaign.trial_order import MOST_BYTES

@@ -15,8 +15,8 @@ from cryptography.x509.verification import PolicyBuilder, Store
 
 from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.errors import AcrcError
-from deploy.fleet import certificates
 from deploy.fleet.keys import FleetKeys, hosts_of, issue, renew
+from deploy.hosts import certificates
 from tests.fleet.texts import ROOT, fleet, robot
 
 NOW = datetime(2030, 5, 1, 12, tzinfo=UTC)
@@ -128,7 +128,7 @@ def test_all_keys_are_made_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def fail(*_: object) -> None:
         raise ValueError("in the middle")
 
-    monkeypatch.setattr("deploy.fleet.certificates.machine", fail)
+    monkeypatch.setattr("deploy.hosts.certificates.machine", fail)
     with pytest.raises(ValueError, match="in the middle"):
         made(tmp_path / "keys")
     assert list(tmp_path.iterdir()) == []

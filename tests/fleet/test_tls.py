@@ -18,8 +18,8 @@ import zenoh
 from actors.runtime.access import credentials, rules
 from actors.runtime.access.credentials import Credentials
 from actors.runtime.access.tls import Keys, laptop_config, listening_router_config, load_keys
-from deploy.fleet import certificates
-from deploy.fleet.certificates import CLIENT, SERVER, Pair
+from deploy.hosts import certificates
+from deploy.hosts.certificates import CLIENT, SERVER, Pair
 from tests.fleet.texts import ROOT
 
 pytestmark = [pytest.mark.timeout(30), pytest.mark.alone]

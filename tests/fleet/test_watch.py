@@ -20,8 +20,8 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import watch
-from deploy.fleet.certificates import SERVER
 from deploy.fleet.watch import WatchAnswer
+from deploy.hosts.certificates import SERVER
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from actors.processes.launch import Child, Program
+from actors.processes.resource_watch import ResourceWatch, Use, used
 from actors.runtime.isolation.neutral import Names
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
-from deploy.run.resource_watch import ResourceWatch, Use, used
 
 PLENTY = 1 << 40
 

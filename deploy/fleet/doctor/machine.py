@@ -198,7 +198,7 @@ class Machine:
     def certificate(self, path: Path) -> Certified:
         """What stands in a certificate file. Raises ValueError if it is none, or none can be read here."""
         try:
-            certificates = importlib.import_module("deploy.fleet.certificates")
+            certificates = importlib.import_module("deploy.hosts.certificates")
         except ModuleNotFoundError as error:
             raise ValueError(f"the Python package {error.name} is missing") from None
         own = certificates.read(path.read_bytes())
