@@ -116,6 +116,20 @@ def run(
             "repeatable.  [default: all]",
         ),
     ] = None,
+    on: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run the robots on the computers of a Dask cluster: tls://HOST:PORT.  [default: here]",
+        ),
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST[:PORT]",
+            help="With --on: where those computers connect to, at PORT and the next.  [default: any]",
+        ),
+    ] = None,
     modules: Modules = None,
     trust: Trust = False,
     limit: Annotated[
@@ -148,6 +162,7 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
+    from deploy.hosts import cluster_address
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
@@ -175,6 +190,8 @@ def run(
         control=control,
         hardware=hardware,
         boards=tuple(board or ()),
+        on=cluster_address.plain(on) if on else "",
+        listen=listen or "",
         timeout_s=timeout,
         json=json,
         check=check,

@@ -8,11 +8,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Final, Protocol, Self
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import MESSAGE_LIMIT
@@ -21,6 +21,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import Names, outside
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on
+from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 
 
@@ -60,6 +61,11 @@ class Child:
     """Processes that it had started, that ran on when it ended, and that have been ended since."""
     cpu_s: float = 0.0
     """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
+
+    @property
+    def host(self) -> str:
+        """Name of the host that it runs on; empty: this computer."""
+        return ""
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; one that has ended already is left alone."""
@@ -131,6 +137,24 @@ class Launcher:
         self._server.wait()
         if self._lost and self._reap:  # it has reaped nobody
             process_table.end_sessions(self._children)
+
+    arriving: Final = False
+    """Nothing of what has ended is on its way: all is written on this computer."""
+
+    def fileno(self) -> int:
+        """For `select`: readable when a child may have ended."""
+        return self._channel.fileno()
+
+    def fault(self) -> None:
+        """Of a host, because of which the run cannot go on; here is none."""
+
+    def table(self) -> Mapping[int, ProcessGlance]:
+        """All processes that children may have started."""
+        return process_table.table()
+
+    def queued_s(self, pid: int) -> float | None:
+        """How long a process has waited for a processor, s; None where that is unknown."""
+        return process_table.queued_s(pid)
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
         """Let programs that are started later find what `share(*words)` of the module gives, if it forks.

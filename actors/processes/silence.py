@@ -64,6 +64,10 @@ class Timeout:
     a step usually takes."""
 
 
+OUT_OF_SIGHT: Final = "?"
+"""State of a process of which nobody knows what it does: its host is not heard. Its time is nobody's."""
+
+
 class Suspect(NamedTuple):
     """Somebody who is waited for."""
 
@@ -198,7 +202,7 @@ class Silence:
             return
         before.watched_s += elapsed_s
         before.worked_s += worked_s
-        if before.doing == _ON_DISK:
+        if before.doing in (_ON_DISK, _UNSEEN):
             return
         if waited_s is not None:
             before.idle_s += max(elapsed_s - worked_s - waited_s, 0.0)
@@ -259,12 +263,15 @@ class Telling:
 _LITTLE: Final = 0.2
 """A share of the time that is not worth a word."""
 _ON_DISK: Final = "waits for a disk"
+_UNSEEN: Final = "is on a host of which nothing is heard"
 
 
 def _doing(tree: Mapping[int, ProcessGlance], *, working: bool) -> str:
     """What a process and all that it has started do."""
     if any(one.stopped for one in tree.values()):
         return "is stopped"
+    if any(one.state == OUT_OF_SIGHT for one in tree.values()):
+        return _UNSEEN
     if working or any(one.state == "R" for one in tree.values()):
         return "works, or waits for a processor"
     parents = {one.parent for one in tree.values()}

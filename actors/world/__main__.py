@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from actors.runtime.access import router_file
 from actors.runtime.access.credentials import reveal
-from actors.runtime.access.rules import router_config
+from actors.runtime.access.hosts import world_config
 from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
@@ -34,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
         world = part(core, note, conductor.drive, process.spans)
         recorder = Recorder(folder / process.record, told.actor.step_us)
         try:
-            return play(world, recorder, router_config(issued), lambda: reveal(issued))
+            return play(world, recorder, world_config(issued), lambda: reveal(issued))
         finally:
             router_file.remove(router)
     except AcrcError as error:

@@ -15,7 +15,7 @@ from actors.console import screen
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
-from deploy.hosts.cluster_address import check as check_address
+from deploy.hosts.cluster_address import plain
 from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
@@ -41,7 +41,7 @@ def run(
 ) -> None:
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
-        check_address(options.on)  # what is no address is said before anything is written
+        options = replace(options, on=plain(options.on))  # said before anything is written
     wishes, taken_for = understood(wishes)
     study = study_of(wishes)
     if study.isolated and options.on is None:

@@ -7,7 +7,9 @@ from typing import Final
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 
-_ADDRESS: Final = re.compile(r"(?P<how>tls|tcp)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})")
+_ADDRESS: Final = re.compile(
+    r"(?P<how>tls|tcp|dask\+tls|dask)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})"
+)
 PAGE: Final = "docs/experiments.md, On other computers"
 
 
@@ -27,6 +29,16 @@ def check(address: str) -> None:
         )
 
 
+def plain(address: str) -> str:
+    """A person's address as Dask spells it: dask+tls:// is tls://, and dask:// is tcp://.
+
+    Raises OptionError, see `check`.
+    """
+    check(address)
+    how, _, place = address.partition("://")
+    return f"{'tls' if how.endswith('tls') else 'tcp'}://{place}"
+
+
 def host_and_port(address: str) -> tuple[str, int]:
     """Both of an address that `check` lets pass."""
     host, _, port = address.partition("://")[2].rpartition(":")
@@ -37,7 +49,7 @@ def is_safe(address: str) -> bool:
     """True if it has TLS, or can be reached from this computer only."""
     how, _, place = address.partition("://")
     host = place.rpartition(":")[0].strip("[]")
-    if how in {"tls", "inproc"} or host == "localhost":
+    if how in {"tls", "dask+tls", "inproc"} or host == "localhost":
         return True
     try:
         return ipaddress.ip_address(host).is_loopback

@@ -58,6 +58,10 @@ class RunOptions:
     """What each robot's process may have."""
     timeout_s: float = Timeout.step_s
     """How long an actor may keep all others from the next step, s; see `actors.processes.silence`."""
+    on: str = ""
+    """Address of the cluster whose computers have the robots; empty: they are here."""
+    listen: str = ""
+    """Where those computers connect to, `HOST` or `HOST:PORT`; empty: as this one reaches the cluster."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
@@ -96,6 +100,13 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
 def _faults(options: RunOptions) -> Iterator[str]:
     """Options that do not go together, in a sentence each."""
     memory, debug = options.bus == "memory", options.debug
+    if options.on and (memory or options.hardware or debug is not None):
+        yield (
+            "--on: starts robots' processes on other computers; cannot be combined with --bus memory, "
+            "--hardware-in-the-loop or --debug"
+        )
+    if options.listen and not options.on:
+        yield f"--listen: {options.listen}; requires --on"
     if options.isolate and memory:
         yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
     if options.view and memory:

@@ -1,7 +1,7 @@
 """Lays a run out on disk, and says what every process is started with."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +18,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
 from actors.runtime.access import credentials, router_file
-from actors.runtime.access.credentials import Credentials, unix_endpoint
+from actors.runtime.access.credentials import Credentials, Gate, unix_endpoint
 from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, StrategyFolders, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
@@ -242,12 +242,15 @@ def _terminal(plan: RunPlan, robot: str) -> str:
     return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
-def in_common(plan: RunPlan, out: Path | None = None) -> list[tuple[str, ...]]:
+def in_common(
+    plan: RunPlan, out: Path | None = None, robots: Collection[str] | None = None
+) -> list[tuple[str, ...]]:
     """For each kind of robot the words for `share` of its program, once the run is laid out.
 
-    Nothing in them is of one robot alone. `out`: what the run's folder is called there.
+    Nothing in them is of one robot alone. `out`: what the run's folder is called there. `robots`: only these.
     """
-    kinds = {(robot.model, robot.sensor): robot for robot in plan.world.robots}
+    some = [robot for robot in plan.world.robots if robots is None or robot.id in robots]
+    kinds = {(robot.model, robot.sensor): robot for robot in some}
     stack = msgspec.json.encode(plan.stack).decode()
     told = [(_beside(plan, robot), (out or plan.out) / robot.id) for robot in kinds.values()]
     return [
@@ -261,11 +264,15 @@ def router_of(plan: RunPlan) -> Path:
     return plan.folder("world") / router_file.NAME
 
 
-def issue_credentials(plan: RunPlan) -> Credentials:
-    """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
-    issued = credentials.issue(
-        {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
-    )
+def issue_credentials(plan: RunPlan, gate: Gate | None = None) -> Credentials:
+    """Draw the run's passwords; the robots' lie in their folders, all others in the world's.
+
+    `gate`: where robots are let in that are on hosts, with passwords from there.
+    """
+    away = {robot for robots in gate.robots.values() for robot in robots} if gate else set()
+    here = [robot.id for robot in plan.world.robots if robot.id not in away]
+    issued = credentials.issue({robot: plan.folder(robot) for robot in here}, plan.folder("world"))
+    issued = replace(issued, gate=gate)
     router_file.write(router_of(plan), issued)
     return issued
 

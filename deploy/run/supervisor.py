@@ -19,6 +19,7 @@ from actors.runtime.lifecycle.failure import FailureNote, in_words
 from actors.runtime.lifecycle.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
+from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.run.vigil import Vigil
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
@@ -36,7 +37,7 @@ class Supervisor:
 
     def __init__(
         self,
-        launcher: Launcher,
+        launcher: Launcher | HostedLauncher,
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
         timeout: Timeout,
@@ -48,7 +49,7 @@ class Supervisor:
         self._restart = restart
         self._on_progress = on_progress
         self._resources = resources
-        self._vigil = Vigil(timeout, launcher.wait, say)
+        self._vigil = Vigil(timeout, launcher.wait, say, launcher.table, launcher.queued_s)
         self._children: list[Child] = []
         self._complete: set[int] = set()
         """Processes that have ended as planned, by id."""
@@ -118,7 +119,7 @@ class Supervisor:
             fault = self._vigil.look_for_ends(running, f"{_names(running)} did not end after the last step")
         else:
             fault = self._vigil.look(running, world.program.record)
-        fault = fault or self._resources.fault(running)
+        fault = fault or self._resources.fault(child for child in running if not child.host)
         if fault is not None:
             self.check()  # what has just ended says more
             raise AcrcError(fault)
@@ -128,6 +129,8 @@ class Supervisor:
         self._launcher.wait(0.0)
         ended = [child for child in self._children if child.exit_code is not None and child.program.record]
         failed = [child for child in ended if child.exit_code]
+        if fault := self._launcher.fault():  # its robots have ended only because of that
+            raise AcrcError(fault)
         if failed:
             raise AcrcError(_cause(failed))
         for child in ended:
@@ -142,7 +145,7 @@ class Supervisor:
                 child.send(number)
                 child.send(signal.SIGCONT)  # one that is stopped would not hear it
             deadline = time.monotonic() + grace_s
-            while self._running() and time.monotonic() < deadline:
+            while self._running() and (time.monotonic() < deadline or self._launcher.arriving):
                 with contextlib.suppress(
                     LaunchError
                 ):  # the server's end was told before, or is of no interest
@@ -185,16 +188,23 @@ def _cause(failed: list[Child]) -> str:
     notes = [note for note in (_failure(child.program) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
-        return in_words(note)
+        return in_words(note) + _where(failed, note.actor)
     child = failed[0]
     code = child.exit_code
     assert code is not None
     if code < 0:
-        ended = f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
+        actor = child.program.actor
+        ended = f"{actor} was ended by signal {signal.Signals(-code).name}{_where(failed, actor)}"
         place = where_it_crashed(child.program.log) if -code in _CRASHES else ""
         return ended + (f"; it stood at {place}" if place else "")
     last = child.program.in_our_words(last_line(child.program.log))
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
+
+
+def _where(children: Iterable[Child], actor: str) -> str:
+    """On which host it was, to stand behind what is said of it; empty: here."""
+    host = next((child.host for child in children if child.program.actor == actor), "")
+    return f" (on host {host})" if host else ""
 
 
 def _check_end(child: Child) -> None:

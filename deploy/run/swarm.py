@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -29,7 +29,8 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from actors.runtime.isolation.isolating import IsolationChoice, choose, warn
-from deploy.run import progress, scenario_copy
+from deploy.run import hosting, progress, scenario_copy
+from deploy.run.hosting import Away
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
@@ -57,6 +58,9 @@ from observation.results.place_table import write_table
 from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
 
+if TYPE_CHECKING:
+    from deploy.hosts.hosts import Hosts
+
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
 OnProgress = Callable[[Progress], None]
@@ -68,7 +72,14 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
     what became of every place in places.csv; the folder is sealed.
     """
-    prepared = plan(scenario, options)
+    with hosting.recruits(options) as hosts:
+        return _run(scenario, options, launched, hosts)
+
+
+def _run(
+    scenario: Scenario, options: RunOptions, launched: Launcher | None, hosts: "Hosts | None"
+) -> RunResult:
+    prepared = plan(scenario, options, None if hosts is None else hosts.isolation_fault)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     given = (timed.order for timed in prepared.world.events)
@@ -87,18 +98,20 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
         if options.bus == "memory":
             result = run_in_memory(prepared, on_progress)
         else:
-            result = run_processes(prepared, options.spawn, on_progress, launched)
+            result = run_processes(prepared, options.spawn, on_progress, launched, hosts)
     seal(options.out)
     return result
 
 
-def plan(scenario: Scenario, options: RunOptions) -> RunPlan:
+def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) -> RunPlan:
     """The run that the scenario and the options mean, with everything drawn.
 
+    `elsewhere`: why robots cannot be isolated on other computers of the run; None if they can.
     For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
     its own.
     """
-    choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
+    memory = options.bus == "memory"
+    choice = IsolationChoice(False) if memory else choose(options.isolate, elsewhere=elsewhere)
     settled = resolve(scenario)
     _check_followed(settled, options)
     planned = RunPlan(
@@ -155,31 +168,39 @@ def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None 
 
 
 def run_processes(
-    plan: RunPlan, spawn: str, on_progress: OnProgress, launched: Launcher | None = None
+    plan: RunPlan,
+    spawn: str,
+    on_progress: OnProgress,
+    launched: Launcher | None = None,
+    hosts: "Hosts | None" = None,
 ) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises.
 
-    `launched`: what starts them, if that has begun already; else it begins here.
+    `launched`: what starts them, if that has begun already; else it begins here. `hosts`: have the robots.
     """
     began = time.time()
     check_new(plan.out)
     with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
-        supervisor = _supervise(plan, starting, on_progress)
+        away = None if hosts is None else hosting.summoned(plan, hosts, spawn)
+        supervisor = _supervise(plan, starting, on_progress, away)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
     about = replace(about, held_up=supervisor.held_up)
     return _finish(plan, supervisor.programs, about)
 
 
-def _supervise(plan: RunPlan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
+def _supervise(
+    plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: Away | None = None
+) -> Supervisor:
     """Start the processes, and stay until they have ended."""
     launched.withdraw(router_of(plan))
-    issued = issue_credentials(plan)
+    issued = issue_credentials(plan, None if away is None else away.gate)
     robots = {robot.id: robot for robot in plan.world.robots}
+    starting = launched if away is None else away.launcher(launched, _say)
     supervisor = Supervisor(
-        launched,
+        starting,
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
@@ -188,11 +209,14 @@ def _supervise(plan: RunPlan, launched: Launcher, on_progress: OnProgress) -> Su
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
-        for words in in_common(plan, Path()):
+        for words in in_common(plan, Path()) if away is None else ():
             launched.share("actors.robot.program", words, plan.out)
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
+            if away is not None:
+                away.join(supervisor.look, starting.wait)
+                _say(away.sentence)
             if plan.options.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
@@ -211,6 +235,8 @@ def _supervise(plan: RunPlan, launched: Launcher, on_progress: OnProgress) -> Su
         raise
     finally:
         supervisor.end_all()
+        if away is not None:
+            away.dismiss(starting.wait)
         remove_credentials(plan)
     return supervisor
 

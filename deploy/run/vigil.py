@@ -1,21 +1,33 @@
 """Looks whether a run gets on, and finds out who keeps it from that."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from actors.messages import Progress
 from actors.processes.last_word import where_it_stands
 from actors.processes.launch import Child
 from actors.processes.silence import WORLD, HoldUp, Silence, SilenceVerdict, Suspect, Telling, Timeout
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.process_table import ProcessGlance
 
 
 class Vigil:
     """What one run's processes are seen to do while no step is taken."""
 
-    def __init__(self, timeout: Timeout, wait: Callable[[float], None], say: Callable[[str], None]) -> None:
-        """`wait` passes so many seconds; `say` is told a sentence for the person at the terminal."""
-        self._silence = Silence(timeout)
-        self._ends = Silence(timeout)
+    def __init__(
+        self,
+        timeout: Timeout,
+        wait: Callable[[float], None],
+        say: Callable[[str], None],
+        table: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
+        queued_s: Callable[[int], float | None] = process_table.queued_s,
+    ) -> None:
+        """`wait` passes so many seconds; `say` is told a sentence for the person at the terminal.
+
+        `table` and `queued_s`: what is known of the run's processes, as of `process_table`.
+        """
+        self._silence = Silence(timeout, look=table, queued=queued_s)
+        self._ends = Silence(timeout, look=table, queued=queued_s)
         self._wait = wait
         self._say = say
         self._size = -1

@@ -1,25 +1,21 @@
 """Trials on a Dask cluster: what a worker that dies had begun is begun again on another."""
 
-import logging
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import msgspec
-from distributed import Client, Future, KilledWorker
+from distributed import Future, KilledWorker
 from distributed import wait as wait_for
 
 from actors.installation.repository import REPOSITORY
-from deploy.hosts.cluster_address import PAGE, ClusterError, is_safe
-from deploy.hosts.cluster_tls import security
+from deploy.hosts.cluster import PATIENCE_S, connect
+from deploy.hosts.cluster_address import ClusterError
 from experiments.campaign import remote
 from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.trial_order import order_of
-
-_PATIENCE_S: Final = 10.0
 
 
 class DaskPool:
@@ -42,45 +38,18 @@ class DaskPool:
 
     def __enter__(self) -> Self:
         """Raises ClusterError where there is no cluster, or none with workers."""
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says there is raised as well
+        self._client = connect(self._address)
         try:
-            given = security(self._address, _PATIENCE_S) if self._address.startswith("tls://") else None
-            self._client = Client(self._address, timeout=_PATIENCE_S, security=given)
-        except (OSError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise ClusterError(f"--on {self._address}: no Dask scheduler answers there: {reason}") from None
-        try:
-            self._refuse_open()
             self._count()
-            if not self._slots:
-                raise ClusterError(
-                    f"--on {self._address}: has no workers; must have one at least, such as by "
-                    f".venv/bin/python -m distributed.cli.dask_worker {self._address} --nthreads 1"
-                )
         except ClusterError:
-            self._client.close(timeout=_PATIENCE_S)
+            self._client.close(timeout=PATIENCE_S)
             raise
         return self
-
-    def _refuse_open(self) -> None:
-        """Raise ClusterError where somebody from outside could give the cluster work."""
-        about = self._client.scheduler_info(n_workers=-1)
-        for who in (str(about["address"]), *map(str, about["workers"])):
-            if not is_safe(who):
-                raise ClusterError(
-                    f"--on {self._address}: listens at {who} without TLS, and runs whatever comes from "
-                    f"whoever reaches it; must have TLS, or listen at 127.0.0.1 ({PAGE})"
-                )
-        if self._address.startswith("tcp://"):
-            sys.stderr.write(
-                f"acrc: --on {self._address}: has no TLS: whoever has an account on this computer can run "
-                f"code as you there\n"
-            )
 
     def __exit__(self, *error: object) -> None:
         for future in self._running:
             future.cancel()
-        self._client.close(timeout=_PATIENCE_S)
+        self._client.close(timeout=PATIENCE_S)
 
     @property
     def slots(self) -> int:

@@ -24,11 +24,11 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from actors.installation.usage import OptionError
+from deploy.hosts.cluster import refuse_open
 from deploy.hosts.cluster_address import ClusterError, check, is_safe
 from deploy.hosts.cluster_tls import security
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.dask_pool import DaskPool
 from experiments.campaign.remote import RemoteOutcome, checked
 from experiments.campaign.trial_order import MOST_BYTES
 from experiments.study.study import Study
@@ -185,15 +185,14 @@ def test_without_tls_a_cluster_is_one_of_this_computer() -> None:
 
 
 def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_computer() -> None:
-    pool = DaskPool(store.Store(Path("x"), STUDY), "tcp://127.0.0.1:8786", 1, 1.0)
-    pool._client = SimpleNamespace(  # type: ignore[assignment]
+    client = SimpleNamespace(
         scheduler_info=lambda n_workers: {
             "address": "tcp://127.0.0.1:8786",
             "workers": {"tcp://127.0.0.1:4": {}, "tcp://192.168.1.5:8786": {}},
         }
     )
     with pytest.raises(ClusterError) as caught:
-        pool._refuse_open()
+        refuse_open(client, "tcp://127.0.0.1:8786")  # type: ignore[arg-type]
     assert str(caught.value) == (
         "--on tcp://127.0.0.1:8786: listens at tcp://192.168.1.5:8786 without TLS, and runs whatever comes "
         "from whoever reaches it; must have TLS, or listen at 127.0.0.1 (docs/experiments.md, On other "

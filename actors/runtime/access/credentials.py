@@ -17,12 +17,26 @@ from actors.runtime.errors import AcrcError
 OTHERS: Final = ("radio", "observer", "operator")
 """The clients that are no robots."""
 
+PRIVATE_KEY_FILE: Final = "key.pem"
+"""A machine's own private key, in the folder with its certificate."""
 _ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _SOCKET_PATH_LIMIT: Final = 107
 """Bytes of a Unix socket's path on Linux: sun_path less the closing zero (unix(7))."""
 _PASSWORD_BYTES: Final = 24
 _LARGEST: Final = 1000
 """Bytes of a file with one name and one password."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Where a router lets hosts in: other computers, each with a router of its own for its robots."""
+
+    endpoint: str
+    """`tls/HOST:PORT`."""
+    keys: Path
+    """Folder with the router's own keys, see `access.tls.load_keys`."""
+    robots: Mapping[str, tuple[str, ...]]
+    """By the common name of a host's certificate, for whom it may speak and hear."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +51,8 @@ class Credentials:
     """Per actor, its `user:password`."""
     sockets: Mapping[str, Path]
     """Per actor, the router's socket; the actors that are no robots share one."""
+    gate: Gate | None = None
+    """None: everybody is on this computer."""
 
     def endpoint(self, actor: str) -> str:
         """Where `actor` connects to."""

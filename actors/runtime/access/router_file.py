@@ -6,7 +6,7 @@ from typing import Any, Final
 import msgspec
 
 from actors.runtime import typed_json
-from actors.runtime.access.credentials import Credentials, unnamed
+from actors.runtime.access.credentials import PRIVATE_KEY_FILE, Credentials, unnamed
 from actors.runtime.errors import AcrcError
 
 NAME: Final = "router.json"
@@ -35,7 +35,9 @@ def remove(path: Path) -> None:
     hidden = {unnamed(socket) for socket in sockets}
     locks = {socket.with_name(f"{socket.name}.lock") for socket in hidden}
     foreign = []
-    for leftover in (*sorted(sockets | hidden | locks), *issued.files.values(), issued.dictionary, path):
+    keys = () if issued.gate is None else (issued.gate.keys / PRIVATE_KEY_FILE,)
+    secrets = (*issued.files.values(), issued.dictionary, *keys)
+    for leftover in (*sorted(sockets | hidden | locks), *secrets, path):
         try:
             leftover.unlink(missing_ok=True)
         except OSError as error:  # a folder lies there, which is somebody else's

@@ -4,10 +4,11 @@ The world's session is the router; every other actor is a client that shows a us
 router drops, without a word to the sender, whatever no rule allows. Its own session is not filtered.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
 
 import zenoh
 
@@ -20,6 +21,10 @@ from actors.runtime.errors import AcrcError
 CERTIFIED: Final = "certificate"
 """User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
 secret: no rule knows the user without a certificate, so it opens nothing where there is none."""
+
+
+ON_THIS_MACHINE: Final[dict[str, Any]] = {"link_protocols": ["unixsock-stream"]}
+OVER_TLS: Final[dict[str, Any]] = {"link_protocols": ["tls"]}
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,17 @@ def client_config(credentials_file: Path, endpoint: str, *, onlooker: bool = Fal
     return config
 
 
+class Admitted(NamedTuple):
+    """Somebody whom a router lets in."""
+
+    subject: str
+    known_by: dict[str, Any]
+    """As Zenoh's section has it."""
+    grant: Grant
+
+
 def access_rules(
-    robots: Sequence[str], others: Sequence[str], certified: Sequence[str] = ()
+    robots: Sequence[str], others: Sequence[str], certified: Mapping[str, Grant] = MappingProxyType({})
 ) -> dict[str, Any]:
     """Zenoh's `access_control` section: nothing passes but what the actors' grants allow.
 
@@ -102,13 +116,17 @@ def access_rules(
     certificates and the user CERTIFIED. Where anybody is certified a password counts on this machine's own
     sockets only, and a certificate adds nothing to it. Raises AcrcError for an actor without a grant.
     """
-    here: dict[str, Any] = {"link_protocols": ["unixsock-stream"]} if certified else {}
-    admitted: list[tuple[str, dict[str, Any], Grant]] = []
-    admitted += [(robot, {"usernames": [robot], **here}, robot_grant(robot)) for robot in robots]
-    admitted += [(other, {"usernames": [other], **here}, _other_grant(other)) for other in others]
-    for name in certified:
-        shown = {"cert_common_names": [name], "usernames": [CERTIFIED], "link_protocols": ["tls"]}
-        admitted.append((f"certified {name}", shown, _other_grant(name)))
+    here = ON_THIS_MACHINE if certified else {}
+    admitted = [Admitted(robot, {"usernames": [robot], **here}, robot_grant(robot)) for robot in robots]
+    admitted += [Admitted(other, {"usernames": [other], **here}, other_grant(other)) for other in others]
+    for name, grant in certified.items():
+        shown = {"cert_common_names": [name], "usernames": [CERTIFIED], **OVER_TLS}
+        admitted.append(Admitted(f"certified {name}", shown, grant))
+    return access_section(admitted)
+
+
+def access_section(admitted: Sequence[Admitted]) -> dict[str, Any]:
+    """Zenoh's `access_control` section: nothing passes but what these grants allow."""
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for subject, _, grant in admitted:
@@ -130,7 +148,8 @@ def access_rules(
     }
 
 
-def _other_grant(actor: str) -> Grant:
+def other_grant(actor: str) -> Grant:
+    """What one of the clients may do that are no robots. Raises AcrcError."""
     if actor not in _OTHER_GRANTS:
         raise AcrcError(f"there are no access rules for {actor!r}; there are for {', '.join(_OTHER_GRANTS)}")
     return _OTHER_GRANTS[actor]

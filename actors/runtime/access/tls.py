@@ -11,8 +11,8 @@ from typing import Final
 
 import zenoh
 
-from actors.runtime.access.credentials import Credentials
-from actors.runtime.access.rules import CERTIFIED, access_rules, router_config
+from actors.runtime.access.credentials import PRIVATE_KEY_FILE, Credentials
+from actors.runtime.access.rules import CERTIFIED, access_rules, other_grant, router_config
 from actors.runtime.access.session_config import SessionParameters, session_config, set_value
 from actors.runtime.errors import AcrcError
 
@@ -20,8 +20,6 @@ AUTHORITY_FILE: Final = "authority.pem"
 """Certificate of the fleet's authority."""
 CERTIFICATE_FILE: Final = "certificate.pem"
 """The machine's own certificate."""
-PRIVATE_KEY_FILE: Final = "key.pem"
-"""The machine's own private key."""
 OPERATOR: Final = "operator"
 """Common name of the laptop that may watch, and stop the robots."""
 
@@ -42,6 +40,30 @@ class Keys:
     authority: Path
     certificate: Path
     private_key: Path
+
+    @property
+    def listening(self) -> dict[str, object]:
+        """Zenoh's section for whoever is connected to."""
+        return self._section("listen")
+
+    @property
+    def connecting(self) -> dict[str, object]:
+        """The same for whoever connects."""
+        return self._section("connect")
+
+    def _section(self, role: str) -> dict[str, object]:
+        return {
+            "root_ca_certificate": str(self.authority),
+            f"{role}_certificate": str(self.certificate),
+            f"{role}_private_key": str(self.private_key),
+            "enable_mtls": True,
+        }
+
+
+def admit_certified(issued: Credentials) -> None:
+    """Let in whoever comes over TLS as CERTIFIED; to be called once."""
+    with issued.dictionary.open("a", encoding="utf-8") as dictionary:
+        dictionary.write(f"{CERTIFIED}:{CERTIFIED}\n")
 
 
 def load_keys(folder: Path) -> Keys:
@@ -69,20 +91,14 @@ def listening_router_config(
     Whoever shows a certificate of the authority is let in, and may do what the access rules say of its common
     name if that is one of `certified`, else nothing. Adds a line to `issued.dictionary`, so call it once.
     """
-    with issued.dictionary.open("a", encoding="utf-8") as dictionary:
-        dictionary.write(f"{CERTIFIED}:{CERTIFIED}\n")
+    admit_certified(issued)
     config = router_config(issued, endpoints)
-    set_value(config, "access_control", access_rules(issued.robots, issued.others, certified))
     set_value(
         config,
-        "transport/link/tls",
-        {
-            "root_ca_certificate": str(keys.authority),
-            "listen_certificate": str(keys.certificate),
-            "listen_private_key": str(keys.private_key),
-            "enable_mtls": True,
-        },
+        "access_control",
+        access_rules(issued.robots, issued.others, {name: other_grant(name) for name in certified}),
     )
+    set_value(config, "transport/link/tls", keys.listening)
     # Low latency means to write on the thread that publishes: a laptop that stops reading would stop the
     # robot, without end. With a queue in between a full one holds it up for the patience, once.
     set_value(config, "transport/unicast/lowlatency", False)
@@ -111,15 +127,6 @@ def laptop_config(keys: Keys, endpoint: str) -> zenoh.Config:
     set_value(config, "connect/endpoints", [endpoint])
     set_value(config, "listen/endpoints", [])
     set_value(config, "transport/auth/usrpwd", {"user": CERTIFIED, "password": CERTIFIED})
-    set_value(
-        config,
-        "transport/link/tls",
-        {
-            "root_ca_certificate": str(keys.authority),
-            "connect_certificate": str(keys.certificate),
-            "connect_private_key": str(keys.private_key),
-            "enable_mtls": True,
-        },
-    )
+    set_value(config, "transport/link/tls", keys.connecting)
     set_value(config, "transport/unicast/lowlatency", False)
     return config

@@ -20,16 +20,17 @@ class IsolationChoice:
     """What is missing, and why, in a sentence; empty if nothing is."""
 
 
-def choose(wanted: bool | None, *, debugged: bool = False) -> IsolationChoice:
+def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None = None) -> IsolationChoice:
     """What becomes of the wish `wanted` (None: as well as the machine can) here.
 
-    `debugged`: a debugger has to reach the process. Raises IsolationError where isolation is asked for and
+    `debugged`: a debugger has to reach the process. `elsewhere`: why it is not to be had on another computer
+    that the run has processes on; None if it is. Raises IsolationError where isolation is asked for and
     not to be had.
     """
     if wanted is False or (wanted is None and debugged):
         option = "--no-isolate" if wanted is False else "--debugpy"
         return IsolationChoice(False, f"{option}: robots run as plain processes; {OPEN}")
-    reason = sandbox.available()
+    reason = sandbox.available() or elsewhere
     if reason is None:
         return IsolationChoice(True)
     if wanted:

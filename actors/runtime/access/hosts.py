@@ -1,0 +1,80 @@
+"""A mesh over several computers: the world's router, and one router on each host for the robots there.
+
+A host is a client of the world by mutual TLS, and has no more rights than its robots together. They go on
+using Unix sockets and passwords, which are drawn on the host and never leave it.
+"""
+
+from typing import Final
+
+import zenoh
+
+from actors.runtime.access.credentials import Credentials
+from actors.runtime.access.rules import (
+    CERTIFIED,
+    ON_THIS_MACHINE,
+    OVER_TLS,
+    Admitted,
+    Grant,
+    access_rules,
+    access_section,
+    robot_grant,
+    router_config,
+)
+from actors.runtime.access.session_config import SessionParameters, set_value
+from actors.runtime.access.tls import Keys, admit_certified, load_keys
+
+BATCHES: Final = 16
+"""Of 64 KiB that may wait on a link between two computers; the most that Zenoh allows. A step sends a host 2
+to 3 KB for each of its robots, and the next step waits for their answers."""
+_WORLD: Final = Grant(
+    publish=["swarm/down/**"],
+    subscribe=["swarm/**"],
+    receive=["swarm/up/**"],
+    see_subscribers=["swarm/down/**"],
+)
+"""What a host's router grants the world's: whatever its robots say and hear."""
+
+
+def world_config(issued: Credentials) -> zenoh.Config:
+    """The world's session, which lets hosts in if the run has any. To be called once.
+
+    Raises AcrcError where a key is missing.
+    """
+    gate = issued.gate
+    if gate is None:
+        return router_config(issued)
+    admit_certified(issued)
+    config = router_config(issued, [gate.endpoint])
+    hosts = {name: host_grant(robots) for name, robots in gate.robots.items()}
+    set_value(config, "access_control", access_rules(issued.robots, issued.others, hosts))
+    set_value(config, "transport/link/tls", load_keys(gate.keys).listening)
+    set_value(config, "transport/link/tx/queue/size/data", BATCHES)
+    return config
+
+
+def host_config(issued: Credentials, keys: Keys, endpoint: str) -> zenoh.Config:
+    """The session of a host: a router for the robots in `issued`, connected to the world's `endpoint`."""
+    config = router_config(issued)
+    set_value(config, "connect/endpoints", [endpoint])
+    shown = {"dictionary_file": str(issued.dictionary), "user": CERTIFIED, "password": CERTIFIED}
+    set_value(config, "transport/auth/usrpwd", shown)
+    robots = [
+        Admitted(robot, {"usernames": [robot], **ON_THIS_MACHINE}, robot_grant(robot))
+        for robot in issued.robots
+    ]
+    set_value(config, "access_control", access_section([*robots, Admitted("world", OVER_TLS, _WORLD)]))
+    set_value(config, "transport/link/tls", keys.connecting)
+    # With a queue what a step sends goes out together, in as few records of TLS and packets as it fits in.
+    set_value(config, "transport/unicast/lowlatency", False)
+    set_value(config, "transport/link/tx/queue/size/data", BATCHES)
+    # No onlooker is here, and a link that stalls for a while is none that has ended.
+    wait_us = round(1e6 * SessionParameters.lease_s)
+    set_value(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", wait_us)
+    return config
+
+
+def host_grant(robots: tuple[str, ...]) -> Grant:
+    """What a host may do: speak and hear for these robots."""
+    up = [f"swarm/up/{robot}/**" for robot in robots]
+    down = [f"swarm/down/{robot}/**" for robot in robots]
+    return Grant(publish=up, subscribe=down, receive=down, see_subscribers=["swarm/up/**"])

@@ -1,0 +1,234 @@
+"""One host, as the computer sees it on which the run was started."""
+
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.processes.launch import Child, LaunchError, Program
+from actors.processes.silence import OUT_OF_SIGHT
+from actors.runtime.lifecycle.process_table import ProcessGlance
+from actors.runtime.process_setup import setup_bytes
+from deploy.hosts.channel import Channel, ChannelClosedError
+from deploy.hosts.host_messages import (
+    Done,
+    Ended,
+    Fault,
+    FilePart,
+    Follow,
+    FromHost,
+    Gone,
+    Joined,
+    Look,
+    Pulse,
+    Refused,
+    Signal,
+    Start,
+    ToHost,
+)
+from deploy.hosts.run_files import FilePartError, Incoming
+
+SUSPICIOUS_S: Final = 3.0
+"""After so much silence nobody knows what a host's processes do."""
+_LOOK_S: Final = 1.0
+_PIDS: Final = 1 << 32
+"""A process id on a host and one here are told apart by adding this to the host's, times its place."""
+
+
+@dataclass(kw_only=True)
+class RemoteChild(Child):
+    """A robot's process on a host."""
+
+    link: "HostLink"
+    number: int
+    arriving: bool = False
+    """It has ended, and what it has written is on its way."""
+
+    @property
+    def host(self) -> str:
+        """Its name."""
+        return self.link.name
+
+    def send(self, number: signal.Signals) -> None:
+        """Have its host send a signal; what it answers in its log is sent here."""
+        if self.exit_code is None and not self.arriving:
+            if number == signal.SIGUSR1:
+                self.link.follow((self.program.actor,))
+            self.link.send(Signal(self.number, int(number)))
+
+
+class HostLink:
+    """The connection to a host, what it has been asked for, and what it says."""
+
+    def __init__(self, name: str, place: int, robots: tuple[str, ...], files: Incoming) -> None:
+        """`place`: among the run's hosts, from 1 on. `files`: takes what its robots have written."""
+        self.name = name
+        self.robots = robots
+        self.joined = False
+        self.clock_off_s = 0.0
+        """By how much its clock is ahead, s."""
+        self.done = False
+        self.lost = ""
+        """Why it is not there any more; empty while it is."""
+        self.fault = ""
+        """Why the run cannot go on, as it says."""
+        self.queued: dict[int, float | None] = {}
+        """How long its processes have waited for a processor, by the ids of `table`, s."""
+        self._channel: Channel[FromHost] | None = None
+        self._place = place
+        self._files = files
+        self._children: dict[int, RemoteChild] = {}
+        self._pulse = Pulse(linked=False, processes=(), started={})
+        self._heard_s = time.monotonic()
+        self._looked_s = 0.0
+        self._followed: frozenset[str] = frozenset()
+
+    @property
+    def connected(self) -> bool:
+        """It has come, though it may be lost by now."""
+        return self._channel is not None
+
+    @property
+    def silent_s(self) -> float:
+        """How long nothing has been heard."""
+        return time.monotonic() - self._heard_s
+
+    @property
+    def arriving(self) -> bool:
+        """What has ended there is still on its way."""
+        return not self.lost and any(
+            child.arriving and child.exit_code is None for child in self._children.values()
+        )
+
+    def connect(self, channel: Channel[FromHost]) -> None:
+        """It has come, and has shown its certificate."""
+        self._channel = channel
+        self._heard_s = time.monotonic()
+
+    def fileno(self) -> int:
+        """For `select`."""
+        assert self._channel is not None
+        return self._channel.fileno()
+
+    @property
+    def unsent(self) -> bool:
+        """Something waits to be sent."""
+        return self._channel is not None and self._channel.waiting > 0
+
+    def send(self, message: ToHost) -> None:
+        """Send a message; to one that is lost nothing is sent."""
+        if self._channel is not None and not self.lost:
+            try:
+                self._channel.send(message)
+            except ChannelClosedError as error:
+                self._lose(str(error))
+
+    def start(self, program: Program) -> Child:
+        """Have a robot's process started; if that fails, it ends at once."""
+        assert program.setup is not None
+        number = len(self._children)
+        child = RemoteChild(program, self._pid((1 << 31) - 1 - number), link=self, number=number)
+        self._children[number] = child
+        self.send(Start(number, program.actor, setup_bytes(program.setup)))
+        if self.lost:
+            child.exit_code = -signal.SIGKILL
+        return child
+
+    def follow(self, robots: tuple[str, ...]) -> None:
+        """Have what these robots record sent while it grows."""
+        if new := {*robots} & {*self.robots} - self._followed:
+            self._followed |= new
+            self.send(Follow(tuple(sorted(new))))
+
+    def turn(self) -> None:
+        """Send and take what there is; ask for a sign of life if it is time."""
+        if self._channel is None or self.lost:
+            return
+        now = time.monotonic()
+        try:
+            self._channel.flush()
+            for message in self._channel.receive():
+                self._heard_s = now
+                self._take(message)
+        except ChannelClosedError as error:
+            self._lose(str(error))
+        except FilePartError as error:
+            self._lose(f"it has sent {error}")
+        if now >= self._looked_s + _LOOK_S:
+            self._looked_s = now
+            self.send(Look())
+
+    def give_up(self, why: str) -> None:
+        """Hold it to be lost."""
+        self._lose(why)
+
+    def table(self) -> Iterator[tuple[int, ProcessGlance]]:
+        """Its processes by ids that nobody here has; out of sight while nothing is heard of it."""
+        hidden = self.silent_s > SUSPICIOUS_S or bool(self.lost)
+        roots = {}
+        for child in self._children.values():
+            if child.exit_code is None:
+                state = OUT_OF_SIGHT if hidden or child.arriving else "S"
+                yield child.pid, ProcessGlance(0, 0, state, 0.0)
+        for pid, number in self._pulse.started.items():
+            if number in self._children:
+                roots[pid] = self._children[number].pid
+        for one in self._pulse.processes:
+            parent = roots.get(one.pid, self._pid(one.parent))
+            state = OUT_OF_SIGHT if hidden else one.state
+            yield self._pid(one.pid), ProcessGlance(parent, self._pid(one.session), state, one.cpu_s)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._channel is not None:
+            self._channel.close()
+
+    def _pid(self, pid: int) -> int:
+        return self._place * _PIDS + pid
+
+    def _lose(self, why: str) -> None:
+        self.lost = self.lost or why
+        for child in self._children.values():
+            if child.exit_code is None:
+                child.exit_code = -signal.SIGKILL
+
+    def _take(self, message: FromHost) -> None:
+        match message:
+            case FilePart():
+                try:
+                    self._files.take(message)
+                except OSError as error:
+                    raise LaunchError(f"{message.path} of host {self.name}: {error.strerror}") from error
+            case Joined():
+                self.joined = True
+                self.clock_off_s = message.clock_s - time.time()
+            case Pulse():
+                self._pulse = message
+                self.queued = {self._pid(one.pid): one.queued_s for one in message.processes}
+            case Fault():
+                self.fault = self.fault or message.why
+            case Done():
+                self.done = True
+            case Gone() | Refused() | Ended():
+                self._end(message)
+
+    def _end(self, message: Gone | Refused | Ended) -> None:
+        child = self._children.get(message.number)
+        if child is None:
+            raise ChannelClosedError(f"it speaks of process {message.number}, which nobody has asked for")
+        match message:
+            case Gone():
+                child.arriving = True
+            case Refused(why=why):
+                self.fault = self.fault or f"{child.program.actor} is not started; {why}"
+                child.exit_code = 1
+            case Ended():
+                child.strays, child.cpu_s = message.strays, message.cpu_s
+                child.exit_code = message.code
+
+
+def below(folder: Path, robots: tuple[str, ...], most: int) -> Incoming:
+    """Takes what these robots have written into their folders of a run's."""
+    return Incoming(folder.resolve(), frozenset(robots), most)

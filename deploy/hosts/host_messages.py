@@ -1,0 +1,133 @@
+"""What is said between the computer on which a run was started and a host of its robots."""
+
+from typing import Annotated, Final
+
+import msgspec
+
+from actors.runtime.isolation.resource_limits import ProcessLimits
+
+Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
+"""Of a process that was asked for, counted over the run."""
+Id = Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
+Seconds = Annotated[float, msgspec.Meta(ge=0)]
+Words = Annotated[str, msgspec.Meta(max_length=2000)]
+PART: Final = 1 << 16
+"""Bytes of a file that travel together at most."""
+
+
+class FilePart(msgspec.Struct, frozen=True, tag=True):
+    """What comes next in a file, either way."""
+
+    path: Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
+    """Below the run's folder, with `/`."""
+    data: Annotated[bytes, msgspec.Meta(max_length=PART)]
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """To a host, after the files of its robots: join the mesh."""
+
+    robots: tuple[Id, ...]
+    endpoint: str
+    """Of the world's router."""
+    spawn: str
+    isolate: bool
+    limits: ProcessLimits
+    code: int
+    """How many folders with the strategy's code lie in `code/`."""
+    share: tuple[tuple[str, ...], ...]
+    """What robots have in common, see `in_common` of the plan."""
+
+
+class Start(msgspec.Struct, frozen=True, tag=True):
+    """To a host: start a robot's process."""
+
+    number: Number
+    robot: Id
+    setup: bytes
+    """Its set-up, as it is written to its file."""
+
+
+class Signal(msgspec.Struct, frozen=True, tag=True):
+    """To a host: send a process a signal."""
+
+    number: Number
+    signal: int
+
+
+class Follow(msgspec.Struct, frozen=True, tag=True):
+    """To a host: send what these robots record, and what they print, while it grows."""
+
+    robots: tuple[Id, ...]
+
+
+class Look(msgspec.Struct, frozen=True, tag=True):
+    """To a host, every second: somebody is there, and wants a Pulse."""
+
+
+class Finish(msgspec.Struct, frozen=True, tag=True):
+    """To a host: send what has not been sent, and end."""
+
+
+class Joined(msgspec.Struct, frozen=True, tag=True):
+    """From a host: what its robots say is heard."""
+
+    clock_s: float
+    """What its clock shows, since the epoch."""
+
+
+class Refused(msgspec.Struct, frozen=True, tag=True):
+    """From a host: a process that could not be started."""
+
+    number: Number
+    why: Words
+
+
+class Gone(msgspec.Struct, frozen=True, tag=True):
+    """From a host: a process has ended; what it has written follows."""
+
+    number: Number
+
+
+class Ended(msgspec.Struct, frozen=True, tag=True):
+    """From a host: all that a process that has ended had written has been sent."""
+
+    number: Number
+    code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
+    strays: Annotated[int, msgspec.Meta(ge=0)]
+    cpu_s: Seconds
+
+
+class Glimpse(msgspec.Struct, frozen=True, array_like=True):
+    """One process on a host, as of `process_table`."""
+
+    pid: Number
+    parent: Number
+    session: Number
+    state: Annotated[str, msgspec.Meta(min_length=1, max_length=1)]
+    cpu_s: Seconds
+    queued_s: Seconds | None
+
+
+class Pulse(msgspec.Struct, frozen=True, tag=True):
+    """From a host, in answer to Look."""
+
+    linked: bool
+    """It has its link to the mesh."""
+    processes: Annotated[tuple[Glimpse, ...], msgspec.Meta(max_length=100_000)]
+    """The robots' processes, and what they have started."""
+    started: dict[int, Number]
+    """Their process ids by the numbers under which they were asked for."""
+
+
+class Fault(msgspec.Struct, frozen=True, tag=True):
+    """From a host: why the run cannot go on."""
+
+    why: Words
+
+
+class Done(msgspec.Struct, frozen=True, tag=True):
+    """From a host: everything has been sent, nothing is left there."""
+
+
+ToHost = FilePart | Begin | Start | Signal | Follow | Look | Finish
+FromHost = FilePart | Joined | Refused | Gone | Ended | Pulse | Fault | Done

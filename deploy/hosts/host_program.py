@@ -1,0 +1,232 @@
+"""One host of a run, as a program: `python -m deploy.hosts.host_program FOLDER`.
+
+It connects where the run was started, is told its robots, starts and watches their processes, is the router
+through which they reach the world, and ends with the connection. In the folder lie its errand and its keys;
+what it is sent comes there, too, and so does what the robots record.
+"""
+
+import os
+import select
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.processes.launch import Launcher, launcher
+from actors.runtime.access import credentials, hosts
+from actors.runtime.access.credentials import Credentials, reveal
+from actors.runtime.access.tls import load_keys
+from actors.runtime.bus.host_router import HostRouter, open_host_router
+from actors.runtime.isolation.neutral import own_folder
+from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
+from deploy.hosts.channel import Channel, ChannelClosedError, from_host
+from deploy.hosts.host_messages import (
+    Begin,
+    Done,
+    Fault,
+    FilePart,
+    Finish,
+    Follow,
+    Joined,
+    Look,
+    Signal,
+    Start,
+    ToHost,
+)
+from deploy.hosts.host_robots import HostRobots
+from deploy.hosts.run_files import Incoming
+from deploy.hosts.run_keys import connect
+
+ERRAND: Final = "errand.json"
+KEYS: Final = "keys"
+_LAID_OUT: Final = 1 << 30
+"""Bytes at most of what a host is sent: maps, models, a strategy's code."""
+_PATIENCE_S: Final = 30.0
+_GRACE_S: Final = 3.0
+_TURN_S: Final = 0.05
+
+
+class Errand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a host is started with."""
+
+    address: str
+    """Where the run was started."""
+    port: int
+    silence_s: float
+    """After so much silence from there it holds itself to be alone, and ends."""
+
+
+class HostProgram:
+    """One run's part on this computer."""
+
+    def __init__(self, folder: Path, errand: Errand, channel: Channel[ToHost]) -> None:
+        self._folder = folder
+        self._errand = errand
+        self._channel = channel
+        self._incoming: Incoming | None = None
+        self._begin: Begin | None = None
+        self._launched: Launcher | None = None
+        self._robots: HostRobots | None = None
+        self._router: HostRouter | None = None
+        self._issued: Credentials | None = None
+        self._heard_s = time.monotonic()
+        self._linked = False
+        self._finishing = False
+
+    def run(self) -> None:
+        """Stay until the run has ended. Raises ChannelClosedError where nobody is there any more."""
+        with ExitStack() as stack:
+            while self._begin is None:
+                self._turn()
+            self._launched = stack.enter_context(launcher(self._begin.spawn))
+            self._robots = HostRobots(self._folder, self._begin, self._launched, self._channel)
+            self._lay_out(self._begin, self._launched)
+            try:
+                assert self._issued is not None
+                config = hosts.host_config(self._issued, load_keys(self._folder / KEYS), self._begin.endpoint)
+                robot = self._begin.robots[0]
+                self._router = stack.enter_context(open_host_router(config, robot, between=self._turn))
+                while not (self._finishing and not self._robots.running and self._robots.settled):
+                    self._turn()
+                self._leave(self._robots)
+            finally:
+                self._end_robots(self._robots)
+
+    def _lay_out(self, begin: Begin, launched: Launcher) -> None:
+        """Draw the robots' passwords, and have the kernels ready before the first is started."""
+        infra = self._folder / "host"
+        infra.mkdir()
+        for robot in begin.robots:
+            own_folder(self._folder / robot).mkdir(parents=True, exist_ok=True)
+        self._issued = credentials.issue({robot: self._folder / robot for robot in begin.robots}, infra, ())
+        for words in begin.share:
+            launched.share("actors.robot.program", words, self._folder)
+
+    def _turn(self) -> None:
+        """Do what there is to be done, and wait a moment if that is nothing."""
+        ready = [self._channel.fileno()]
+        if self._launched is not None:
+            ready.append(self._launched.fileno())
+        out = [self._channel] if self._channel.waiting else []
+        select.select(ready, out, [], _TURN_S)
+        self._channel.flush()
+        for message in self._channel.receive():
+            self._heard_s = time.monotonic()
+            self._obey(message)
+        silent_s = time.monotonic() - self._heard_s
+        if silent_s > self._errand.silence_s:
+            raise ChannelClosedError(f"nothing has been heard for {silent_s:.0f} s")
+        if self._launched is not None and self._robots is not None:
+            self._launched.wait(0.0)
+            self._robots.look()
+        self._look_at_link()
+
+    def _look_at_link(self) -> None:
+        router = self._router
+        if router is None:
+            return
+        if not self._linked and router.joined:
+            self._linked = True
+            assert self._issued is not None
+            reveal(self._issued)
+            self._channel.send(Joined(time.time()))
+        elif self._linked and not router.linked:
+            self._linked = False
+            self._router = None
+            self._channel.send(Fault("its link to the mesh broke"))
+
+    def _obey(self, message: ToHost) -> None:
+        match message:
+            case FilePart():
+                if self._incoming is None:
+                    self._incoming = Incoming(self._folder, _Anything(), _LAID_OUT)
+                self._incoming.take(message)
+            case Begin():
+                self._begin = message
+            case Look():
+                if self._robots is not None:
+                    self._channel.send(self._robots.pulse(linked=self._linked))
+            case Finish():
+                self._finishing = True
+            case _ if self._robots is not None:
+                self._act(self._robots, message)
+
+    def _act(self, robots: HostRobots, message: ToHost) -> None:
+        match message:
+            case Start():
+                robots.start(message)
+            case Signal():
+                robots.signal(message)
+            case Follow():
+                robots.follow(message)
+
+    def _leave(self, robots: HostRobots) -> None:
+        """Send what is left, and wait until it has gone."""
+        for part in robots.own_parts():
+            self._channel.send(part)
+            while self._channel.waiting > _LAID_OUT >> 10:
+                self._turn()
+        self._channel.send(Done())
+        while self._channel.waiting:
+            self._turn()
+
+    def _end_robots(self, robots: HostRobots) -> None:
+        assert self._launched is not None
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            robots.end(number)
+            deadline = time.monotonic() + _GRACE_S
+            while robots.running and time.monotonic() < deadline:
+                self._launched.wait(_TURN_S)
+
+
+class _Anything(frozenset[str]):
+    """Of the computer on which the run was started a host takes files in any folder of its own."""
+
+    def __contains__(self, name: object) -> bool:
+        return name not in (KEYS, "host")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Be one host of a run; the exit code. 3: the connection ended first, and recordings were left."""
+    die_with_parent(os.getppid(), signal.SIGTERM)
+    leave_in_order()
+    folder = Path(argv[0]).resolve()
+    try:
+        errand = msgspec.json.decode((folder / ERRAND).read_bytes(), type=Errand)
+        encrypted = connect(folder / KEYS, errand.address, errand.port, _PATIENCE_S)
+    except OSError as error:
+        sys.stderr.write(f"{errand.address}:{errand.port} cannot be reached: {error.strerror or error}\n")
+        return 2
+    channel = from_host(encrypted)
+    try:
+        HostProgram(folder, errand, channel).run()
+    except Ended:
+        raise
+    except ChannelClosedError as error:
+        sys.stderr.write(f"{error}; what robots have recorded is in {folder}\n")
+        return 3
+    except Exception as error:
+        return _failed(channel, error)
+    finally:
+        channel.close()
+    shutil.rmtree(folder, ignore_errors=True)
+    return 0
+
+
+def _failed(channel: Channel[ToHost], error: Exception) -> int:
+    sys.stderr.write(f"{type(error).__name__}: {error}\n")
+    try:
+        channel.send(Fault(f"{error}"[:2000]))
+    except ChannelClosedError:
+        return 2
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,167 @@
+"""The robots' processes on a host: started as on one computer, and what they write is sent where the run was
+started."""
+
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+from signal import SIGCONT, Signals
+from typing import Final
+
+import msgspec
+
+from actors.processes.launch import Child, Launcher, Program
+from actors.processes.resource_watch import ResourceWatch
+from actors.robot.program import RobotProgram
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import FOLDER, Names
+from actors.runtime.isolation.neutral import code as seen_code
+from actors.runtime.lifecycle import process_table
+from actors.runtime.process_setup import SETUP
+from deploy.hosts.channel import Channel
+from deploy.hosts.host_messages import (
+    Begin,
+    Ended,
+    Fault,
+    FilePart,
+    Follow,
+    Glimpse,
+    Gone,
+    Pulse,
+    Refused,
+    Signal,
+    Start,
+    ToHost,
+)
+from deploy.hosts.run_files import Growing, parts
+
+CODE: Final = "code"
+"""Folder with those of the strategy's code, by number from 1 on."""
+_ENOUGH: Final = 1 << 20
+"""Bytes that wait for the connection; more of a file are not read before."""
+
+
+class HostRobots:
+    """All that has been started here for one run."""
+
+    def __init__(self, folder: Path, begin: Begin, launched: Launcher, channel: Channel[ToHost]) -> None:
+        self._folder = folder
+        self._begin = begin
+        self._launched = launched
+        self._channel = channel
+        self._children: dict[int, Child] = {}
+        self._told: set[int] = set()
+        """Those whose end has been told."""
+        self._files: dict[Path, Growing] = {}
+        self._followed: set[str] = set()
+        self._due: deque[tuple[list[Growing], Ended]] = deque()
+        """Of those that have ended: what of their files is to be sent before that is said."""
+        self._resources = ResourceWatch(begin.limits)
+
+    @property
+    def running(self) -> list[Child]:
+        """Processes that have not ended."""
+        return [child for child in self._children.values() if child.exit_code is None]
+
+    @property
+    def settled(self) -> bool:
+        """Everything that is to be said of those that have ended has been."""
+        return not self._due and len(self._told) == len(self._children)
+
+    def start(self, order: Start) -> None:
+        """Start a robot's process, with what it is told in terms of this computer."""
+        try:
+            self._children[order.number] = self._launched.start(self._program(order))
+        except (AcrcError, msgspec.MsgspecError) as error:
+            self._channel.send(Refused(order.number, str(error)[:2000]))
+
+    def signal(self, order: Signal) -> None:
+        """Send a process a signal, if it still runs."""
+        if order.number in self._children:
+            self._children[order.number].send(Signals(order.signal))
+
+    def follow(self, order: Follow) -> None:
+        """Send what these robots write as soon as they do."""
+        self._followed |= {*order.robots} & {*self._begin.robots}
+
+    def look(self) -> None:
+        """See who has ended, send of their files what there is room for, and what is followed."""
+        for number, child in self._children.items():
+            if child.exit_code is not None and number not in self._told:
+                self._told.add(number)
+                self._channel.send(Gone(number))
+                files = [self._growing(path) for path in self._written(child.program)]
+                self._due.append((files, Ended(number, child.exit_code, child.strays, child.cpu_s)))
+        self._send_due()
+        followed = [child.program for child in self.running if child.program.actor in self._followed]
+        self._send(self._growing(path) for program in followed for path in self._written(program))
+        if fault := self._resources.fault(self.running):
+            self._channel.send(Fault(fault))
+
+    def pulse(self, *, linked: bool) -> Pulse:
+        """What the processes do."""
+        started = {child.pid: number for number, child in self._children.items() if child.exit_code is None}
+        known = process_table.table()
+        tree = process_table.descendants(started, known)
+        seen = tuple(
+            Glimpse(pid, one.parent, one.session, one.state, one.cpu_s, process_table.queued_s(pid))
+            for pid, one in known.items()
+            if pid in tree
+        )
+        return Pulse(linked, seen, started)
+
+    def own_parts(self) -> Iterable[FilePart]:
+        """What robots have written into the part of their folders that is theirs."""
+        for robot in self._begin.robots:
+            yield from parts(self._folder, self._folder / robot / "own")
+
+    def end(self, number: Signals) -> None:
+        """Send all a signal."""
+        for child in self.running:
+            child.send(number)
+            child.send(SIGCONT)
+
+    def _program(self, order: Start) -> Program:
+        told = msgspec.json.decode(order.setup, type=RobotProgram)
+        if order.robot not in self._begin.robots or told.actor.id != order.robot:
+            raise AcrcError(f"{order.robot} is no robot of this host")
+        folder, process = self._folder / order.robot, told.process
+        record = folder / Path(process.record).name
+        folders = [self._folder / CODE / str(number) for number in range(1, self._begin.code + 1)]
+        seen, code = (FOLDER, seen_code(len(folders))) if process.isolate else (folder, folders)
+        names = Names(str(folder), str(record), tuple(map(str, folders))) if process.isolate else None
+        process = msgspec.structs.replace(process, code=tuple(map(str, code)))
+        return Program(
+            order.robot,
+            "actors.robot",
+            (str(seen / SETUP),),
+            record.with_suffix(".log"),
+            record,
+            names,
+            msgspec.structs.replace(told, process=process),
+        )
+
+    def _written(self, program: Program) -> tuple[Path, ...]:
+        assert program.record is not None
+        return program.record, program.log
+
+    def _growing(self, path: Path) -> Growing:
+        return self._files.setdefault(path, Growing(self._folder, path))
+
+    def _send_due(self) -> None:
+        while self._due and self._send(self._due[0][0]):
+            files, ended = self._due.popleft()
+            for file in files:
+                file.close()
+            self._channel.send(ended)
+
+    def _send(self, files: Iterable[Growing]) -> bool:
+        """Send what is there of them; False if the connection takes no more for now."""
+        for file in files:
+            while self._channel.waiting < _ENOUGH:
+                part = file.part()
+                if part is None:
+                    break
+                self._channel.send(part)
+            else:
+                return False
+        return True
