@@ -145,6 +145,11 @@ class Launcher:
         """For `select`: readable when a child may have ended."""
         return self._channel.fileno()
 
+    @property
+    def ready(self) -> bool:
+        """The server has imported and compiled all, so that a start takes no time."""
+        return self._ready
+
     def fault(self) -> None:
         """Of a host, because of which the run cannot go on; here is none."""
 

@@ -1,5 +1,6 @@
 """One host, as the computer sees it on which the run was started."""
 
+import math
 import signal
 import time
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ from deploy.hosts.host_messages import (
     Signal,
     Start,
     ToHost,
+    Unlinked,
 )
 from deploy.hosts.run_files import FilePartError, Incoming
 
@@ -76,11 +78,13 @@ class HostLink:
         """Why the run cannot go on, as it says."""
         self.queued: dict[int, float | None] = {}
         """How long its processes have waited for a processor, by the ids of `table`, s."""
+        self.unlinked_s = math.inf
+        """Since when its link to the mesh is broken, on this computer's clock, s."""
         self._channel: Channel[FromHost] | None = None
         self._place = place
         self._files = files
         self._children: dict[int, RemoteChild] = {}
-        self._pulse = Pulse(linked=False, processes=(), started={})
+        self._pulse = Pulse(processes=(), started={})
         self._heard_s = time.monotonic()
         self._looked_s = 0.0
         self._followed: frozenset[str] = frozenset()
@@ -204,6 +208,8 @@ class HostLink:
             case Joined():
                 self.joined = True
                 self.clock_off_s = message.clock_s - time.time()
+            case Unlinked():
+                self.unlinked_s = time.monotonic()
             case Pulse():
                 self._pulse = message
                 self.queued = {self._pid(one.pid): one.queued_s for one in message.processes}

@@ -75,6 +75,10 @@ class Joined(msgspec.Struct, frozen=True, tag=True):
     """What its clock shows, since the epoch."""
 
 
+class Unlinked(msgspec.Struct, frozen=True, tag=True):
+    """From a host: its link to the mesh broke, or the mesh has ended."""
+
+
 class Refused(msgspec.Struct, frozen=True, tag=True):
     """From a host: a process that could not be started."""
 
@@ -111,8 +115,6 @@ class Glimpse(msgspec.Struct, frozen=True, array_like=True):
 class Pulse(msgspec.Struct, frozen=True, tag=True):
     """From a host, in answer to Look."""
 
-    linked: bool
-    """It has its link to the mesh."""
     processes: Annotated[tuple[Glimpse, ...], msgspec.Meta(max_length=100_000)]
     """The robots' processes, and what they have started."""
     started: dict[int, Number]
@@ -130,4 +132,4 @@ class Done(msgspec.Struct, frozen=True, tag=True):
 
 
 ToHost = FilePart | Begin | Start | Signal | Follow | Look | Finish
-FromHost = FilePart | Joined | Refused | Gone | Ended | Pulse | Fault | Done
+FromHost = FilePart | Joined | Unlinked | Refused | Gone | Ended | Pulse | Fault | Done

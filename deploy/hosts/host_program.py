@@ -38,6 +38,7 @@ from deploy.hosts.host_messages import (
     Signal,
     Start,
     ToHost,
+    Unlinked,
 )
 from deploy.hosts.host_robots import HostRobots
 from deploy.hosts.run_files import Incoming
@@ -137,9 +138,8 @@ class HostProgram:
             reveal(self._issued)
             self._channel.send(Joined(time.time()))
         elif self._linked and not router.linked:
-            self._linked = False
             self._router = None
-            self._channel.send(Fault("its link to the mesh broke"))
+            self._channel.send(Unlinked())
 
     def _obey(self, message: ToHost) -> None:
         match message:
@@ -151,7 +151,7 @@ class HostProgram:
                 self._begin = message
             case Look():
                 if self._robots is not None:
-                    self._channel.send(self._robots.pulse(linked=self._linked))
+                    self._channel.send(self._robots.pulse())
             case Finish():
                 self._finishing = True
             case _ if self._robots is not None:

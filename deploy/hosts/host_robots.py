@@ -53,6 +53,7 @@ class HostRobots:
         """Those whose end has been told."""
         self._files: dict[Path, Growing] = {}
         self._followed: set[str] = set()
+        self._waiting: deque[Start] = deque()
         self._due: deque[tuple[list[Growing], Ended]] = deque()
         """Of those that have ended: what of their files is to be sent before that is said."""
         self._resources = ResourceWatch(begin.limits)
@@ -65,10 +66,14 @@ class HostRobots:
     @property
     def settled(self) -> bool:
         """Everything that is to be said of those that have ended has been."""
-        return not self._due and len(self._told) == len(self._children)
+        return not (self._due or self._waiting) and len(self._told) == len(self._children)
 
     def start(self, order: Start) -> None:
-        """Start a robot's process, with what it is told in terms of this computer."""
+        """Start a robot's process as soon as that keeps nobody waiting."""
+        self._waiting.append(order)
+
+    def _start(self, order: Start) -> None:
+        """With what it is told in terms of this computer."""
         try:
             self._children[order.number] = self._launched.start(self._program(order))
         except (AcrcError, msgspec.MsgspecError) as error:
@@ -84,7 +89,9 @@ class HostRobots:
         self._followed |= {*order.robots} & {*self._begin.robots}
 
     def look(self) -> None:
-        """See who has ended, send of their files what there is room for, and what is followed."""
+        """Start who is to be, see who has ended, send of their files what there is room for."""
+        if self._waiting and self._launched.ready:
+            self._start(self._waiting.popleft())
         for number, child in self._children.items():
             if child.exit_code is not None and number not in self._told:
                 self._told.add(number)
@@ -97,7 +104,7 @@ class HostRobots:
         if fault := self._resources.fault(self.running):
             self._channel.send(Fault(fault))
 
-    def pulse(self, *, linked: bool) -> Pulse:
+    def pulse(self) -> Pulse:
         """What the processes do."""
         started = {child.pid: number for number, child in self._children.items() if child.exit_code is None}
         known = process_table.table()
@@ -107,7 +114,7 @@ class HostRobots:
             for pid, one in known.items()
             if pid in tree
         )
-        return Pulse(linked, seen, started)
+        return Pulse(seen, started)
 
     def own_parts(self) -> Iterable[FilePart]:
         """What robots have written into the part of their folders that is theirs."""

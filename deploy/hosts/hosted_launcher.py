@@ -1,6 +1,7 @@
 """Starts robots on their hosts and everything else here; to whoever looks after a run it is one launcher."""
 
 import select
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,8 @@ from actors.runtime.lifecycle.process_table import ProcessGlance
 from deploy.hosts.host_link import HostLink
 
 _FIRST_TOLD_S: Final = 5.0
+_UNLINKED_S: Final = 2.0
+"""A link is broken if the mesh still is there so long afterwards: else it has ended as planned."""
 _HERE: Final = 1 << 32
 """Process ids below are of this computer."""
 
@@ -34,6 +37,8 @@ class HostedLauncher:
         self._say = say
         self._why_lost = why_lost
         self._of = {robot: link for link in links for robot in link.robots}
+        self._world: Child | None = None
+        """The mesh ends with it."""
         self._told_s = dict.fromkeys((link.name for link in links), _FIRST_TOLD_S)
 
     @property
@@ -44,7 +49,10 @@ class HostedLauncher:
     def start(self, program: Program) -> Child:
         """Start one program where it belongs."""
         link = self._of.get(program.actor)
-        return self._here.start(program) if link is None else link.start(program)
+        child = self._here.start(program) if link is None else link.start(program)
+        if program.actor == "world":
+            self._world = child
+        return child
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
         """Robots have it in common on their hosts, which were told; here is none."""
@@ -64,12 +72,18 @@ class HostedLauncher:
         for link in self._links:
             if link.fault:
                 return f"host {link.name}: {link.fault}"
+            if time.monotonic() > link.unlinked_s + _UNLINKED_S and self._mesh_is_there:
+                return f"host {link.name}: its link to the mesh broke"
             if link.lost and not link.done:
                 why = self._why_lost(link.name)
                 return f"host {link.name} is lost, with {_names(link.robots)}: {link.lost}" + (
                     f"; {why}" if why else ""
                 )
         return None
+
+    @property
+    def _mesh_is_there(self) -> bool:
+        return self._world is not None and self._world.exit_code is None
 
     def table(self) -> Mapping[int, ProcessGlance]:
         """Every process of this machine, and of the hosts what belongs to the run."""
