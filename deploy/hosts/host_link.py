@@ -18,7 +18,6 @@ from deploy.hosts.host_messages import (
     Ended,
     Fault,
     FilePart,
-    Follow,
     FromHost,
     Gone,
     Joined,
@@ -54,10 +53,8 @@ class RemoteChild(Child):
         return self.link.name
 
     def send(self, number: signal.Signals) -> None:
-        """Have its host send a signal; what it answers in its log is sent here."""
+        """Have its host send a signal; its log is sent here while it grows."""
         if self.exit_code is None and not self.arriving:
-            if number == signal.SIGUSR1:
-                self.link.follow((self.program.actor,))
             self.link.send(Signal(self.number, int(number)))
 
 
@@ -87,7 +84,6 @@ class HostLink:
         self._pulse = Pulse(processes=(), started={})
         self._heard_s = time.monotonic()
         self._looked_s = 0.0
-        self._followed: frozenset[str] = frozenset()
 
     @property
     def connected(self) -> bool:
@@ -139,12 +135,6 @@ class HostLink:
         if self.lost:
             child.exit_code = -signal.SIGKILL
         return child
-
-    def follow(self, robots: tuple[str, ...]) -> None:
-        """Have what these robots record sent while it grows."""
-        if new := {*robots} & {*self.robots} - self._followed:
-            self._followed |= new
-            self.send(Follow(tuple(sorted(new))))
 
     def turn(self) -> None:
         """Send and take what there is; ask for a sign of life if it is time."""

@@ -54,12 +54,6 @@ class Signal(msgspec.Struct, frozen=True, tag=True):
     signal: int
 
 
-class Follow(msgspec.Struct, frozen=True, tag=True):
-    """To a host: send what these robots record, and what they print, while it grows."""
-
-    robots: tuple[Id, ...]
-
-
 class Look(msgspec.Struct, frozen=True, tag=True):
     """To a host, every second: somebody is there, and wants a Pulse."""
 
@@ -131,5 +125,5 @@ class Done(msgspec.Struct, frozen=True, tag=True):
     """From a host: everything has been sent, nothing is left there."""
 
 
-ToHost = FilePart | Begin | Start | Signal | Follow | Look | Finish
+ToHost = FilePart | Begin | Start | Signal | Look | Finish
 FromHost = FilePart | Joined | Unlinked | Refused | Gone | Ended | Pulse | Fault | Done

@@ -32,7 +32,6 @@ from deploy.hosts.host_messages import (
     Fault,
     FilePart,
     Finish,
-    Follow,
     Joined,
     Look,
     Signal,
@@ -163,8 +162,6 @@ class HostProgram:
                 robots.start(message)
             case Signal():
                 robots.signal(message)
-            case Follow():
-                robots.follow(message)
 
     def _leave(self, robots: HostRobots) -> None:
         """Send what is left, and wait until it has gone."""

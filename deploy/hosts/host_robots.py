@@ -23,7 +23,6 @@ from deploy.hosts.host_messages import (
     Ended,
     Fault,
     FilePart,
-    Follow,
     Glimpse,
     Gone,
     Pulse,
@@ -52,7 +51,6 @@ class HostRobots:
         self._told: set[int] = set()
         """Those whose end has been told."""
         self._files: dict[Path, Growing] = {}
-        self._followed: set[str] = set()
         self._waiting: deque[Start] = deque()
         self._due: deque[tuple[list[Growing], Ended]] = deque()
         """Of those that have ended: what of their files is to be sent before that is said."""
@@ -84,10 +82,6 @@ class HostRobots:
         if order.number in self._children:
             self._children[order.number].send(Signals(order.signal))
 
-    def follow(self, order: Follow) -> None:
-        """Send what these robots write as soon as they do."""
-        self._followed |= {*order.robots} & {*self._begin.robots}
-
     def look(self) -> None:
         """Start who is to be, see who has ended, send of their files what there is room for."""
         if self._waiting and self._launched.ready:
@@ -99,8 +93,8 @@ class HostRobots:
                 files = [self._growing(path) for path in self._written(child.program)]
                 self._due.append((files, Ended(number, child.exit_code, child.strays, child.cpu_s)))
         self._send_due()
-        followed = [child.program for child in self.running if child.program.actor in self._followed]
-        self._send(self._growing(path) for program in followed for path in self._written(program))
+        programs = [child.program for child in self.running]
+        self._send(self._growing(path) for program in programs for path in self._written(program))
         if fault := self._resources.fault(self.running):
             self._channel.send(Fault(fault))
 

@@ -128,7 +128,6 @@ class Hosts:
                 raise AcrcError(self._not_come(missing))
         for link in self.links:
             self._begin(link, out, shared, wait)
-            link.follow(link.robots)
         deadline = time.monotonic() + 3 * PATIENCE_S
         while not all(link.joined for link in self.links):
             wait(0.02)
