@@ -19,8 +19,7 @@ PORT: Final = 8786
 ADDRESS: Final = f"tls://{HERE}:{PORT}"
 """Of the scheduler."""
 _PATIENCE_S: Final = 60.0
-_LAST_LINES: Final = 5
-_SIGNS: Final = {"dask_scheduler": "Scheduler at:", "dask_worker": "Registered to:"}
+_SIGNS: Final = {"dask_scheduler": f"Scheduler at: {ADDRESS}", "dask_worker": "Registered to:"}
 """What a program logs when it is ready."""
 
 
@@ -37,7 +36,7 @@ class TlsCluster:
     def __init__(
         self, hosts: Hosts, folder: Path, *, nanny: bool = False, through: Mapping[str, str] | None = None
     ) -> None:
-        """`folder`: made for keys and logs (here.log, h1.log, …), which stay there.
+        """`folder`: made for keys, temporary files and logs (here.log, h1.log, …), which stay there.
 
         `nanny`: start a worker again that ends. `through`: by a host's name, the scheduler's address as its
         worker is told it, such as tls:// and that of a relay; the others are told ADDRESS.
@@ -53,7 +52,7 @@ class TlsCluster:
     def __enter__(self) -> Self:
         """Return when all workers have joined. Raises TlsClusterError where one does not."""
         self.folder.mkdir(parents=True)
-        write_keys(self.folder / "keys")
+        write_keys(self.folder / "keys", self.folder / "scratch")
         try:
             self.start_scheduler()
             logged = [self._begin_worker(number) for number in range(len(self._hosts.each))]
@@ -97,13 +96,12 @@ class TlsCluster:
 
     def _begin_worker(self, number: int) -> int:
         host = self._hosts.each[number]
-        scratch = host.disk or self.folder
         return self._begin(
             host,
             "dask_worker",
             self._through.get(host.name, ADDRESS),
             *("--host", host.address, "--name", host.name, "--nthreads", "1"),
-            *("--local-directory", str(scratch / f"{host.name}-scratch")),
+            *(() if host.disk is None else ("--local-directory", str(host.disk))),
             "--nanny" if self._nanny else "--no-nanny",
         )
 
@@ -126,11 +124,11 @@ class TlsCluster:
 
     def _await(self, host: RigHost, program: str, before: int) -> None:
         deadline = time.monotonic() + _PATIENCE_S
-        while _SIGNS[program] not in (said := self.log(host.name)[before:]):
+        while _SIGNS[program] not in " ".join((said := self.log(host.name)[before:]).split()):
             if self._processes[host.name].poll() is not None or time.monotonic() > deadline:
-                last = " / ".join(said.splitlines()[-_LAST_LINES:])
+                last = said.splitlines()[-1] if said else "nothing"
                 raise TlsClusterError(
-                    f"{program} on {host.name} is not ready; {self.folder / host.name}.log ends with: {last}"
+                    f"{program} on {host.name} does not start; see {self.folder / host.name}.log: {last}"
                 )
             time.sleep(0.02)
 

@@ -10,8 +10,11 @@ from deploy.fleet import certificates
 _DAYS = 1
 
 
-def write_keys(folder: Path) -> None:
-    """Make the folder, with what DASK_CONFIG is to name; keys are readable by their owner alone."""
+def write_keys(folder: Path, scratch: Path) -> None:
+    """Make the folder, with what DASK_CONFIG is to name; keys are readable by their owner alone.
+
+    `scratch`: where programs put temporary files; those that are killed leave them there.
+    """
     folder.mkdir(mode=0o700)
     now = datetime.now(UTC)
     authority = certificates.authority("hosts", now, _DAYS)
@@ -25,5 +28,6 @@ def write_keys(folder: Path) -> None:
     own = {"cert": str(folder / "certificate.pem"), "key": str(key)}
     roles = {role: dict(own) for role in ("scheduler", "worker", "client")}
     tls = {"ca-file": str(folder / "authority.pem"), **roles}
-    configuration = {"distributed": {"comm": {"require-encryption": True, "tls": tls}}}
+    comm = {"require-encryption": True, "tls": tls}
+    configuration = {"distributed": {"comm": comm}, "temporary-directory": str(scratch)}
     (folder / "cluster.yaml").write_text(yaml.safe_dump(configuration))

@@ -6,12 +6,23 @@ import socket
 import subprocess
 import sys
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.hosts.host import RigHost
 
 CLONE_NEWNET = 0x4000_0000
 PATIENCE = 10.0
+
+
+def eventually(holds: Callable[[], object]) -> bool:
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.01)
+    return True
 
 
 def socket_on(host: RigHost) -> socket.socket:

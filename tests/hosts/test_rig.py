@@ -7,8 +7,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,7 +17,15 @@ from benchmarks.hosts.links import HostsError
 from benchmarks.hosts.namespaces import Hosts
 from benchmarks.hosts.relay_process import RelayProcess
 from tests.hosts.conftest import DISK
-from tests.hosts.on_host import PATIENCE, alive_in, connected_from, listening_on, python_on, socket_on
+from tests.hosts.on_host import (
+    PATIENCE,
+    alive_in,
+    connected_from,
+    eventually,
+    listening_on,
+    python_on,
+    socket_on,
+)
 
 FAMILY = "import subprocess, time; subprocess.Popen(['setsid', 'sleep', '600']); time.sleep(600)"
 """A program whose child leaves its session."""
@@ -34,15 +40,6 @@ with Hosts(1, disk_bytes=1 << 20) as hosts:
     print(hosts.each[0].disk, *(host.holder for host in every), flush=True)
     time.sleep(600)
 """
-
-
-def eventually(holds: Callable[[], object]) -> bool:
-    deadline = time.monotonic() + PATIENCE
-    while not holds():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def rooms(holders: list[int]) -> set[str]:
