@@ -82,7 +82,7 @@ def issue(
         _write(draft / HOME, issuer, issuer)
         for machine in made.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
-            pair = certificates.machine(issuer, machine.machine, purpose, machine.hosts, now, days)
+            pair = certificates.machine(issuer, machine.machine, [purpose], machine.hosts, now, days)
             _write(draft / machine.machine, issuer, pair)
         (draft / ".gitignore").write_text("# Private keys belong in no repository.\n*\n")
     return made

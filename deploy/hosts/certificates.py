@@ -55,9 +55,14 @@ def authority(name: str, now: datetime, days: int) -> Pair:
 
 
 def machine(
-    issuer: Pair, name: str, purpose: ObjectIdentifier, hosts: Sequence[str], now: datetime, days: int
+    issuer: Pair,
+    name: str,
+    purposes: Sequence[ObjectIdentifier],
+    hosts: Sequence[str],
+    now: datetime,
+    days: int,
 ) -> Pair:
-    """A new key for one machine, certified under its common name, for one purpose: SERVER or CLIENT.
+    """A new key for one machine, certified under its common name, for these purposes: SERVER, CLIENT.
 
     `hosts`: names and addresses under which it is connected to.
     """
@@ -65,7 +70,7 @@ def machine(
     builder = _builder(_named(name), issuer.certificate.subject, key, now, days)
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
     builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
-    builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+    builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
     if hosts:
         names = x509.SubjectAlternativeName([general_name(host) for host in hosts])
         builder = builder.add_extension(names, critical=False)

@@ -43,7 +43,7 @@ class Robot:
         """A machine's folder of keys."""
         folder = self.folder / f"{name}-{len(list(self.folder.iterdir()))}"
         folder.mkdir()
-        pair = certificates.machine(issuer, name, purpose, hosts, NOW, 1)
+        pair = certificates.machine(issuer, name, [purpose], hosts, NOW, 1)
         (folder / "authority.pem").write_bytes(issuer.certificate_pem)
         (folder / "certificate.pem").write_bytes(pair.certificate_pem)
         (folder / "key.pem").write_bytes(pair.private_pem)
