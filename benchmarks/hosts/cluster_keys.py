@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from deploy.fleet import certificates
+from deploy.hosts import certificates
 
 _DAYS = 1
 

@@ -27,7 +27,7 @@ from deploy.hosts.host_messages import PART, Begin, FilePart, Finish
 from deploy.hosts.host_probe import Offer
 from deploy.hosts.host_program import Errand
 from deploy.hosts.hosted_launcher import HostedLauncher
-from deploy.hosts.listening import bracketed, free_port, listening, own_address
+from deploy.hosts.listening import bound, bracketed, free_port, listening, own_address
 
 _MB: Final = 1_000_000
 _CLOCK_S: Final = 1.0
@@ -68,6 +68,8 @@ class Hosts:
     _server: socket.socket | None = None
     _context: ssl.SSLContext | None = None
     _gate: Gate | None = None
+    _endpoint: str = ""
+    """Where they connect to the mesh, as they are told."""
 
     @property
     def isolation_fault(self) -> str | None:
@@ -88,8 +90,11 @@ class Hosts:
         drawn = run_keys.draw(list(self.robots), address)
         drawn.world.write(keys)
         self._context = run_keys.server_context(keys)
-        self._server = listening(address, port + 1 if port else 0)
-        self._gate = Gate(f"tls/{bracketed(address)}:{port or free_port(address)}", keys, self.robots)
+        here = bound(address)
+        self._server = listening(here, port + 1 if port else 0)
+        port = port or free_port(here)
+        self._gate = Gate(f"tls/{bracketed(here)}:{port}", keys, self.robots)
+        self._endpoint = f"tls/{bracketed(address)}:{port}"
         self.links = tuple(
             HostLink(name, place, robots, below(out, robots, shared.limits.disk_mb * _MB * len(robots)))
             for place, (name, robots) in enumerate(self.robots.items(), start=1)
@@ -106,7 +111,7 @@ class Hosts:
 
     @property
     def gate(self) -> Gate:
-        """Where they connect to the mesh."""
+        """Where the world listens for them."""
         assert self._gate is not None
         return self._gate
 
@@ -135,7 +140,7 @@ class Hosts:
             if time.monotonic() > deadline:
                 name = next(link.name for link in self.links if not link.joined)
                 raise AcrcError(
-                    f"host {name} does not reach {self.gate.endpoint.removeprefix('tls/')}, where the "
+                    f"host {name} does not reach {self._endpoint.removeprefix('tls/')}, where the "
                     f"run's router listens; must be let through, or be another: --listen HOST:PORT ({PAGE})"
                 )
 
@@ -146,7 +151,7 @@ class Hosts:
         for name, robots in self.robots.items():
             cores = self.offers[name].cores
             parts.append(f"{name} ({cores} {'core' if cores == 1 else 'cores'}): {_range(robots)}")
-        text = f"hosts: {'; '.join(parts)}; they connect to {self.gate.endpoint.removeprefix('tls/')}"
+        text = f"hosts: {'; '.join(parts)}; they connect to {self._endpoint.removeprefix('tls/')}"
         off = {link.name: link.clock_off_s for link in self.links}
         words = [
             f"{name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}"
@@ -210,7 +215,7 @@ class Hosts:
                 _send(link, path, f"code/{number}/{name}", wait)
         begin = Begin(
             robots=link.robots,
-            endpoint=self.gate.endpoint,
+            endpoint=self._endpoint,
             spawn=shared.spawn,
             isolate=shared.isolate,
             limits=shared.limits,

@@ -1,5 +1,6 @@
 """Addresses and ports of this computer at which hosts of a run connect."""
 
+import errno
 import re
 import socket
 from typing import Final
@@ -12,7 +13,7 @@ _PLACE: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-
 
 
 def place_of(word: str) -> tuple[str, int]:
-    """What `--listen HOST` or `--listen HOST:PORT` says; port 0: any. Raises OptionError."""
+    """What `--listen HOST` or `--listen HOST:PORT` says; port 0: any two. Raises OptionError."""
     found = _PLACE.fullmatch(word)
     port = int(found["port"] or 0) if found else -1
     if found is None or not 0 <= port < 65535:
@@ -32,14 +33,28 @@ def own_address(address: str) -> str:
         return str(probe.getsockname()[0])
 
 
+def bound(address: str) -> str:
+    """Where to listen for those who connect to `address`: there, or everywhere if this computer is reached
+    by another's address. Raises AcrcError."""
+    try:
+        with socket.create_server((address, 0), family=_family(address)):
+            return address
+    except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            return "::" if ":" in address else "0.0.0.0"
+        raise AcrcError(
+            f"--listen: {address}: {error.strerror}; must be an address of this computer"
+        ) from None
+
+
 def listening(address: str, port: int) -> socket.socket:
-    """A socket that listens there. Raises AcrcError."""
+    """A socket that listens there, at any port if that is 0. Raises AcrcError."""
     try:
         return socket.create_server((address, port), family=_family(address))
     except OSError as error:
         raise AcrcError(
-            f"--listen: cannot listen at {address}:{port}: {error.strerror}; must be an address of this "
-            "computer and a port that nobody has"
+            f"--listen: cannot listen at {bracketed(address)}:{port}: {error.strerror}; must be two ports "
+            "that nobody has, such as 7450 and the next"
         ) from None
 
 
@@ -49,10 +64,10 @@ def free_port(address: str) -> int:
         return int(probe.getsockname()[1])
 
 
-def _family(address: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in address else socket.AF_INET
-
-
 def bracketed(address: str) -> str:
     """The address as it stands before a port."""
     return f"[{address}]" if ":" in address else address
+
+
+def _family(address: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in address else socket.AF_INET

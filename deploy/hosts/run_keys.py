@@ -52,8 +52,8 @@ def draw(hosts: Sequence[str], address: str) -> RunKeys:
     """New keys. `hosts`: their common names. `address`: where the first computer is connected to."""
     now = datetime.now(UTC)
     issuer = certificates.authority("run", now, _DAYS)
-    world = certificates.machine(issuer, "world", SERVER, [address], now, _DAYS)
-    made = {name: certificates.machine(issuer, name, CLIENT, [], now, _DAYS) for name in hosts}
+    world = certificates.machine(issuer, "world", [SERVER], [address], now, _DAYS)
+    made = {name: certificates.machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
     return RunKeys(_keys(issuer, world), {name: _keys(issuer, pair) for name, pair in made.items()})
 
 
