@@ -280,7 +280,9 @@ def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Hosts]:
 
 
 def _range(robots: tuple[str, ...]) -> str:
-    return robots[0] if len(robots) == 1 else f"{len(robots)} robots, {robots[0]} to {robots[-1]}"
+    if len(robots) < 3:
+        return " and ".join(robots)
+    return f"{len(robots)} robots, {robots[0]} to {robots[-1]}"
 
 
 def _send(link: HostLink, path: Path, name: str, wait: Callable[[float], None]) -> None:

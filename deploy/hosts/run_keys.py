@@ -46,6 +46,8 @@ class RunKeys:
     world: PemKeys
     """Of the computer on which the run was started."""
     hosts: dict[str, PemKeys]
+    issuer: Pair
+    """The authority: whoever drew the keys may sign more, and forgets it then."""
 
 
 def draw(hosts: Sequence[str], address: str) -> RunKeys:
@@ -54,7 +56,7 @@ def draw(hosts: Sequence[str], address: str) -> RunKeys:
     issuer = certificates.authority("run", now, _DAYS)
     world = certificates.machine(issuer, "world", [SERVER], [address], now, _DAYS)
     made = {name: certificates.machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
-    return RunKeys(_keys(issuer, world), {name: _keys(issuer, pair) for name, pair in made.items()})
+    return RunKeys(_keys(issuer, world), {name: _keys(issuer, pair) for name, pair in made.items()}, issuer)
 
 
 def server_context(folder: Path) -> ssl.SSLContext:

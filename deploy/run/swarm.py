@@ -215,7 +215,7 @@ def _supervise(
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
             if away is not None:
-                away.join(supervisor.look, starting.wait)
+                away.join(supervisor.check, starting.wait)
                 _say(away.sentence)
             if plan.options.view:
                 supervisor.start([observer_program(plan)])

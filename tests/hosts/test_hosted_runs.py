@@ -1,0 +1,174 @@
+"""A swarm over several computers: the digest of one, and what is said when one of them fails."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.hosts.cluster import TlsCluster
+from benchmarks.hosts.namespaces import Hosts
+from observation.evidence.run_reader import RunReader
+from tests.hosts.hosted_runs import PORT, ROOT, TOLD, HostedRun, relayed
+
+pytestmark = pytest.mark.timeout(400)
+LONG = ("--robots", "4", "--duration", "3000", "--seed", "1", "--timeout", "2")
+
+
+@pytest.fixture(scope="module")
+def three() -> Iterator[Hosts]:
+    with Hosts(3, disk_bytes=24 << 20) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def cluster(three: Hosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TlsCluster]:
+    with TlsCluster(three, tmp_path_factory.mktemp("cluster") / "c") as made:
+        yield made
+
+
+def digest_here(out: Path, *words: str) -> str:
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "command_line",
+        "run",
+        "--bus",
+        "memory",
+        "--out",
+        str(out),
+        *words,
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    digest: str = json.loads(done.stdout)["digest"]
+    return digest
+
+
+def ended(three: Hosts, cluster: TlsCluster, out: Path, fail: Callable[[HostedRun], None]) -> tuple[int, str]:
+    """How a long run ends once that has happened to it; the recordings can be read, nothing is left."""
+    run = HostedRun(three, cluster, out, *LONG)
+    run.under_way()
+    fail(run)
+    found = run.ended()
+    with RunReader(out) as reader:
+        assert reader.robots == ("r1", "r2", "r3", "r4")
+    assert run.nothing_left()
+    return found
+
+
+def test_twenty_robots_on_three_hosts_have_the_digest_of_one_computer(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    words = ("--robots", "20", "--duration", "4", "--seed", "2", "--json")
+    run = HostedRun(three, cluster, tmp_path / "hosted", *words)
+    assert run.digest() == digest_here(tmp_path / "here", *words)
+    assert run.nothing_left()
+
+
+@pytest.mark.parametrize("delay_ms", [1.0, 10.0])
+def test_delays_change_nothing(three: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float) -> None:
+    words = ("--robots", "3", "--duration", "2", "--json")
+    with relayed(three, delay_ms):
+        run = HostedRun(three, cluster, tmp_path / "hosted", *words, "--listen", f"{TOLD}:{PORT}")
+        assert run.digest() == digest_here(tmp_path / "here", *words)
+
+
+def test_links_that_stall_change_nothing_and_are_told(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    words = ("--robots", "3", "--duration", "60", "--json", "--timeout", "2")
+    with relayed(three, 0.0) as relays:
+        run = HostedRun(three, cluster, tmp_path / "hosted", *words, "--listen", f"{TOLD}:{PORT}")
+        run.under_way()
+        for order in ("stall", "go"):
+            for relay in relays:
+                relay.tell(order)
+            time.sleep(6)
+        out, said = run.process.communicate(timeout=180)
+    assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words)
+    assert "nothing has been heard of host h1 for 5 s; the run waits for it" in said
+    assert "host h1 is heard again" in said
+
+
+def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    with relayed(three, 0.0) as relays:
+        run = HostedRun(three, cluster, tmp_path / "out", *LONG, "--listen", f"{TOLD}:{PORT}")
+        run.under_way()
+        for relay in relays[2:4]:
+            relay.tell("cut")
+        code, said = run.ended()
+    assert code == 1
+    assert said.startswith("acrc: host h2 is lost, with r3: the connection ")
+    assert "; what robots have recorded is in " in said
+    assert run.nothing_left()
+
+
+def test_a_worker_that_is_killed_ends_the_run_with_its_name(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    code, said = ended(three, cluster, tmp_path / "out", lambda run: cluster.kill_worker(0))
+    cluster.start_worker(0)
+    assert code == 1
+    assert said.startswith("acrc: host h1 is lost, with r1 and r2: the connection ")
+
+
+def test_a_stopped_host_ends_the_run_with_its_name(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+    try:
+        code, said = ended(three, cluster, tmp_path / "out", lambda run: three.each[2].signal(signal.SIGSTOP))
+    finally:
+        three.each[2].signal(signal.SIGCONT)
+    assert code == 1
+    assert said.startswith("acrc: host h3 is lost, with r4: nothing has been heard of it for 8 s")
+
+
+def test_ctrl_c_ends_everything_everywhere(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+    code, _ = ended(three, cluster, tmp_path / "out", lambda run: run.process.send_signal(signal.SIGINT))
+    assert code == 130
+
+
+def test_a_full_disk_on_a_host_is_told_with_its_name(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    def fill(run: HostedRun) -> None:
+        disk = three.each[1].disk
+        words = ["sh", "-c", f"head -c 30M /dev/zero > {disk}/full; true"]
+        subprocess.run(three.each[1].command(words), check=True, capture_output=True)
+
+    try:
+        code, said = ended(three, cluster, tmp_path / "out", fill)
+    finally:
+        full = ["sh", "-c", f"rm -f {three.each[1].disk}/full"]
+        subprocess.run(three.each[1].command(full), check=True)
+    assert code == 1
+    assert "(on host h2)" in said
+    assert "No space left on device" in said
+
+
+def test_an_order_and_a_log_reach_robots_on_hosts(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+    run = HostedRun(three, cluster, tmp_path / "out", *LONG)
+    run.under_way()
+    order = [sys.executable, "-P", "-m", "command_line", "order", str(run.out), "kill", "r3"]
+    assert subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False).returncode == 0
+    order[-2:] = ["stop"]
+    assert subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False).returncode == 0
+    code, said = run.ended()
+    assert code == 0, said
+    assert run.nothing_left()
+
+
+def test_a_scheduler_that_is_killed_is_told_or_does_no_harm(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    run = HostedRun(three, cluster, tmp_path / "out", "--robots", "3", "--duration", "60", "--json")
+    run.under_way()
+    cluster.kill_scheduler()
+    _, said = run.process.communicate(timeout=180)
+    assert run.process.returncode == 0 or "is lost, with" in said, said
+    assert run.nothing_left()
