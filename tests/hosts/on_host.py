@@ -25,8 +25,8 @@ def eventually(holds: Callable[[], object]) -> bool:
     return True
 
 
-def socket_on(host: RigHost) -> socket.socket:
-    """A TCP socket of this process in the host's network, where it stays; it waits at most PATIENCE."""
+def socket_on(host: RigHost, kind: int = socket.SOCK_STREAM) -> socket.socket:
+    """A socket of this process in the network of the host, where it stays; it waits at most PATIENCE."""
     made: list[socket.socket] = []
 
     def make() -> None:
@@ -34,7 +34,7 @@ def socket_on(host: RigHost) -> socket.socket:
         try:
             if ctypes.CDLL(None, use_errno=True).setns(network, CLONE_NEWNET):
                 raise OSError(ctypes.get_errno(), "setns")
-            made.append(socket.socket())
+            made.append(socket.socket(type=kind))
         finally:
             os.close(network)
 

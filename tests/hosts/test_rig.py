@@ -13,7 +13,7 @@ import pytest
 
 from actors.runtime.lifecycle import process_table
 from benchmarks.hosts.host import HERE, RigHost
-from benchmarks.hosts.links import HostsError
+from benchmarks.hosts.links import HostsError, lay_links
 from benchmarks.hosts.namespaces import Hosts
 from benchmarks.hosts.relay_process import RelayProcess
 from tests.hosts.conftest import DISK
@@ -91,9 +91,19 @@ def test_the_machine_and_its_network_are_out_of_reach_and_unchanged(hosts: Hosts
     with socket.create_server(("127.0.0.1", 0)) as listener, Hosts(1) as more:
         for host in (hosts.here, *hosts.each, more.here, *more.each):
             assert failure(host, listener.getsockname()) == errno.ECONNREFUSED
-            assert failure(host, ("192.0.2.1", 9)) == errno.ENETUNREACH
+            with socket_on(host, socket.SOCK_DGRAM) as one:  # which asks for the way, and sends nothing
+                assert one.connect_ex(("198.51.100.1", 9)) == errno.ENETUNREACH
         assert links() == before
     assert "10.77." not in before
+
+
+def test_links_are_never_laid_in_the_makers_own_network(hosts: Hosts) -> None:
+    before, own = links(), os.getpid()
+    for here, other in ((own, hosts.here.holder), (hosts.here.holder, own)):
+        with pytest.raises(HostsError) as caught:
+            lay_links(here, [other])
+        assert str(caught.value) == f"process {own} has no network of its own; must have one to hold a host"
+    assert links() == before
 
 
 def test_a_host_has_its_own_name_and_disk_and_the_callers_folder(hosts: Hosts, tmp_path: Path) -> None:
