@@ -1,5 +1,6 @@
 """What each robot has taken of disk and memory, and the sentence for one that has taken too much."""
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -76,12 +77,12 @@ class ResourceWatch:
         holdings = [
             process_table.held(pid) for pid in process_table.descendants({child.pid, *session}, known)
         ]
-        if sum(one.memory for one in holdings) > limits.memory_mb * _MB:
+        if math.fsum(one.memory for one in holdings) > limits.memory_mb * _MB:
             return (
                 f"{robot} has taken more than {limits.memory_mb} MB of memory with all its processes; "
                 "--limit memory_mb=N allows more"
             )
-        if child.program.names is not None and sum(one.threads for one in holdings) > (
+        if child.program.names is not None and math.fsum(one.threads for one in holdings) > (
             limits.processes + _KEEPERS
         ):
             return (

@@ -69,7 +69,7 @@ class AttackedHosts:
         return load_keys(self._written("foreign", mixed))
 
     def enter(self, keys: Keys | None) -> zenoh.Session:
-        """A session of one's own at the world's port. Raises ZError where it is not let in."""
+        """A session of one's own at the world's port. Raises AcrcError where it is not let in."""
         config = session_config("client")
         set_value(config, "connect/endpoints", [self.endpoint])
         set_value(config, "connect/timeout_ms", 1500)

@@ -4,10 +4,9 @@ import secrets
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-import zenoh
-
 from actors.messages import DRIVE
 from actors.runtime.access.tls import Keys
+from actors.runtime.errors import AcrcError
 from benchmarks.attacks.attacked_hosts import AttackedHosts
 
 _NO_CERTIFICATE: Final = "mutual TLS: no certificate of this run"
@@ -32,7 +31,7 @@ def _says(keys: Callable[[AttackedHosts], Keys | None], key: str) -> Callable[[A
         token = secrets.token_hex(8)
         try:
             swarm.enter(keys(swarm)).put(key, token)
-        except zenoh.ZError:
+        except AcrcError:
             return False
         return swarm.world_hears(token) or swarm.robot_hears("r1", token)
 
@@ -48,7 +47,7 @@ def _hears(keys: Callable[[AttackedHosts], Keys | None]) -> Callable[[AttackedHo
             session = swarm.enter(keys(swarm))
             for key in ("swarm/**", "swarm/down/r1/**", "swarm/up/r1/**", DRIVE.key("r1")):
                 session.declare_subscriber(key, lambda sample: heard.append(sample.payload.to_string()))
-        except zenoh.ZError:
+        except AcrcError:
             return False
         tokens = [secrets.token_hex(8), secrets.token_hex(8)]
         swarm.tell("r1", tokens[0])

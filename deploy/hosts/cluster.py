@@ -12,7 +12,7 @@ from actors.runtime.errors import printable
 from deploy.hosts import host_task
 from deploy.hosts.cluster_address import PAGE, ClusterError, host_and_port, is_safe
 from deploy.hosts.cluster_tls import security
-from deploy.hosts.host_probe import Offer
+from deploy.hosts.host_probe import HostOffer
 
 PATIENCE_S: Final = 10.0
 
@@ -66,13 +66,13 @@ def machines(client: Client) -> list[str]:
     return list(first.values())
 
 
-def offers(client: Client, address: str, workers: list[str]) -> dict[str, Offer]:
+def offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
     """What these workers' computers have to offer, by a name for each. Raises ClusterError."""
     asked = [
         client.submit(host_task.describe, workers=[worker], allow_other_workers=False, pure=False)
         for worker in workers
     ]
-    found: dict[str, Offer] = {}
+    found: dict[str, HostOffer] = {}
     for worker, future in zip(workers, asked, strict=True):
         offer = _offer(address, worker, future)
         stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
@@ -85,11 +85,11 @@ def _numbered(stem: str, number: int) -> str:
     return stem if number == 1 else f"{stem}-{number}"
 
 
-def _offer(address: str, worker: str, future: Future[Any]) -> Offer:
+def _offer(address: str, worker: str, future: Future[Any]) -> HostOffer:
     try:
         code, said, last = future.result()
         if code == 0:
-            return msgspec.json.decode(said, type=Offer)
+            return msgspec.json.decode(said, type=HostOffer)
         reason = (str(last).strip() or f"exit code {code}").splitlines()[-1]
     except Exception as error:  # whatever it raised there, or a lost worker is to the library
         reason = f"{type(error).__name__}: {error}".splitlines()[0]

@@ -14,18 +14,18 @@ from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
 from deploy.hosts.channel import Channel, ChannelClosedError
 from deploy.hosts.host_messages import (
+    AskPulse,
     Done,
-    Ended,
+    EndedProcess,
     Fault,
     FilePart,
     FromHost,
     Gone,
     Joined,
-    Look,
+    NotStarted,
     Pulse,
-    Refused,
     Signal,
-    Start,
+    StartRobot,
     ToHost,
     Unlinked,
 )
@@ -131,7 +131,7 @@ class HostLink:
         number = len(self._children)
         child = RemoteChild(program, self._pid((1 << 31) - 1 - number), link=self, number=number)
         self._children[number] = child
-        self.send(Start(number, program.actor, setup_bytes(program.setup)))
+        self.send(StartRobot(number, program.actor, setup_bytes(program.setup)))
         if self.lost:
             child.exit_code = -signal.SIGKILL
         return child
@@ -152,7 +152,7 @@ class HostLink:
             self._lose(f"it has sent {error}")
         if now >= self._looked_s + _LOOK_S:
             self._looked_s = now
-            self.send(Look())
+            self.send(AskPulse())
 
     def give_up(self, why: str) -> None:
         """Hold it to be lost."""
@@ -207,20 +207,20 @@ class HostLink:
                 self.fault = self.fault or message.why
             case Done():
                 self.done = True
-            case Gone() | Refused() | Ended():
+            case Gone() | NotStarted() | EndedProcess():
                 self._end(message)
 
-    def _end(self, message: Gone | Refused | Ended) -> None:
+    def _end(self, message: Gone | NotStarted | EndedProcess) -> None:
         child = self._children.get(message.number)
         if child is None:
             raise ChannelClosedError(f"it speaks of process {message.number}, which nobody has asked for")
         match message:
             case Gone():
                 child.arriving = True
-            case Refused(why=why):
+            case NotStarted(why=why):
                 self.fault = self.fault or f"{child.program.actor} is not started; {why}"
                 child.exit_code = 1
-            case Ended():
+            case EndedProcess():
                 child.strays, child.cpu_s = message.strays, message.cpu_s
                 child.exit_code = message.code
 

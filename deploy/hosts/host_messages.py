@@ -38,7 +38,7 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     """What robots have in common, see `in_common` of the plan."""
 
 
-class Start(msgspec.Struct, frozen=True, tag=True):
+class StartRobot(msgspec.Struct, frozen=True, tag=True):
     """To a host: start a robot's process."""
 
     number: Number
@@ -54,7 +54,7 @@ class Signal(msgspec.Struct, frozen=True, tag=True):
     signal: int
 
 
-class Look(msgspec.Struct, frozen=True, tag=True):
+class AskPulse(msgspec.Struct, frozen=True, tag=True):
     """To a host, every second: somebody is there, and wants a Pulse."""
 
 
@@ -73,7 +73,7 @@ class Unlinked(msgspec.Struct, frozen=True, tag=True):
     """From a host: its link to the mesh broke, or the mesh has ended."""
 
 
-class Refused(msgspec.Struct, frozen=True, tag=True):
+class NotStarted(msgspec.Struct, frozen=True, tag=True):
     """From a host: a process that could not be started."""
 
     number: Number
@@ -86,7 +86,7 @@ class Gone(msgspec.Struct, frozen=True, tag=True):
     number: Number
 
 
-class Ended(msgspec.Struct, frozen=True, tag=True):
+class EndedProcess(msgspec.Struct, frozen=True, tag=True):
     """From a host: all that a process that has ended had written has been sent."""
 
     number: Number
@@ -107,7 +107,7 @@ class Glimpse(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Pulse(msgspec.Struct, frozen=True, tag=True):
-    """From a host, in answer to Look."""
+    """From a host, in answer to AskPulse."""
 
     processes: Annotated[tuple[Glimpse, ...], msgspec.Meta(max_length=100_000)]
     """The robots' processes, and what they have started."""
@@ -125,5 +125,5 @@ class Done(msgspec.Struct, frozen=True, tag=True):
     """From a host: everything has been sent, nothing is left there."""
 
 
-ToHost = FilePart | Begin | Start | Signal | Look | Finish
-FromHost = FilePart | Joined | Unlinked | Refused | Gone | Ended | Pulse | Fault | Done
+ToHost = FilePart | Begin | StartRobot | Signal | AskPulse | Finish
+FromHost = FilePart | Joined | Unlinked | NotStarted | Gone | EndedProcess | Pulse | Fault | Done

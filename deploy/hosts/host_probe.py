@@ -19,7 +19,7 @@ from deploy.hosts.host_messages import Words
 from observation.results.origin import versions
 
 
-class Offer(msgspec.Struct, frozen=True):
+class HostOffer(msgspec.Struct, frozen=True):
     """A computer, as it describes itself."""
 
     name: Words
@@ -39,10 +39,10 @@ class Offer(msgspec.Struct, frozen=True):
     """Where this software lies there."""
 
 
-def offer() -> Offer:
+def offer() -> HostOffer:
     """Of this computer; kernels are compiled first if they are not."""
     compile_kernels(quiet=True)
-    return Offer(
+    return HostOffer(
         name=socket.gethostname(),
         cores=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
         commit=software(),
@@ -54,7 +54,7 @@ def offer() -> Offer:
     )
 
 
-def unfit(there: Offer, here: Offer) -> str | None:
+def unfit(there: HostOffer, here: HostOffer) -> str | None:
     """Why a computer cannot have a part in a run that is started here, to go on after its name; None."""
     if there.commit != here.commit:
         return printable(

@@ -27,15 +27,15 @@ from actors.runtime.isolation.neutral import own_folder
 from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
 from deploy.hosts.channel import Channel, ChannelClosedError, from_host
 from deploy.hosts.host_messages import (
+    AskPulse,
     Begin,
     Done,
     Fault,
     FilePart,
     Finish,
     Joined,
-    Look,
     Signal,
-    Start,
+    StartRobot,
     ToHost,
     Unlinked,
 )
@@ -52,7 +52,7 @@ _GRACE_S: Final = 3.0
 _TURN_S: Final = 0.05
 
 
-class Errand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HostErrand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a host is started with."""
 
     address: str
@@ -65,7 +65,7 @@ class Errand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class HostProgram:
     """One run's part on this computer."""
 
-    def __init__(self, folder: Path, errand: Errand, channel: Channel[ToHost]) -> None:
+    def __init__(self, folder: Path, errand: HostErrand, channel: Channel[ToHost]) -> None:
         self._folder = folder
         self._errand = errand
         self._channel = channel
@@ -148,7 +148,7 @@ class HostProgram:
                 self._incoming.take(message)
             case Begin():
                 self._begin = message
-            case Look():
+            case AskPulse():
                 if self._robots is not None:
                     self._channel.send(self._robots.pulse())
             case Finish():
@@ -158,7 +158,7 @@ class HostProgram:
 
     def _act(self, robots: HostRobots, message: ToHost) -> None:
         match message:
-            case Start():
+            case StartRobot():
                 robots.start(message)
             case Signal():
                 robots.signal(message)
@@ -195,7 +195,7 @@ def main(argv: Sequence[str]) -> int:
     leave_in_order()
     folder = Path(argv[0]).resolve()
     try:
-        errand = msgspec.json.decode((folder / ERRAND).read_bytes(), type=Errand)
+        errand = msgspec.json.decode((folder / ERRAND).read_bytes(), type=HostErrand)
         encrypted = connect(folder / KEYS, errand.address, errand.port, _PATIENCE_S)
     except OSError as error:
         sys.stderr.write(f"{errand.address}:{errand.port} cannot be reached: {error.strerror or error}\n")

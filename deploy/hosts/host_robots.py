@@ -20,18 +20,18 @@ from actors.runtime.process_setup import SETUP
 from deploy.hosts.channel import Channel
 from deploy.hosts.host_messages import (
     Begin,
-    Ended,
+    EndedProcess,
     Fault,
     FilePart,
     Glimpse,
     Gone,
+    NotStarted,
     Pulse,
-    Refused,
     Signal,
-    Start,
+    StartRobot,
     ToHost,
 )
-from deploy.hosts.run_files import Growing, parts
+from deploy.hosts.run_files import GrowingFile, parts
 
 CODE: Final = "code"
 """Folder with those of the strategy's code, by number from 1 on."""
@@ -50,9 +50,9 @@ class HostRobots:
         self._children: dict[int, Child] = {}
         self._told: set[int] = set()
         """Those whose end has been told."""
-        self._files: dict[Path, Growing] = {}
-        self._waiting: deque[Start] = deque()
-        self._due: deque[tuple[list[Growing], Ended]] = deque()
+        self._files: dict[Path, GrowingFile] = {}
+        self._waiting: deque[StartRobot] = deque()
+        self._due: deque[tuple[list[GrowingFile], EndedProcess]] = deque()
         """Of those that have ended: what of their files is to be sent before that is said."""
         self._resources = ResourceWatch(begin.limits)
 
@@ -66,16 +66,16 @@ class HostRobots:
         """Everything that is to be said of those that have ended has been."""
         return not (self._due or self._waiting) and len(self._told) == len(self._children)
 
-    def start(self, order: Start) -> None:
-        """Start a robot's process as soon as that keeps nobody waiting."""
+    def start(self, order: StartRobot) -> None:
+        """StartRobot a robot's process as soon as that keeps nobody waiting."""
         self._waiting.append(order)
 
-    def _start(self, order: Start) -> None:
+    def _start(self, order: StartRobot) -> None:
         """With what it is told in terms of this computer."""
         try:
             self._children[order.number] = self._launched.start(self._program(order))
         except (AcrcError, msgspec.MsgspecError) as error:
-            self._channel.send(Refused(order.number, str(error)[:2000]))
+            self._channel.send(NotStarted(order.number, str(error)[:2000]))
 
     def signal(self, order: Signal) -> None:
         """Send a process a signal, if it still runs."""
@@ -83,7 +83,7 @@ class HostRobots:
             self._children[order.number].send(Signals(order.signal))
 
     def look(self) -> None:
-        """Start who is to be, see who has ended, send of their files what there is room for."""
+        """StartRobot who is to be, see who has ended, send of their files what there is room for."""
         if self._waiting and self._launched.ready:
             self._start(self._waiting.popleft())
         for number, child in self._children.items():
@@ -91,7 +91,7 @@ class HostRobots:
                 self._told.add(number)
                 self._channel.send(Gone(number))
                 files = [self._growing(path) for path in self._written(child.program)]
-                self._due.append((files, Ended(number, child.exit_code, child.strays, child.cpu_s)))
+                self._due.append((files, EndedProcess(number, child.exit_code, child.strays, child.cpu_s)))
         self._send_due()
         programs = [child.program for child in self.running]
         self._send(self._growing(path) for program in programs for path in self._written(program))
@@ -121,7 +121,7 @@ class HostRobots:
             child.send(number)
             child.send(SIGCONT)
 
-    def _program(self, order: Start) -> Program:
+    def _program(self, order: StartRobot) -> Program:
         told = msgspec.json.decode(order.setup, type=RobotProgram)
         if order.robot not in self._begin.robots or told.actor.id != order.robot:
             raise AcrcError(f"{order.robot} is no robot of this host")
@@ -145,8 +145,8 @@ class HostRobots:
         assert program.record is not None
         return program.record, program.log
 
-    def _growing(self, path: Path) -> Growing:
-        return self._files.setdefault(path, Growing(self._folder, path))
+    def _growing(self, path: Path) -> GrowingFile:
+        return self._files.setdefault(path, GrowingFile(self._folder, path))
 
     def _send_due(self) -> None:
         while self._due and self._send(self._due[0][0]):
@@ -155,7 +155,7 @@ class HostRobots:
                 file.close()
             self._channel.send(ended)
 
-    def _send(self, files: Iterable[Growing]) -> bool:
+    def _send(self, files: Iterable[GrowingFile]) -> bool:
         """Send what is there of them; False if the connection takes no more for now."""
         for file in files:
             while self._channel.waiting < _ENOUGH:

@@ -47,7 +47,7 @@ class HostedLauncher:
         return any(link.arriving for link in self._links)
 
     def start(self, program: Program) -> Child:
-        """Start one program where it belongs."""
+        """StartRobot one program where it belongs."""
         link = self._of.get(program.actor)
         child = self._here.start(program) if link is None else link.start(program)
         if program.actor == "world":

@@ -24,8 +24,8 @@ from deploy.hosts.cluster import PATIENCE_S, connect, machines, offers
 from deploy.hosts.cluster_address import PAGE, ClusterError
 from deploy.hosts.host_link import HostLink, below
 from deploy.hosts.host_messages import PART, Begin, FilePart, Finish
-from deploy.hosts.host_probe import Offer
-from deploy.hosts.host_program import Errand
+from deploy.hosts.host_probe import HostOffer
+from deploy.hosts.host_program import HostErrand
 from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.hosts.listening import bound, bracketed, free_port, listening, own_address
 
@@ -38,7 +38,7 @@ _FAREWELL_S: Final = 10.0
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedErrand:
     """What all hosts of a run are told alike."""
 
     spawn: str
@@ -52,12 +52,12 @@ class Shared:
 
 
 @dataclass
-class Hosts:
+class RunHosts:
     """Those that the cluster has, and once they are placed, those of this run."""
 
     address: str
     client: Client
-    offers: dict[str, Offer]
+    offers: dict[str, HostOffer]
     workers: dict[str, str]
     """Dask's address of a worker on each."""
     listen: tuple[str, int]
@@ -78,10 +78,10 @@ class Hosts:
         return next((f"on host {name} {fault}" for name, fault in faults if fault), None)
 
     def place(self, robots: Sequence[str]) -> None:
-        """Decide who is where."""
+        """Decide which robot is on which."""
         self.robots = placement.shares(robots, {name: offer.cores for name, offer in self.offers.items()})
 
-    def summon(self, out: Path, keys: Path, shared: Shared) -> None:
+    def summon(self, out: Path, keys: Path, shared: SharedErrand) -> None:
         """Draw keys, into the folder `keys` for this computer, and have the hosts begin to come.
 
         `out`: the run's folder.
@@ -100,7 +100,7 @@ class Hosts:
             for place, (name, robots) in enumerate(self.robots.items(), start=1)
         )
         silence_s = min(_SILENCE_FACTOR * shared.timeout_s, 86_400.0)
-        errand = msgspec.json.encode(Errand(address, self._server.getsockname()[1], silence_s))
+        errand = msgspec.json.encode(HostErrand(address, self._server.getsockname()[1], silence_s))
         for name in self.robots:
             pem = drawn.hosts[name]
             words = (errand, (pem.authority, pem.certificate, pem.private_key))
@@ -121,7 +121,7 @@ class Hosts:
         return HostedLauncher(here, self.links, silence_s, say, self._why_ended)
 
     def join(
-        self, out: Path, shared: Shared, look: Callable[[], None], wait: Callable[[float], None]
+        self, out: Path, shared: SharedErrand, look: Callable[[], None], wait: Callable[[float], None]
     ) -> None:
         """Have all of them in the mesh, which must be there. Raises AcrcError."""
         deadline = time.monotonic() + 3 * PATIENCE_S
@@ -204,7 +204,7 @@ class Hosts:
         else:
             link.connect(to_host(encrypted))
 
-    def _begin(self, link: HostLink, out: Path, shared: Shared, wait: Callable[[float], None]) -> None:
+    def _begin(self, link: HostLink, out: Path, shared: SharedErrand, wait: Callable[[float], None]) -> None:
         """Send a host the files of its robots, and what it is to do."""
         for robot in link.robots:
             for path in sorted((out / robot).rglob("*")):
@@ -250,7 +250,7 @@ class Hosts:
 
 
 @contextmanager
-def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Hosts]:
+def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[RunHosts]:
     """The hosts of the cluster at `address`, all of which are fit for a run. Raises ClusterError.
 
     `listen`: where they are to connect to; None: this computer as it reaches the scheduler, any port.
@@ -263,7 +263,7 @@ def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Hosts]:
         for name, there in found.items():
             if fault := host_probe.unfit(there, here):
                 raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
-        hosts = Hosts(
+        hosts = RunHosts(
             address,
             client,
             found,

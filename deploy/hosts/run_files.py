@@ -45,7 +45,7 @@ class Incoming:
             raise FilePartError(f"a file {path}, to which a link leads")
 
 
-class Growing:
+class GrowingFile:
     """One file that is sent while it grows, from its beginning."""
 
     def __init__(self, folder: Path, path: Path) -> None:
@@ -78,7 +78,7 @@ def parts(folder: Path, below: Path) -> Iterator[FilePart]:
     for path in sorted(below.rglob("*")):
         if path.is_symlink() or not path.is_file():
             continue
-        file = Growing(folder, path)
+        file = GrowingFile(folder, path)
         while (part := file.part()) is not None:
             yield part
         file.close()

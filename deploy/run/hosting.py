@@ -16,7 +16,7 @@ from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan, in_common
 
 if TYPE_CHECKING:  # what finds a cluster needs an extra that a run on one computer does not
-    from deploy.hosts.hosts import Hosts, Shared
+    from deploy.hosts.hosts import RunHosts, SharedErrand
 
 KEYS: Final = "keys"
 """Folder with this computer's keys of the run, in the world's."""
@@ -25,7 +25,7 @@ _MOST_CODE: Final = 64 << 20
 
 
 @contextmanager
-def recruits(options: RunOptions) -> Iterator["Hosts | None"]:
+def recruits(options: RunOptions) -> Iterator["RunHosts | None"]:
     """The computers that are to have the robots, if the options want any. Raises AcrcError."""
     if not options.on:
         yield None
@@ -41,8 +41,8 @@ class Away:
     """The hosts of a run that has been laid out."""
 
     plan: RunPlan
-    hosts: "Hosts"
-    shared: "Shared"
+    hosts: "RunHosts"
+    shared: "SharedErrand"
 
     @property
     def gate(self) -> Gate:
@@ -67,12 +67,12 @@ class Away:
         self.hosts.dismiss(wait)
 
 
-def summoned(plan: RunPlan, hosts: "Hosts", spawn: str) -> Away:
+def summoned(plan: RunPlan, hosts: "RunHosts", spawn: str) -> Away:
     """Place the robots, and have their hosts begin to come. Raises AcrcError."""
-    from deploy.hosts.hosts import Shared  # noqa: PLC0415
+    from deploy.hosts.hosts import SharedErrand  # noqa: PLC0415
 
     hosts.place([robot.id for robot in plan.world.robots])
-    shared = Shared(
+    shared = SharedErrand(
         spawn=spawn,
         isolate=plan.isolate,
         limits=plan.options.limits,

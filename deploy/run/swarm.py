@@ -59,7 +59,7 @@ from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
 
 if TYPE_CHECKING:
-    from deploy.hosts.hosts import Hosts
+    from deploy.hosts.hosts import RunHosts
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
@@ -77,7 +77,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 
 
 def _run(
-    scenario: Scenario, options: RunOptions, launched: Launcher | None, hosts: "Hosts | None"
+    scenario: Scenario, options: RunOptions, launched: Launcher | None, hosts: "RunHosts | None"
 ) -> RunResult:
     prepared = plan(scenario, options, None if hosts is None else hosts.isolation_fault)
     warn(prepared.warning)
@@ -172,7 +172,7 @@ def run_processes(
     spawn: str,
     on_progress: OnProgress,
     launched: Launcher | None = None,
-    hosts: "Hosts | None" = None,
+    hosts: "RunHosts | None" = None,
 ) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises.
 
