@@ -158,7 +158,8 @@ class Silence:
     ) -> SilenceVerdict | None:
         """Who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
 
-        `everyone`: all processes of the run; nobody is judged while one of them is stopped.
+        `everyone`: all processes of the run; nobody is judged while one of them is stopped, or while one that
+        is awaited is out of sight, for the others may have done what they are to do.
         """
         now = self._clock()
         if now - self._looked < self._timeout.look_s:
@@ -175,7 +176,7 @@ class Silence:
         for suspect in awaited:
             tree = trees.get(suspect.pid, set())
             self._charge(suspect, {pid: known[pid] for pid in tree}, tree | link, elapsed_s)
-        if self.stopped:
+        if self.stopped or any(self._accounts[one].doing == _UNSEEN for one in awaited):
             return None
         return next((found for one in awaited if (found := self._judge(one, what, starting))), None)
 

@@ -162,9 +162,11 @@ class HostLink:
         """Its processes by ids that nobody here has; out of sight while nothing is heard of it."""
         hidden = self.silent_s > SUSPICIOUS_S or bool(self.lost)
         roots = {}
-        for child in self._children.values():
+        started = {*self._pulse.started.values()}
+        for number, child in self._children.items():
             if child.exit_code is None:
-                state = OUT_OF_SIGHT if hidden or child.arriving else "S"
+                seen = number in started and not (hidden or child.arriving)
+                state = "S" if seen else OUT_OF_SIGHT
                 yield child.pid, ProcessGlance(0, 0, state, 0.0)
         for pid, number in self._pulse.started.items():
             if number in self._children:
