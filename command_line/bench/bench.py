@@ -42,6 +42,10 @@ BENCHMARKS: Final = {
         "benchmarks.beside.command", "this state and another COMMIT in turn: wall and CPU time, digests",
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
     ),
+    "hosts": Benchmark(
+        "benchmarks.hosts.benchmark", "a swarm over 1 to 3 network namespaces as hosts, by delay",
+        ("robots", "duration"),
+    ),
     "start": Benchmark(
         "benchmarks.swarm.start", "from Enter to a command's first word, and to a run's first step",
         ("robots", "repeat"),
@@ -76,13 +80,16 @@ def bench(
             metavar="N",
             min=1,
             max=1000,
-            help="swarm, start, recordings, relays, beside: number of robots. Repeatable.",
+            help="swarm, start, recordings, relays, beside, hosts: number of robots. Repeatable.",
         ),
     ] = None,
     duration: Annotated[
         float | None,
         typer.Option(
-            metavar="S", min=1, max=3600, help="swarm, recordings, relays, budget, beside: simulated seconds."
+            metavar="S",
+            min=1,
+            max=3600,
+            help="swarm, recordings, relays, budget, beside, hosts: simulated seconds.",
         ),
     ] = None,
     repeat: Annotated[

@@ -4,19 +4,13 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from benchmarks.hosts.cluster import ADDRESS, TlsCluster
 from benchmarks.hosts.namespaces import Hosts
-from benchmarks.hosts.relay_process import RelayProcess
 from tests.hosts.on_host import eventually
 
 ROOT = Path(__file__).parents[2]
-TOLD = "10.77.99.1"
-"""An address that nobody has: hosts are told it, and relays there lead here."""
-PORT = 7450
 
 
 class HostedRun:
@@ -58,17 +52,3 @@ class HostedRun:
     def nothing_left(self) -> bool:
         """On no host a process of the run is left."""
         return eventually(lambda: all(len(host.processes()) <= 1 for host in self.hosts.each))
-
-
-@contextmanager
-def relayed(hosts: Hosts, delay_ms: float) -> Iterator[list[RelayProcess]]:
-    """Relays on every host, at TOLD, to the mesh and to the run here."""
-    with ExitStack() as stack:
-        made = []
-        for host in hosts.each:
-            address = ["ip", "address", "replace", f"{TOLD}/32", "dev", "lo"]
-            subprocess.run(host.command(address), check=True)
-            for port in (PORT, PORT + 1):
-                relay = RelayProcess(host, f"{TOLD}:{port}", f"10.77.0.1:{port}", delay_ms=delay_ms)
-                made.append(stack.enter_context(relay))
-        yield made

@@ -6,14 +6,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 
 import pytest
 
+from benchmarks.hosts.between import LISTEN, relayed
 from benchmarks.hosts.cluster import TlsCluster
 from benchmarks.hosts.namespaces import Hosts
 from observation.evidence.run_reader import RunReader
-from tests.hosts.hosted_runs import PORT, ROOT, TOLD, HostedRun, relayed
+from tests.hosts.hosted_runs import ROOT, HostedRun
 
 pytestmark = pytest.mark.timeout(400)
 LONG = ("--robots", "4", "--duration", "3000", "--seed", "1", "--timeout", "5")
@@ -74,7 +76,7 @@ def test_twenty_robots_on_three_hosts_have_the_digest_of_one_computer(
 def test_delays_change_nothing(three: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float) -> None:
     words = ("--robots", "3", "--duration", "2", "--json")
     with relayed(three, delay_ms):
-        run = HostedRun(three, cluster, tmp_path / "hosted", *words, "--listen", f"{TOLD}:{PORT}")
+        run = HostedRun(three, cluster, tmp_path / "hosted", *words, *LISTEN)
         assert run.digest() == digest_here(tmp_path / "here", *words)
 
 
@@ -83,10 +85,10 @@ def test_links_that_stall_change_nothing_and_are_told(
 ) -> None:
     words = ("--robots", "3", "--duration", "60", "--json", "--timeout", "5")
     with relayed(three, 0.0) as relays:
-        run = HostedRun(three, cluster, tmp_path / "hosted", *words, "--listen", f"{TOLD}:{PORT}")
+        run = HostedRun(three, cluster, tmp_path / "hosted", *words, *LISTEN)
         run.under_way()
         for order in ("stall", "go"):
-            for relay in relays:
+            for relay in chain.from_iterable(relays.values()):
                 relay.tell(order)
             time.sleep(6)
         out, said = run.process.communicate(timeout=180)
@@ -99,9 +101,9 @@ def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
     three: Hosts, cluster: TlsCluster, tmp_path: Path
 ) -> None:
     with relayed(three, 0.0) as relays:
-        run = HostedRun(three, cluster, tmp_path / "out", *LONG, "--listen", f"{TOLD}:{PORT}")
+        run = HostedRun(three, cluster, tmp_path / "out", *LONG, *LISTEN)
         run.under_way()
-        for relay in relays[2:4]:
+        for relay in relays["h2"]:
             relay.tell("cut")
         code, said = run.ended()
     assert code == 1
