@@ -1,4 +1,4 @@
-"""Every attack on a swarm of two: what held, what got through, and whether the documentation says so."""
+"""Every attack on a swarm of two, and on one over two hosts: what held, and if the rest is documented."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -10,7 +10,9 @@ from rich.table import Table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks.attack import Attack, Layer, missing_means
+from benchmarks.attacks.attacked_hosts import AttackedHosts, attacked_hosts
 from benchmarks.attacks.attacks import ATTACKS, row
+from benchmarks.attacks.host_attacks import HOST_ATTACKS
 from benchmarks.attacks.network_attacks import REPOSITORY
 from benchmarks.attacks.swarm import AttackedSwarm
 from benchmarks.statistics.measured import Measured
@@ -35,7 +37,7 @@ class AttackVerdict:
 
 
 def check() -> Measured:
-    """Carry out all attacks on isolated robots.
+    """Carry out all attacks on isolated robots, and those on links between computers.
 
     It holds where every attack that gets through is one that the documentation owns up to. Raises
     AttacksError where robots cannot be isolated.
@@ -45,6 +47,8 @@ def check() -> Measured:
         raise AttacksError(reason)
     with AttackedSwarm("isolated") as swarm:
         verdicts = list(_verdicts(swarm, DOCUMENT))
+    with attacked_hosts() as hosts:
+        verdicts += _host_verdicts(hosts)
     return told(verdicts)
 
 
@@ -69,6 +73,16 @@ def told(verdicts: Sequence[AttackVerdict]) -> Measured:
 def is_stated(attack: Attack, text: str) -> bool:
     """Whether the documentation `text` says that nothing closes this way."""
     return attack.layer == Layer.REMAINS and row(attack) in text
+
+
+def _host_verdicts(hosts: AttackedHosts) -> Iterator[AttackVerdict]:
+    for attack in HOST_ATTACKS:
+        reached = attack.act(hosts)
+        if not attack.control:
+            outcome = "through" if reached else "held"
+            yield AttackVerdict(attack.name, attack.closed_by, outcome, stated=False)
+        elif not reached:
+            raise AttacksError(f"{attack.name}: must get through, and does not: nobody hears anybody here")
 
 
 def _verdicts(swarm: AttackedSwarm, document: Path) -> Iterator[AttackVerdict]:

@@ -83,12 +83,15 @@ def _all(robots: Sequence[int], seconds: float) -> Iterator[HostedFigures]:
     for count in robots:
         yield _local(count, seconds)
     for number in HOSTS:
-        with tempfile.TemporaryDirectory(prefix="acrc-") as name, Hosts(number) as hosts:
-            with TlsCluster(hosts, Path(name) / "cluster") as cluster:
-                for delay_ms in DELAYS_MS:
-                    with relayed(hosts, delay_ms) if delay_ms else nullcontext():
-                        for count in robots:
-                            yield _hosted(hosts, cluster, count, seconds, delay_ms)
+        with (
+            tempfile.TemporaryDirectory(prefix="acrc-") as name,
+            Hosts(number) as hosts,
+            TlsCluster(hosts, Path(name) / "cluster") as cluster,
+        ):
+            for delay_ms in DELAYS_MS:
+                with relayed(hosts, delay_ms) if delay_ms else nullcontext():
+                    for count in robots:
+                        yield _hosted(hosts, cluster, count, seconds, delay_ms)
 
 
 def _local(robots: int, seconds: float) -> HostedFigures:

@@ -118,7 +118,7 @@ def test_a_worker_that_is_killed_ends_the_run_with_its_name(
     code, said = ended(three, cluster, tmp_path / "out", lambda run: cluster.kill_worker(0))
     cluster.start_worker(0)
     assert code == 1
-    assert said.startswith("acrc: host h1 is lost, with r1 and r2: the connection ")
+    assert said.startswith("acrc: host h1 is lost, with r1, r2: the connection ")
 
 
 def test_a_stopped_host_ends_the_run_with_its_name(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_full_disk_on_a_host_is_told_with_its_name(
         subprocess.run(three.each[1].command(full), check=True)
     assert code == 1
     assert "(on host h2)" in said
-    assert "No space left on device" in said
+    assert "no space left on device" in said
 
 
 def test_an_order_and_a_log_reach_robots_on_hosts(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
