@@ -19,6 +19,8 @@ class OrderLimits:
     """Greatest heading, rad, either sign; it is brought into (-π, π]."""
     jam_radius: float = 1e6
     """Greatest reach of a jammer, m."""
+    obstacle_radius: float = 100.0
+    """Greatest radius of an obstacle, m."""
     jam_us: int = 10**12
     """Longest jam, µs: 11.6 days. The radio counts nanoseconds in 64 bits."""
     obstacles: int = 1000
@@ -59,6 +61,11 @@ def _point_fault(order: Order, limits: OrderLimits) -> str | None:
                 )
         case Obstacle(x, y) if not _within(limits.coordinate, x, y):
             return f"an obstacle cannot stand at ({x:g}, {y:g}); {_finite(limits)}"
+        case Obstacle(radius=radius) if not 0 < radius <= limits.obstacle_radius:
+            return (
+                f"an obstacle has a radius of {radius:g} m; it should be above 0 and at most "
+                f"{limits.obstacle_radius:g} m"
+            )
         case CloseDoor(x, y) | OpenDoor(x, y) if not _within(limits.coordinate, x, y):
             return f"there is no door at ({x:g}, {y:g}); {_finite(limits)}"
     return None

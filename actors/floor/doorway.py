@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.floor import flood
 from actors.floor.door import Door
-from actors.floor.grid import OccupancyGrid, nearest_cell, passable
+from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, passable
 from actors.floor.regions import ROOM, Regions, regions, touching
 from actors.geometry import Point
 from actors.portable import arrays
@@ -64,6 +64,14 @@ class Doorways:
                 return filled
         x, y = door.middle
         raise DoorError(f"the narrow place at ({x:.2f}, {y:.2f}) cannot be closed by a straight door")
+
+    def leaf(self, closed: NDArray[np.bool_]) -> tuple[Point, Point]:
+        """The two of a closed door's cells that are farthest from each other: where it ends, m."""
+        rows, columns = np.nonzero(closed)
+        gaps = arrays.hypot((rows[:, None] - rows).astype(float), (columns[:, None] - columns).astype(float))
+        ends = np.unravel_index(int(gaps.argmax()), gaps.shape)
+        one, other = (self._grid.centre(Cell(int(rows[end]), int(columns[end]))) for end in ends)
+        return one, other
 
     def _lines(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """(n, 2) each: row and column of the blocking cells that lines through the door's cells end in."""

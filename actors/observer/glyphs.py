@@ -100,8 +100,3 @@ MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
     }
 )
 """What stands on a floor or in a lane."""
-
-
-def state(word: str) -> StateGlyph:
-    """The glyph of a state, by whichever account it is. KeyError for a word that is none."""
-    return SEEN_STATES.get(word) or OWN_STATES[word]

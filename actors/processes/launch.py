@@ -90,7 +90,7 @@ class Server(Protocol):
         """Wait for its end; the exit code, or less than 0: the signal that ended it."""
 
 
-def _write_setup(program: Program) -> None:
+def write_setup(program: Program) -> None:
     """Write what the program reads. Raises LaunchError."""
     assert program.setup is not None
     file = program.log.parent / SETUP
@@ -175,7 +175,7 @@ class Launcher:
     def start(self, program: Program) -> Child:
         """Start one program; a set-up is in its file then, in place of an earlier start's."""
         if program.setup is not None:
-            _write_setup(program)
+            write_setup(program)
         names = None if program.names is None else asdict(program.names)
         self._ask({"start": "plain" if names is None else "confined"})
         self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})

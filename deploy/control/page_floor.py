@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from actors.floor.doorway import DoorError, Doorways
-from actors.floor.grid import FREE, UNKNOWN, Cell, OccupancyGrid
+from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.observer import colours
 from actors.robot_model import load_model
 from actors.world.world_setup import WorldSetup
@@ -30,12 +30,9 @@ class PageFloor:
         self._leaves: dict[int, Line] = {}
         for door in self.doorways.regions.doors:
             try:
-                cells = np.argwhere(self.doorways.closed(door))
+                begin, end = self.doorways.leaf(self.doorways.closed(door))
             except DoorError:  # an order to close it would be refused, too
                 continue
-            along = int(np.ptp(cells, axis=0).argmax())
-            ends = cells[np.argsort(cells[:, along], kind="stable")[[0, -1]]].tolist()
-            begin, end = (grid.centre(Cell(row, column)) for row, column in ends)
             self._leaves[door.index] = (begin.x, begin.y, end.x, end.y)
         self.numbers = {index: number for number, index in enumerate(self._leaves)}
         """By a door's index on the map: its place among those that can be closed."""

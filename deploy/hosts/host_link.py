@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.processes.launch import Child, LaunchError, Program
+from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.silence import OUT_OF_SIGHT
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
@@ -128,6 +128,7 @@ class HostLink:
     def start(self, program: Program) -> Child:
         """Have a robot's process started; if that fails, it ends at once."""
         assert program.setup is not None
+        write_setup(program)
         number = len(self._children)
         child = RemoteChild(program, self._pid((1 << 31) - 1 - number), link=self, number=number)
         self._children[number] = child

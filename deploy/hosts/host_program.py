@@ -194,8 +194,8 @@ def main(argv: Sequence[str]) -> int:
     die_with_parent(os.getppid(), signal.SIGTERM)
     leave_in_order()
     folder = Path(argv[0]).resolve()
+    errand = msgspec.json.decode((folder / ERRAND).read_bytes(), type=HostErrand)
     try:
-        errand = msgspec.json.decode((folder / ERRAND).read_bytes(), type=HostErrand)
         encrypted = connect(folder / KEYS, errand.address, errand.port, _PATIENCE_S)
     except OSError as error:
         sys.stderr.write(f"{errand.address}:{errand.port} cannot be reached: {error.strerror or error}\n")

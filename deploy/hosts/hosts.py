@@ -35,6 +35,8 @@ _CLOCK_S: Final = 1.0
 _SILENCE_FACTOR: Final = 4.0
 """A host may be silent for so many times as long as a robot may keep all others waiting."""
 _FAREWELL_S: Final = 10.0
+_HANDSHAKE_S: Final = 3.0
+"""Somebody who comes and says nothing keeps those out so long who come behind."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,8 @@ class RunHosts:
         if self._server is not None:
             self._server.close()
         deadline = time.monotonic() + _FAREWELL_S
-        while not all(future.done() for future in self._futures.values()) and time.monotonic() < deadline:
+        awaited = [self._futures[link.name] for link in self.links if link.done]
+        while not all(future.done() for future in awaited) and time.monotonic() < deadline:
             time.sleep(0.05)
         for future in self._futures.values():
             with suppress(Exception):  # whatever a lost cluster is to the library
@@ -191,7 +194,7 @@ class RunHosts:
         if not select.select([self._server], [], [], timeout_s)[0]:
             return
         plain, _ = self._server.accept()
-        plain.settimeout(PATIENCE_S)
+        plain.settimeout(_HANDSHAKE_S)
         try:
             encrypted = self._context.wrap_socket(plain, server_side=True)
         except (OSError, ValueError):

@@ -14,7 +14,6 @@ from actors.orders import CloseDoor, Obstacle, OpenDoor, Wall
 from observation.replay.recorded_orders import GivenOrder
 
 Cells = NDArray[np.bool_]
-Span = tuple[tuple[float, float], tuple[float, float]]
 ON_FLOOR: Final = (CloseDoor, OpenDoor, Obstacle, Wall)
 """Orders that change the floor."""
 
@@ -95,7 +94,9 @@ class FloorThings:
                 self._things = tuple(one for one in self._things if one.door != door)
                 return bool(same)
             if not same and all(one.door != door for one in self._closing):
-                self._closing.append(FloorThing("closed door", self._span(self._filled(door)), 0.0, door))
+                self._closing.append(
+                    FloorThing("closed door", self.doorways.leaf(self._filled(door)), 0.0, door)
+                )
         except DoorError:
             pass
         return False
@@ -130,11 +131,3 @@ class FloorThings:
         if door not in self._leaves:
             self._leaves[door] = self.doorways.closed(self.doorways.regions.doors[door])
         return self._leaves[door]
-
-    def _span(self, leaf: Cells) -> Span:
-        """Its two cells that are farthest from each other."""
-        points = self.middles(leaf)
-        gaps = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
-        one, other = np.unravel_index(int(gaps.argmax()), gaps.shape)
-        (x, y), (to_x, to_y) = points[one].tolist(), points[other].tolist()
-        return (x, y), (to_x, to_y)

@@ -27,6 +27,7 @@ from actors.messages import (
     Senses,
     Truth,
 )
+from actors.order_limits import OrderLimits, fault
 from actors.radio.radio_setup import RadioSetup
 from actors.topic import Topic
 from observation.evidence.run_evidence import (
@@ -75,8 +76,13 @@ class RunReader:
         self._told: dict[str, int] = {}
         """By robot the last step of which it has taken down what it sensed."""
         step_us = self.setup.step_us
-        self._orders = [GivenOrder(one.step(step_us), one.order) for one in self.setup.events]
-        """Those of the scenario and those from outside of which no piece has told yet."""
+        self._orders = [
+            GivenOrder(one.step(step_us), one.order)
+            for one in self.setup.events
+            if fault(one.order, OrderLimits()) is None
+        ]
+        """Those of the scenario and those from outside of which no piece has told yet, but for those whose
+        numbers the world refused: a folder of somebody else's may hold anything."""
         self._boundary = 0
         """The step at which the world takes the next order from outside."""
         self._closed = -1
@@ -145,7 +151,8 @@ class RunReader:
                     self._boundary = one.step + 1
                 elif _is(one, CONTROL):
                     told = _as(one, Control)
-                    self._orders += [GivenOrder(self._boundary, order) for order in told.orders]
+                    made = (order for order in told.orders if fault(order, OrderLimits()) is None)
+                    self._orders += [GivenOrder(self._boundary, order) for order in made]
             elif robot in self._index:
                 self._told_by(robot, one)
 

@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from actors.floor.doorway import Doorways
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
 from actors.observer import glyphs
@@ -19,7 +20,6 @@ from actors.observer.glyphs import MARKS
 from actors.task.referee import PlaceOutcome, Verdict
 from observation.accounting.spells import Spell
 from observation.accounting.time_spent import BY_ROBOTS, Cause
-from observation.evidence.floor_things import FloorThings
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.things_over_time import spans
 from observation.picture import marks, style, things_picture
@@ -65,7 +65,7 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArr
 
 def draw_doors(axes: Axes, run: RunEvidence) -> bool:
     """The doors of the map; True if it has any."""
-    parts = FloorThings(run.grid, largest_radius(run.setup)).doorways.regions
+    parts = Doorways(run.grid, largest_radius(run.setup)).regions
     draw_regions(axes, run.grid, parts, np.ones_like(parts.labels, np.bool_))
     return bool(parts.doors)
 

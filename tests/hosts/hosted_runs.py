@@ -52,3 +52,13 @@ class HostedRun:
     def nothing_left(self) -> bool:
         """On no host a process of the run is left."""
         return eventually(lambda: all(len(host.processes()) <= 1 for host in self.hosts.each))
+
+    def folders_left(self) -> list[str]:
+        """What lies on the hosts' disks, beside the cluster's own."""
+        found = []
+        for host in self.hosts.each:
+            listed = subprocess.run(
+                host.command(["ls", str(host.disk)]), capture_output=True, text=True, check=True
+            )
+            found += [name for name in listed.stdout.split() if name.startswith("acrc-")]
+        return found

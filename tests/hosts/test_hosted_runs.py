@@ -59,6 +59,7 @@ def ended(three: Hosts, cluster: TlsCluster, out: Path, fail: Callable[[HostedRu
     found = run.ended()
     with RunReader(out) as reader:
         assert reader.robots == ("r1", "r2", "r3", "r4")
+    assert len(list(out.glob("r[0-9]/*.mcap"))) == 4
     assert run.nothing_left()
     return found
 
@@ -70,6 +71,9 @@ def test_twenty_robots_on_three_hosts_have_the_digest_of_one_computer(
     run = HostedRun(three, cluster, tmp_path / "hosted", *words)
     assert run.digest() == digest_here(tmp_path / "here", *words)
     assert run.nothing_left()
+    assert run.folders_left() == []
+    kept = {path.name for path in (tmp_path / "hosted" / "r20").iterdir()}
+    assert kept == {"map.png", "map.yaml", "own", "r20.log", "r20.mcap", "setup.json"}
 
 
 @pytest.mark.parametrize("delay_ms", [1.0, 10.0])
@@ -122,12 +126,16 @@ def test_a_worker_that_is_killed_ends_the_run_with_its_name(
 
 
 def test_a_stopped_host_ends_the_run_with_its_name(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+    run = HostedRun(three, cluster, tmp_path / "out", *LONG)
+    run.under_way()
+    three.each[2].signal(signal.SIGSTOP)
     try:
-        code, said = ended(three, cluster, tmp_path / "out", lambda run: three.each[2].signal(signal.SIGSTOP))
+        code, said = run.ended()
     finally:
         three.each[2].signal(signal.SIGCONT)
     assert code == 1
     assert said.startswith("acrc: host h3 is lost, with r4: nothing has been heard of it for 20 s")
+    assert run.nothing_left()
 
 
 def test_ctrl_c_ends_everything_everywhere(three: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:

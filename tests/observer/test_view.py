@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import colours, viewer
+from actors.observer.drawing import things
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import APPLICATION, Sheet
@@ -275,3 +276,8 @@ def test_a_place_where_nothing_can_be_written_is_named(tmp_path: Path) -> None:
         Sheet(tmp_path / "nowhere" / "view.rrd", Arrangement(GRID, ("r1",)), name="a run")
     path = tmp_path / "nowhere" / "view.rrd"
     assert str(error.value) == f"{path}: the view cannot be written: No such file or directory."
+
+
+def test_a_disc_of_any_size_is_drawn_with_a_bounded_number_of_rings() -> None:
+    for radius, rings in ((0.05, 2), (0.6, 10), (1e6, 100)):
+        assert len(things._strips("disc", ((1.0, 2.0),), radius)) == rings

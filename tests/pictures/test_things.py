@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -17,9 +18,11 @@ from PIL import Image
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.observer.colours import hexadecimal
 from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES
-from actors.orders import CloseDoor, OpenDoor, Wall
+from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
+from actors.world.world_setup import TimedOrder, WorldSetup
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
+from observation.evidence import run_reader
 from observation.evidence.floor_things import FloorThing, FloorThings
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
@@ -240,3 +243,23 @@ def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) 
     figure = glyph_sheet.draw()
     told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
     assert {*SEEN_STATES, *OWN_STATES, *(mark.says for mark in MARKS.values())} <= told
+
+
+def test_orders_whose_numbers_make_no_sense_are_in_no_evidence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path / "run", ROOT / "scenarios" / "head_on.toml", "--bus", "memory", "--duration", "1")
+    hostile = (
+        Obstacle(9.0, 11.5, math.inf),
+        Obstacle(9.0, 11.5, 1e5),
+        Wall(0.0, 0.0, 1e9, 0.0),
+        StartJam(math.nan, 0.0, 1.0, 1),
+    )
+    orders = (*hostile, Obstacle(9.0, 11.5, 0.3))
+    told = run_reader.world_setup
+
+    def setup(world: Path) -> WorldSetup:
+        return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))
+
+    monkeypatch.setattr(run_reader, "world_setup", setup)
+    assert [one.order for one in read_run(tmp_path / "run").orders] == [Obstacle(9.0, 11.5, 0.3)]
