@@ -177,6 +177,10 @@ class HostLink:
             state = OUT_OF_SIGHT if hidden else one.state
             yield self._pid(one.pid), ProcessGlance(parent, self._pid(one.session), state, one.cpu_s)
 
+    def over(self, patience_s: float) -> bool:
+        """Nothing more will come from it; also if nothing has for so long."""
+        return self.done or bool(self.lost) or self.silent_s > patience_s
+
     def close(self) -> None:
         """Close the connection."""
         if self._channel is not None:

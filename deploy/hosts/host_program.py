@@ -7,7 +7,6 @@ what it is sent comes there, too, and so does what the robots record.
 
 import os
 import select
-import shutil
 import signal
 import sys
 import time
@@ -45,6 +44,8 @@ from deploy.hosts.run_keys import connect
 
 ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
+RECORDED: Final = 3
+"""Exit code: the connection ended first, and what robots have recorded is left in the folder."""
 _LAID_OUT: Final = 1 << 30
 """Bytes at most of what a host is sent: maps, models, a strategy's code."""
 _PATIENCE_S: Final = 30.0
@@ -190,7 +191,7 @@ class _Anything(frozenset[str]):
 
 
 def main(argv: Sequence[str]) -> int:
-    """Be one host of a run; the exit code. 3: the connection ended first, and recordings were left."""
+    """Be one host of a run; the exit code: 0, RECORDED, or 2: it never came to that."""
     die_with_parent(os.getppid(), signal.SIGTERM)
     leave_in_order()
     folder = Path(argv[0]).resolve()
@@ -207,12 +208,11 @@ def main(argv: Sequence[str]) -> int:
         raise
     except ChannelClosedError as error:
         sys.stderr.write(f"{error}; what robots have recorded is in {folder}\n")
-        return 3
+        return RECORDED
     except Exception as error:
         return _failed(channel, error)
     finally:
         channel.close()
-    shutil.rmtree(folder, ignore_errors=True)
     return 0
 
 
@@ -221,8 +221,8 @@ def _failed(channel: Channel[ToHost], error: Exception) -> int:
     try:
         channel.send(Fault(f"{error}"[:2000]))
     except ChannelClosedError:
-        return 2
-    return 2
+        return RECORDED
+    return RECORDED
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 Both by a process of its own: the worker's stays what it is, and is free to tell how the other one ended.
 """
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
-from deploy.hosts.host_program import ERRAND, KEYS
+from deploy.hosts.host_program import ERRAND, KEYS, RECORDED
 from deploy.hosts.run_keys import PemKeys
 
 _MOST_SAID: Final = 4000
@@ -44,4 +45,6 @@ def serve(errand: bytes, keys: tuple[bytes, bytes, bytes]) -> tuple[int, str]:
         words, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True, check=False,
     )  # fmt: skip
+    useless = folder / KEYS if done.returncode == RECORDED else folder
+    shutil.rmtree(useless, ignore_errors=True)
     return done.returncode, done.stderr[-_MOST_SAID:]

@@ -20,7 +20,7 @@ from actors.runtime.lifecycle.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.hosts.hosted_launcher import HostedLauncher
-from deploy.run.vigil import Vigil
+from deploy.run.vigil import Vigil, on_host
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
 """Signals that a process brings upon itself."""
@@ -188,23 +188,17 @@ def _cause(failed: list[Child]) -> str:
     notes = [note for note in (_failure(child.program) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
-        return in_words(note) + _where(failed, note.actor)
+        return in_words(note) + on_host(failed, note.actor)
     child = failed[0]
     code = child.exit_code
     assert code is not None
     if code < 0:
         actor = child.program.actor
-        ended = f"{actor} was ended by signal {signal.Signals(-code).name}{_where(failed, actor)}"
+        ended = f"{actor} was ended by signal {signal.Signals(-code).name}{on_host(failed, actor)}"
         place = where_it_crashed(child.program.log) if -code in _CRASHES else ""
         return ended + (f"; it stood at {place}" if place else "")
     last = child.program.in_our_words(last_line(child.program.log))
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
-
-
-def _where(children: Iterable[Child], actor: str) -> str:
-    """On which host it was, to stand behind what is said of it; empty: here."""
-    host = next((child.host for child in children if child.program.actor == actor), "")
-    return f" (on host {host})" if host else ""
 
 
 def _check_end(child: Child) -> None:

@@ -30,7 +30,6 @@ from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from actors.runtime.isolation.isolating import IsolationChoice, choose, warn
 from deploy.run import hosting, progress, scenario_copy
-from deploy.run.hosting import Away
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
@@ -59,7 +58,8 @@ from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
 
 if TYPE_CHECKING:
-    from deploy.hosts.hosts import RunHosts
+    from deploy.hosts.recruits import Recruits
+    from deploy.hosts.run_hosts import RunHosts
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
@@ -72,14 +72,14 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
     what became of every place in places.csv; the folder is sealed.
     """
-    with hosting.recruits(options) as hosts:
-        return _run(scenario, options, launched, hosts)
+    with hosting.recruits(options) as recruits:
+        return _run(scenario, options, launched, recruits)
 
 
 def _run(
-    scenario: Scenario, options: RunOptions, launched: Launcher | None, hosts: "RunHosts | None"
+    scenario: Scenario, options: RunOptions, launched: Launcher | None, recruits: "Recruits | None"
 ) -> RunResult:
-    prepared = plan(scenario, options, None if hosts is None else hosts.isolation_fault)
+    prepared = plan(scenario, options, None if recruits is None else recruits.isolation_fault)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     given = (timed.order for timed in prepared.world.events)
@@ -98,7 +98,7 @@ def _run(
         if options.bus == "memory":
             result = run_in_memory(prepared, on_progress)
         else:
-            result = run_processes(prepared, options.spawn, on_progress, launched, hosts)
+            result = run_processes(prepared, options.spawn, on_progress, launched, recruits)
     seal(options.out)
     return result
 
@@ -172,19 +172,20 @@ def run_processes(
     spawn: str,
     on_progress: OnProgress,
     launched: Launcher | None = None,
-    hosts: "RunHosts | None" = None,
+    recruits: "Recruits | None" = None,
 ) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises.
 
-    `launched`: what starts them, if that has begun already; else it begins here. `hosts`: have the robots.
+    `launched`: what starts them, if that has begun already; else it begins here. `recruits`: are to have the
+    robots.
     """
     began = time.time()
     check_new(plan.out)
     with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
-        away = None if hosts is None else hosting.summoned(plan, hosts, spawn)
-        supervisor = _supervise(plan, starting, on_progress, away)
+        with hosting.hosts(plan, recruits) as away:
+            supervisor = _supervise(plan, starting, on_progress, away)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
     about = replace(about, held_up=supervisor.held_up)
@@ -192,7 +193,7 @@ def run_processes(
 
 
 def _supervise(
-    plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: Away | None = None
+    plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: "RunHosts | None" = None
 ) -> Supervisor:
     """Start the processes, and stay until they have ended."""
     launched.withdraw(router_of(plan))

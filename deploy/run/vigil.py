@@ -1,6 +1,6 @@
 """Looks whether a run gets on, and finds out who keeps it from that."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from actors.messages import Progress
@@ -9,6 +9,12 @@ from actors.processes.launch import Child
 from actors.processes.silence import WORLD, HoldUp, Silence, SilenceVerdict, Suspect, Telling, Timeout
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance
+
+
+def on_host(children: Iterable[Child], actor: str) -> str:
+    """On which host it is, to stand behind what is said of it; empty: on this computer."""
+    host = next((child.host for child in children if child.program.actor == actor), "")
+    return f" (on host {host})" if host else ""
 
 
 class Vigil:
@@ -78,6 +84,7 @@ class Vigil:
     ) -> str | None:
         everyone = [Suspect(child.program.actor, child.pid) for child in running]
         awaited = [suspect for suspect in everyone if suspect.name in names]
+        what += on_host(running, names[0])
         verdict = self._silence.verdict(everyone, awaited, what, starting=starting)
         self._tell(self._silence.stopped)
         if verdict is not None:

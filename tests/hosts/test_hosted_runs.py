@@ -84,8 +84,9 @@ def test_delays_change_nothing(three: Hosts, cluster: TlsCluster, tmp_path: Path
         assert run.digest() == digest_here(tmp_path / "here", *words)
 
 
+@pytest.mark.parametrize("stall_s", [6, pytest.param(60, marks=pytest.mark.nightly)])
 def test_links_that_stall_change_nothing_and_are_told(
-    three: Hosts, cluster: TlsCluster, tmp_path: Path
+    three: Hosts, cluster: TlsCluster, tmp_path: Path, stall_s: int
 ) -> None:
     words = ("--robots", "3", "--duration", "60", "--json", "--timeout", "5")
     with relayed(three, 0.0) as relays:
@@ -94,7 +95,7 @@ def test_links_that_stall_change_nothing_and_are_told(
         for order in ("stall", "go"):
             for relay in chain.from_iterable(relays.values()):
                 relay.tell(order)
-            time.sleep(6)
+            time.sleep(stall_s if order == "stall" else 0)
         out, said = run.process.communicate(timeout=180)
     assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words)
     assert "nothing has been heard of host h1 for 5 s; the run waits for it" in said

@@ -22,7 +22,7 @@ from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.world.world_setup import TimedOrder, WorldSetup
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
-from observation.evidence import run_reader
+from observation.evidence import run_evidence, run_reader
 from observation.evidence.floor_things import FloorThing, FloorThings
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
@@ -256,7 +256,7 @@ def test_orders_whose_numbers_make_no_sense_are_in_no_evidence(
         StartJam(math.nan, 0.0, 1.0, 1),
     )
     orders = (*hostile, Obstacle(9.0, 11.5, 0.3))
-    told = run_reader.world_setup
+    told = run_evidence.world_setup
 
     def setup(world: Path) -> WorldSetup:
         return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))

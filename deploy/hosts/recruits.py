@@ -1,0 +1,79 @@
+"""The computers of a cluster that are fit to be a run's hosts."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+from distributed import Client, Future
+
+from actors.runtime.errors import printable
+from deploy.hosts import host_probe, host_task
+from deploy.hosts.cluster import PATIENCE_S, connect, machines, offers
+from deploy.hosts.cluster_address import PAGE, ClusterError
+from deploy.hosts.host_probe import HostOffer
+from deploy.hosts.listening import own_address
+from deploy.hosts.run_keys import PemKeys
+
+
+@dataclass(frozen=True)
+class Recruits:
+    """What they offer, by their names, and the way to them."""
+
+    client: Client
+    offers: dict[str, HostOffer]
+    workers: dict[str, str]
+    """Dask's address of a worker on each."""
+    listen: tuple[str, int]
+    """Where hosts are to connect to; port 0: any two."""
+
+    @property
+    def isolation_fault(self) -> str | None:
+        """Why robots cannot be isolated on all of them; None if they can."""
+        faults = ((name, offer.isolation_fault) for name, offer in self.offers.items())
+        return next((f"on host {name} {fault}" for name, fault in faults if fault), None)
+
+    def summon(self, name: str, errand: bytes, keys: PemKeys) -> Future[Any]:
+        """Have one come, and be a host until its run has ended."""
+        return self.client.submit(
+            host_task.serve,
+            errand,
+            (keys.authority, keys.certificate, keys.private_key),
+            workers=[self.workers[name]],
+            allow_other_workers=False,
+            pure=False,
+        )
+
+
+@contextmanager
+def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Recruits]:
+    """The computers of the cluster at `address`, all of which are fit for a run. Raises ClusterError.
+
+    `listen`: where they are to connect to; None: this computer as it reaches the scheduler, any two ports.
+    """
+    client = connect(address)
+    try:
+        workers = machines(client)
+        here = host_probe.offer()
+        found = offers(client, address, workers)
+        for name, there in found.items():
+            if fault := host_probe.unfit(there, here):
+                raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
+        ways = dict(zip(found, workers, strict=True))
+        yield Recruits(client, found, ways, listen or (own_address(address), 0))
+    finally:
+        with suppress(Exception):  # whatever a lost cluster is to the library
+            client.close(timeout=PATIENCE_S)
+
+
+def last_words(future: Future[Any], patience_s: float) -> str:
+    """How a host's task has ended, for a person; empty if it has not."""
+    try:
+        code, said = future.result(timeout=patience_s)
+    except TimeoutError:
+        return ""
+    except Exception as error:  # whatever a worker that has died is to the library
+        told = str(error).splitlines()
+        return printable(f"the cluster says: {told[0][:300] if told else repr(error)}")
+    last = str(said).strip().splitlines()
+    return printable(last[-1][:500]) if last else f"its process ended with exit code {code}"
