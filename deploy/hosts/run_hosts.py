@@ -111,7 +111,7 @@ class RunHosts:
             look()
             if time.monotonic() > deadline:
                 raise AcrcError(
-                    f"host {missing[0]} does not reach {self._told}, where the run's router listens; it must be "
+                    f"host {missing[0]} does not reach {self._told}, where the run's router listens; must be "
                     f"let through, or be another: --listen HOST:PORT ({PAGE})"
                 )
 

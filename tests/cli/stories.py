@@ -163,6 +163,11 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "--check-every 0 --on {cluster} --out campaigns/c",
             r"none",
         ),
+        Line(
+            f"run {HEAD_ON} --duration 2 --on {{cluster}} --listen 127.0.0.1 --out runs/hosted --json",
+            r"hosts: \S+ \(\d+ cores?\): r1 and r2; they connect to 127\.0\.0\.1:\d+",
+            "runs/hosted/r2/r2.mcap",
+        ),
     ),
     "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
     "verify floors": (
@@ -232,6 +237,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "bench swarms": (
         Line("bench swarm --robots 1 --duration 2 --repeat 1 --json", r'"forkserver"'),
         Line("bench start --robots 1 --repeat 1 --json", r'"first step"'),
+        Line("bench hosts --robots 3 --duration 1 --json", r'"steps_per_s"'),
         Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
         Line("bench recordings --robots 1 --duration 1 --json", r'"replayed"', codes=(0, 1)),
         Line(
