@@ -73,14 +73,12 @@ class DebianTree:
         shutil.rmtree(self.root, ignore_errors=True)
         do("cp", "-a", str(base), str(self.root))
         for step in recipe.steps:
-            if isinstance(step, ContextCopy):
-                step = self._copied(context, step)
-            done = self.enter(
-                Way(step.user, step.folder, {**step.environment, **network.environment}, network.files),
-                ("/bin/sh", "-c", step.script),
-            )
+            shell = self._copied(context, step) if isinstance(step, ContextCopy) else step
+            variables = {**shell.environment, **network.environment}
+            way = Way(shell.user, shell.folder, variables, network.files)
+            done = self.enter(way, ("/bin/sh", "-c", shell.script))
             if done.returncode:
-                raise NotBuiltError(f"{step.script.strip()[:60]} … {last_words(done.stderr)}")
+                raise NotBuiltError(f"{shell.script.strip()[:60]} … {last_words(done.stderr)}")
 
     def _copied(self, context: Path, step: ContextCopy) -> Shell:
         """Copy it; what is still to be done inside, where the owner's name is known."""

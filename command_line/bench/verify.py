@@ -119,7 +119,7 @@ def verify(
         typer.Option(metavar="WORD", help="processors: only those with this word in their name. Repeatable."),
     ] = None,
     install: Annotated[
-        bool | None, typer.Option("--install", help="processors: let apt-get install an emulator.")
+        bool | None, typer.Option("--install", help="processors, container: let apt-get install what is missing.")
     ] = None,
     json: Json = False,
 ) -> None:
