@@ -33,7 +33,9 @@ CLAIMS: Final = (
     PublishedClaim(
         "container", _BITS,
         "A run in the container has the digest that it has outside.",
-        "@@",
+        "Recipes for Docker and Apptainer, carried out in a bare Debian tree: the same digest and commit, "
+        "robots isolated; without a network, nothing installed or compiled before the run "
+        "([containers](clusters.md#in-a-container)).",
         "benchmarks.container.command", small={"build": False}, full={}, seconds=(1, 900), takes=("install",),
     ),
     PublishedClaim(

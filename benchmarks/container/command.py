@@ -20,7 +20,7 @@ from benchmarks.container.carried import CarriedNetwork, carried
 from benchmarks.container.definition import definition
 from benchmarks.container.dockerfile import dockerfile, left_out
 from benchmarks.container.recipe import ContainerRecipe
-from benchmarks.container.tree import PROGRAMS, DebianTree, Way
+from benchmarks.container.tree import PROGRAMS, DebianTree, TreeEntry
 from benchmarks.processors.building import NotBuiltError, do, once, provide
 from benchmarks.processors.computer import last_words
 from benchmarks.statistics.measured import Measured, table_of
@@ -118,7 +118,7 @@ def _row(
     shared = scratch / f"tmp-{title}"
     shared.mkdir()
     shared.chmod(0o1777)
-    way = Way(
+    way = TreeEntry(
         recipe.user or _STRANGER, recipe.folder, recipe.environment, {Path("/tmp"): shared},
         alone=True, sealed=not recipe.user,
     )  # fmt: skip

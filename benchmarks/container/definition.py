@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.container.dockerfile import VARIABLE
-from benchmarks.container.recipe import ContainerRecipe, ContextCopy, RecipeError, Shell
+from benchmarks.container.recipe import BuildCommand, ContainerRecipe, ContextCopy, RecipeError
 
 _HEADER: Final = ("Bootstrap", "From")
 _SECTIONS: Final = ("files", "post", "environment", "runscript")
@@ -33,7 +33,7 @@ def definition(path: Path) -> ContainerRecipe:
         environment[found[1]] = shlex.split(found[2])[0]
     if not parts["runscript"].strip():
         raise RecipeError(f"{path}: has no %runscript; must have one")
-    post = (Shell(f"set -e\n{parts['post']}", "root", "/", {}),)
+    post = (BuildCommand(f"set -e\n{parts['post']}", "root", "/", {}),)
     entry = ("/bin/sh", "-c", parts["runscript"], "runscript")
     return ContainerRecipe(header["From"], (*copies, *post), entry, environment=environment)
 

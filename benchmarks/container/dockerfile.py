@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from benchmarks.container.recipe import ContainerRecipe, ContextCopy, RecipeError, Shell
+from benchmarks.container.recipe import BuildCommand, ContainerRecipe, ContextCopy, RecipeError
 
 VARIABLE: Final = re.compile(r"([A-Za-z_]\w*)=(.*)")
 
@@ -19,19 +19,19 @@ def dockerfile(path: Path) -> ContainerRecipe:
     """The recipe of a Dockerfile. Raises RecipeError."""
     base, user, folder, entry = "", "root", "/", tuple[str, ...]()
     environment: dict[str, str] = {}
-    steps: list[Shell | ContextCopy] = []
+    steps: list[BuildCommand | ContextCopy] = []
     for number, line in _instructions(path):
         word, _, rest = line.partition(" ")
         match word:
             case "FROM" if not base and len(rest.split()) == 1:
                 base = rest
             case "RUN" if base and not rest.startswith(("[", "-", "<")):
-                steps.append(Shell(rest, user, folder, dict(environment)))
+                steps.append(BuildCommand(rest, user, folder, dict(environment)))
             case "COPY" if base and rest and (copied := _copy(rest, folder)):
                 steps.append(copied)
             case "WORKDIR" if base and rest.startswith("/"):
                 folder = rest
-                steps.append(Shell(f"mkdir -p {shlex.quote(rest)}", "root", "/", {}))
+                steps.append(BuildCommand(f"mkdir -p {shlex.quote(rest)}", "root", "/", {}))
             case "USER" if base and rest.isidentifier():
                 user = rest
             case "ENV" if base and all(map(VARIABLE.fullmatch, shlex.split(rest))):

@@ -11,7 +11,7 @@ class RecipeError(AcrcError):
     """A recipe that says something else than is understood here."""
 
 
-class Shell(NamedTuple):
+class BuildCommand(NamedTuple):
     """A command of the build."""
 
     script: str
@@ -39,7 +39,7 @@ class ContainerRecipe:
 
     base: str
     """The image that it begins with."""
-    steps: tuple[Shell | ContextCopy, ...]
+    steps: tuple[BuildCommand | ContextCopy, ...]
     entry: tuple[str, ...]
     """What is run, with the caller's words behind it."""
     user: str = ""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.container.carried import CarriedNetwork
-from benchmarks.container.recipe import ContainerRecipe, ContextCopy, Shell
+from benchmarks.container.recipe import BuildCommand, ContainerRecipe, ContextCopy
 from benchmarks.processors.building import NotBuiltError, do
 from benchmarks.processors.computer import last_words
 
@@ -44,7 +44,7 @@ exec setpriv --reuid "$user" --regid "$group" --clear-groups env -i "HOME=${home
 
 
 @dataclass(frozen=True)
-class Way:
+class TreeEntry:
     """How a tree is entered."""
 
     user: str
@@ -75,19 +75,19 @@ class DebianTree:
         for step in recipe.steps:
             shell = self._copied(context, step) if isinstance(step, ContextCopy) else step
             variables = {**shell.environment, **network.environment}
-            way = Way(shell.user, shell.folder, variables, network.files)
+            way = TreeEntry(shell.user, shell.folder, variables, network.files)
             done = self.enter(way, ("/bin/sh", "-c", shell.script))
             if done.returncode:
                 raise NotBuiltError(f"{shell.script.strip()[:60]} … {last_words(done.stderr)}")
 
-    def _copied(self, context: Path, step: ContextCopy) -> Shell:
+    def _copied(self, context: Path, step: ContextCopy) -> BuildCommand:
         """Copy it; what is still to be done inside, where the owner's name is known."""
         target = self.root / step.target.lstrip("/")
         target.parent.mkdir(parents=True, exist_ok=True)
         do("cp", "-a", str(context / step.source), str(target))
-        return Shell(f"chown -R {step.owner or 'root:root'} {step.target}", "root", "/", {})
+        return BuildCommand(f"chown -R {step.owner or 'root:root'} {step.target}", "root", "/", {})
 
-    def enter(self, way: Way, command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+    def enter(self, way: TreeEntry, command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
         """What a command says inside."""
         own = ["--net"] if way.alone else []
         pairs = [str(path) for place, source in way.shown.items() for path in (source, place)]

@@ -14,28 +14,29 @@ from benchmarks.container.carried import _moved, pip_settings
 from benchmarks.container.command import ContainerRow
 from benchmarks.container.definition import definition
 from benchmarks.container.dockerfile import dockerfile, left_out
-from benchmarks.container.recipe import ContainerRecipe, ContextCopy, RecipeError, Shell
-from benchmarks.container.tree import DebianTree, Way
+from benchmarks.container.recipe import BuildCommand, ContainerRecipe, ContextCopy, RecipeError
+from benchmarks.container.tree import DebianTree, TreeEntry
 from benchmarks.processors.building import NotBuiltError
 
 RECIPES = command.recipes()
 
 
 def scripts(recipe: ContainerRecipe) -> str:
-    return "\n".join(step.script for step in recipe.steps if isinstance(step, Shell))
+    return "\n".join(step.script for step in recipe.steps if isinstance(step, BuildCommand))
 
 
 def test_both_begin_alike_install_the_same_and_hold_one_commit_ready_to_run() -> None:
     docker, apptainer = RECIPES.values()
     assert docker.base == apptainer.base == "debian:bookworm-slim"
     for recipe in RECIPES.values():
-        lines = [" ".join(line.split()) for line in re.split(r"\n|&&", scripts(recipe).replace("\\\n", ""))]
+        whole = re.sub(r"\\\n|(?<=\|\|)\n", "", scripts(recipe))
+        lines = [" ".join(line.split()) for line in re.split(r"\n|&&", whole)]
         assert [line for line in lines if "apt-get install" in line] == [
             "DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "
             "ca-certificates git python3 python3-venv"
         ]
-        assert [line.partition(" ||")[0] for line in lines if line.startswith("./acrc")] == [
-            "./acrc campaign --on none",
+        assert [line.partition(" || .venv")[0] for line in lines if line.startswith("./acrc")] == [
+            "./acrc campaign --on none || ./acrc run --on none",
             "./acrc run --robots 2 --duration 1 --out /tmp/first",
         ]
         assert "git reset --quiet --hard" in lines
@@ -73,9 +74,9 @@ def test_a_dockerfile_is_its_steps_with_user_folder_and_variables_of_each(tmp_pa
     assert dockerfile(path) == ContainerRecipe(
         "debian:x",
         (
-            Shell("mkdir -p /w", "root", "/", {}),
+            BuildCommand("mkdir -p /w", "root", "/", {}),
             ContextCopy("a", "/w/b", "ada"),
-            Shell("one two", "ada", "/w", variables),
+            BuildCommand("one two", "ada", "/w", variables),
         ),
         ("/w/b",),
         "ada",
@@ -133,7 +134,7 @@ def test_a_definition_is_its_copies_then_its_script(tmp_path: Path) -> None:
     path.write_text(f"# why\n{HEADER}{sections}{RUNSCRIPT}")
     assert definition(path) == ContainerRecipe(
         "debian:x",
-        (ContextCopy("a", "/w/b", ""), Shell("set -e\n  one\n  two\n", "root", "/", {})),
+        (ContextCopy("a", "/w/b", ""), BuildCommand("set -e\n  one\n  two\n", "root", "/", {})),
         ("/bin/sh", "-c", "    exec /w/b\n", "runscript"),
         environment={"A": "1 2"},
     )
@@ -203,7 +204,7 @@ def test_a_tree_is_the_root_of_all_files_and_is_left_as_it_was(tmp_path: Path) -
     tmp_path.chmod(0o755)
     shown = {Path("/usr"): Path("/usr"), Path("/tmp"): given}
     say = "id -u; pwd; ls /; touch /tmp/left; touch /own/x || echo sealed; echo $A; wc -l </proc/net/route"
-    way = Way("12345", "/own", {"A": "b"}, shown, alone=True, sealed=True)
+    way = TreeEntry("12345", "/own", {"A": "b"}, shown, alone=True, sealed=True)
     done = DebianTree(root).enter(way, ("/bin/sh", "-c", say))
     if os.getuid() != 0:
         assert done.returncode != 0 and not list(given.iterdir())
