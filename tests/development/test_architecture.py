@@ -31,8 +31,8 @@ CLASS = r"(?<![\w./:-])([A-Z][a-z]+(?:[A-Z][a-z0-9]*)+|[A-Z][a-z]+(?=\.[a-z]))(?
 ELSEWHERE = {
     "AppArmor", "ClearCostmapRecovery", "CostmapModel", "ExecStopPost", "FrameTransforms", "InOut",
     "LaserScan", "MarkerArray", "MemoryMax", "MoveBase", "NamedTuple", "ObstacleCostFunction",
-    "OccupancyGrid", "ParamHolder", "PeriodicScheduling", "PointCloud", "PointCloud2", "PoseInFrame", "PoseStamped",
-    "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
+    "OccupancyGrid", "ParamHolder", "PeriodicScheduling", "PointCloud", "PointCloud2", "PoseInFrame",
+    "PoseStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
 }  # fmt: skip
 """Names of ROS, Foxglove, JDEECo, systemd, Linux and Python."""
 ROOM_LIMIT = 20
