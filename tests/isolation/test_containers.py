@@ -142,12 +142,12 @@ def test_a_container_is_named_with_what_it_is_to_be_started_with(
 ) -> None:
     monkeypatch.setattr(container, "kind", lambda: sort)
     monkeypatch.setattr(sandbox, "available", lambda: f"{REFUSED}: no; {container.advice()}")
-    assert container.advice() == sentence
+    assert container.advice() == f"{container.remedy()}, or run with --no-isolate" == sentence
     with pytest.raises(sandbox.IsolationError) as caught:
         choose(True)
     assert str(caught.value) == f"{REFUSED}: no; {sentence}"
     warning = f"robots run as plain processes, because {REFUSED}: no; {OPEN}"
-    assert choose(None) == IsolationChoice(False, f"{warning}; {sentence}" if sort else warning)
+    assert choose(None) == IsolationChoice(False, f"{warning}; {container.remedy()}" if sort else warning)
 
 
 def test_the_trial_in_a_process_of_its_own_knows_the_container(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,3 +156,14 @@ def test_the_trial_in_a_process_of_its_own_knows_the_container(monkeypatch: pyte
         sandbox, "_TRIAL", "from actors.runtime.isolation import container; print(container.kind()); exit(1)"
     )
     assert sandbox.available() == "Apptainer"
+
+
+def test_what_another_computer_says_of_its_container_is_not_said_of_this_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(container, "kind", lambda: "Docker")
+    monkeypatch.setattr(sandbox, "available", lambda: None)
+    there = "on host lab1 robots cannot be isolated: no; allow it"
+    assert choose(None, elsewhere=there).warning == (
+        f"robots run as plain processes, because {there}; {OPEN}"
+    )

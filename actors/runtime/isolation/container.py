@@ -31,7 +31,6 @@ _NAMED_IN: Final = "container"
 """Variable with the container's kind, as systemd's Container Interface has it."""
 _OWN_WORDS: Final = {"docker": "Docker", "podman": "Podman", "kubernetes": "Kubernetes"}
 _ON_THE_MACHINE: Final = "allow unprivileged user namespaces on this machine"
-_WITHOUT: Final = "or run with --no-isolate"
 
 
 def kind(environment: Mapping[str, str] = os.environ, root: Path = Path("/")) -> str:
@@ -51,9 +50,12 @@ def marks(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     return {name: environment[name] for name in (*_VARIABLES, _NAMED_IN) if name in environment}
 
 
-def advice() -> str:
-    """What lets robots be isolated here; how each IsolationError's sentence ends."""
+def remedy() -> str:
+    """What lets robots be isolated here."""
     sort = kind()
-    if not sort:
-        return f"{_ON_THE_MACHINE}, {_WITHOUT}"
-    return f"this is a container ({sort}): {_REMEDIES.get(sort, _OTHERWISE)}, {_WITHOUT}"
+    return f"this is a container ({sort}): {_REMEDIES.get(sort, _OTHERWISE)}" if sort else _ON_THE_MACHINE
+
+
+def advice() -> str:
+    """The same, or the way round; how each IsolationError's sentence ends."""
+    return f"{remedy()}, or run with --no-isolate"

@@ -36,8 +36,8 @@ def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None
     if wanted:
         raise sandbox.IsolationError(reason)
     cause = reason.removesuffix(f"; {container.advice()}")
-    remedy = f"; {container.advice()}" if container.kind() and cause != reason else ""
-    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{remedy}")
+    helps = f"; {container.remedy()}" if container.kind() and cause != reason else ""
+    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{helps}")
 
 
 def warn(choice_warning: str) -> None:
