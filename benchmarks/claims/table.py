@@ -31,6 +31,14 @@ CLAIMS: Final = (
         full={"duration": 600.0}, seconds=(120, 5400), takes=("duration", "only", "install"),
     ),
     PublishedClaim(
+        "container", _BITS,
+        "A run in the container has the digest that it has outside.",
+        "Recipes for Docker and Apptainer, carried out in a bare Debian tree: the same digest and commit, "
+        "robots isolated; without a network, nothing installed or compiled before the run "
+        "([containers](clusters.md#in-a-container)).",
+        "benchmarks.container.command", small={"build": False}, full={}, seconds=(1, 900), takes=("install",),
+    ),
+    PublishedClaim(
         "functions", _BITS,
         "Elementary functions are our own and exact.",
         "Within 2.5 ulp of mpmath at most, 1 ulp for most.",

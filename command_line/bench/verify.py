@@ -119,7 +119,8 @@ def verify(
         typer.Option(metavar="WORD", help="processors: only those with this word in their name. Repeatable."),
     ] = None,
     install: Annotated[
-        bool | None, typer.Option("--install", help="processors: let apt-get install an emulator.")
+        bool | None,
+        typer.Option("--install", help="processors, container: let apt-get install what it takes."),
     ] = None,
     json: Json = False,
 ) -> None:

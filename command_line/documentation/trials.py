@@ -45,7 +45,8 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
     ("docs/library.md", "python"): "tests/library/test_library.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
-    ("docs/experiments.md", "yaml"): "tests/experiments/test_cluster.py",
+    ("docs/clusters.md", "python"): "tests/clusters/test_files.py",
+    ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip

@@ -10,7 +10,7 @@ from actors.runtime.errors import AcrcError
 _ADDRESS: Final = re.compile(
     r"(?P<how>tls|tcp|dask\+tls|dask)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})"
 )
-PAGE: Final = "docs/experiments.md, On other computers"
+PAGE: Final = "docs/clusters.md"
 
 
 class ClusterError(AcrcError):

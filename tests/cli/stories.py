@@ -183,6 +183,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "verify ends": (
         Line("verify failures navigation", r"failures\s*│ holds"),
         Line("verify radio functions seal boards", r"boards\s*│ holds"),
+        Line("verify container", r"acrc\.def: read, \d steps from debian:bookworm-slim on"),
         Line("verify attacks --full --json", r'"outcome": "held"'),
         Line("verify same-bits", r"same-bits: holds"),
         Line("verify causes wedged mutations branches", r"mutations\s*│ holds"),

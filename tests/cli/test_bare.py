@@ -63,6 +63,7 @@ STARTS = {
     "bench recordings": ("deploy.run.swarm", *ACTORS),
     "verify attacks": ("deploy.run.swarm", *ACTORS),
     "verify processors": ("deploy.run.swarm", *ACTORS),
+    "verify container": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
     "verify same-bits": ("actors.processes.forkserver", *ACTORS),
     "verify functions": ("mpmath",),
     "bench swarm": ("benchmarks.swarm.ping_pong.__main__", *ACTORS),

@@ -29,12 +29,12 @@ PAGES = [
 ]
 CLASS = r"(?<![\w./:-])([A-Z][a-z]+(?:[A-Z][a-z0-9]*)+|[A-Z][a-z]+(?=\.[a-z]))(?:\.([a-z_]\w*))?"
 ELSEWHERE = {
-    "ClearCostmapRecovery", "CostmapModel", "ExecStopPost", "FrameTransforms", "InOut", "LaserScan",
-    "MarkerArray", "MemoryMax", "MoveBase", "NamedTuple", "ObstacleCostFunction", "OccupancyGrid",
-    "ParamHolder", "PeriodicScheduling", "PointCloud", "PointCloud2", "PoseInFrame", "PoseStamped",
-    "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
+    "AppArmor", "ClearCostmapRecovery", "CostmapModel", "ExecStopPost", "FrameTransforms", "InOut",
+    "LaserScan", "MarkerArray", "MemoryMax", "MoveBase", "NamedTuple", "ObstacleCostFunction",
+    "OccupancyGrid", "ParamHolder", "PeriodicScheduling", "PointCloud", "PointCloud2", "PoseInFrame",
+    "PoseStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
 }  # fmt: skip
-"""Names of ROS, Foxglove, JDEECo, systemd and Python."""
+"""Names of ROS, Foxglove, JDEECo, systemd, Linux and Python."""
 ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 

@@ -38,7 +38,9 @@ REASONS = {
         "tests/floor/test_offices.py calls the script",
     ),
     *("wants a TurtleBot", "wants a browser", "wants a network", "wants a run that goes on"),
-    *("wants folders of yours", "wants somebody to talk to", "wants the two above", "wants two terminals"),
+    *("wants folders of yours", "wants somebody to talk to", "wants two terminals"),
+    *("wants a cluster", "wants hosts with ssh", "wants Slurm", "wants Kubernetes"),
+    *("wants Docker", "wants Apptainer"),
 }
 
 

@@ -55,7 +55,7 @@ MAKE_KEY = (
     "-subj /CN=cluster -keyout cluster.key -out cluster.pem"
 )
 """As the page has it."""
-CONFIGURATION = (ROOT / "docs" / "experiments.md").read_text().partition("```yaml\n")[2].partition("```")[0]
+CONFIGURATION = (ROOT / "docs" / "clusters.md").read_text().partition("```yaml\n")[2].partition("```")[0]
 
 
 def make_key(folder: Path) -> Path:
@@ -72,15 +72,20 @@ def configure(folder: Path, authority: Path, certificate: Path, key: Path) -> Pa
     return folder
 
 
+def free_port() -> int:
+    """A port of this computer that nobody has."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
 class Cluster:
     """A scheduler and two workers, each a process of its own, with TLS."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._folder = folder
         self._environment = os.environ | {"DASK_CONFIG": str(make_key(folder / "keys"))}
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self._stack = stack
         place = ("--protocol", "tls", "--host", "127.0.0.1", "--port", str(self.port))
         self._begin("scheduler", "dask_scheduler", *place)
@@ -154,12 +159,12 @@ def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp
         (
             "tcp://192.168.1.5:8786",
             "--on: tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for without TLS a "
-            "cluster runs whatever comes from whoever reaches it (docs/experiments.md, On other computers)",
+            "cluster runs whatever comes from whoever reaches it (docs/clusters.md)",
         ),
         (
             "tls://127.0.0.1:1",
             "--on tls://127.0.0.1:1: there is no distributed.comm.tls.ca-file in Dask's configuration; must "
-            "name a file in PEM (docs/experiments.md, On other computers)",
+            "name a file in PEM (docs/clusters.md)",
         ),
     ],
 )
@@ -195,8 +200,7 @@ def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_compu
         refuse_open(client, "tcp://127.0.0.1:8786")  # type: ignore[arg-type]
     assert str(caught.value) == (
         "--on tcp://127.0.0.1:8786: listens at tcp://192.168.1.5:8786 without TLS, and runs whatever comes "
-        "from whoever reaches it; must have TLS, or listen at 127.0.0.1 (docs/experiments.md, On other "
-        "computers)"
+        "from whoever reaches it; must have TLS, or listen at 127.0.0.1 (docs/clusters.md)"
     )
 
 
@@ -266,7 +270,7 @@ def reason(keys: Path, server: Path | None) -> str:
 
 def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> None:
     own, other, old = make_key(tmp_path / "own"), make_key(tmp_path / "other"), expired(tmp_path / "old")
-    page = "(docs/experiments.md, On other computers)"
+    page = "(docs/clusters.md)"
     signed = f"must be signed by the ca-file {own / 'cluster.pem'}, and valid now {page}"
     refused = f"the scheduler does not accept the certificate {own / 'cluster.pem'}, or has no TLS"
     assert reason(own, own) == ""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.isolation import syscall_filter
+from actors.runtime.isolation import container, syscall_filter
 from actors.runtime.isolation.syscall_filter import Instruction
 from benchmarks.attacks.breakouts import NEST, UNDO
 from benchmarks.attacks.process_attacks import PTRACE_ATTACH
@@ -246,8 +246,7 @@ def test_the_error_names_what_failed_and_the_way_round(run_folder: Path) -> None
     )
     assert lines == [
         "robots cannot be isolated on this machine: unshare of user, network, mount, IPC and process "
-        "namespaces: Operation not permitted; allow unprivileged user namespaces on this machine, "
-        "or run with --no-isolate",
+        f"namespaces: Operation not permitted; {container.advice()}",
         "True",
     ]
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from actors.runtime.isolation import sandbox
+from actors.runtime.isolation import container, sandbox
 from actors.runtime.isolation.isolating import OPEN, IsolationChoice, choose, warn
 from tests.swarm.command import acrc
 
-REASON = f"this machine has no locks; {sandbox.ADVICE}"
+REASON = f"this machine has no locks; {container.advice()}"
 
 
 @pytest.fixture
@@ -20,7 +20,9 @@ def test_where_it_can_be_had_nothing_is_said(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.usefixtures("unable")
-def test_the_default_falls_back_with_the_cause() -> None:
+def test_the_default_falls_back_with_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "kind", lambda: "")
+    monkeypatch.setattr(sandbox, "available", lambda: f"this machine has no locks; {container.advice()}")
     assert choose(None) == IsolationChoice(
         False, f"robots run as plain processes, because this machine has no locks; {OPEN}"
     )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from actors.console import screen
-from actors.runtime.isolation import sandbox
+from actors.runtime.isolation import container, sandbox
 
 OPEN = (
     "each can read the others' passwords, files and memory, and reach them past the radio; "
@@ -35,8 +35,9 @@ def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None
         return IsolationChoice(True)
     if wanted:
         raise sandbox.IsolationError(reason)
-    cause = reason.removesuffix(f"; {sandbox.ADVICE}")
-    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}")
+    cause = reason.removesuffix(f"; {container.advice()}")
+    helps = f"; {container.remedy()}" if container.kind() and cause != reason else ""
+    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{helps}")
 
 
 def warn(choice_warning: str) -> None:

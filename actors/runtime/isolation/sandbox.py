@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation import code_folder, mounts, syscall_filter
+from actors.runtime.isolation import code_folder, container, mounts, syscall_filter
 from actors.runtime.lifecycle import keeper, linux
 from actors.runtime.lifecycle.log import write_to
 
@@ -31,8 +31,6 @@ _SHARED_BY_USER: Final = (
 )
 """What the kernel counts over all processes of a user, and the little that a robot gets of it: who takes
 all of his share leaves enough for every other one (timers and queued signals), or there is none."""
-ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with --no-isolate"
-"""How each IsolationError's sentence ends."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
 """Where the packages of this project are."""
 _NOT_ITS_CODE: Final = ("command_line", "deploy", "observation", "scenarios", "fleets", "runs")
@@ -120,9 +118,15 @@ def enter_namespaces() -> None:
     """New namespaces of all kinds, with this process's user as the only one."""
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
-    Path("/proc/self/setgroups").write_text("deny")
-    Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
-    Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    for name, text in (
+        ("setgroups", "deny"),
+        ("uid_map", f"{user} {user} 1"),
+        ("gid_map", f"{group} {group} 1"),
+    ):
+        try:
+            Path("/proc/self", name).write_text(text)
+        except OSError as error:  # Python does not say what it could not write
+            raise OSError(error.errno, error.strerror, f"/proc/self/{name}") from error
 
 
 def file_view(plan: Confinement) -> mounts.FileView:
@@ -141,7 +145,7 @@ def available() -> str | None:
         trial_run = subprocess.run(
             [sys.executable, "-P", "-c", _TRIAL, folder],
             # Nothing from the working directory, nor from what the user's environment says, is imported here.
-            env={"PYTHONPATH": str(_PROJECT)},
+            env={"PYTHONPATH": str(_PROJECT), **container.marks()},
             capture_output=True,
             text=True,
             check=False,
@@ -233,4 +237,4 @@ def refusal(error: OSError) -> IsolationError:
 
 
 def _sentence(reason: str) -> str:
-    return f"{reason}; {ADVICE}"
+    return f"{reason}; {container.advice()}"

@@ -215,9 +215,14 @@ def supported() -> bool:
 
 def install() -> None:
     """Put the filter over this process and all it starts; needs PR_SET_NO_NEW_PRIVS."""
+    load(program(platform.machine()))
+
+
+def load(instructions: Sequence[Instruction]) -> None:
+    """Put these over this process and all it starts, as one filter more."""
     code = b"".join(
         i.code.to_bytes(2, "little") + bytes((i.if_true, i.if_false)) + i.value.to_bytes(4, "little")
-        for i in program(platform.machine())
+        for i in instructions
     )
     buffer = ctypes.create_string_buffer(code, len(code))
     filter_ = _Program(len(code) // 8, ctypes.cast(buffer, ctypes.c_void_p))

@@ -1,0 +1,214 @@
+"""What starts a cluster over ssh, by Slurm, on Kubernetes: run with stand-ins, compared with the image."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+from distributed import Client, Security
+
+from benchmarks.container import command
+from tests.experiments.test_cluster import ROOT, free_port, make_key
+
+FILES = ROOT / "deploy" / "clusters"
+PAGE = (ROOT / "docs" / "clusters.md").read_text()
+STAND_INS = {
+    "ssh": '#!/bin/sh\necho "$1 $2" >>"$SAID"\nshift 2\nexec sh -c "$*"\n',
+    "nproc": "#!/bin/sh\necho 1\n",
+    "srun": '#!/bin/sh\n"$@" & "$@" & wait\n',
+    "hostname": "#!/bin/sh\necho 127.0.0.1\n",
+}
+"""Of programs, by name: another computer is this one, and has one core; of two nodes both are."""
+SBATCH = {
+    "job-name": r"\w+", "nodes": r"\d+", "ntasks-per-node": "1", "cpus-per-task": r"\d+",
+    "mem-per-cpu": r"\d+[MG]", "time": r"(\d+-)?\d\d:\d\d:\d\d", "output": r"[\w-]+%j\.log",
+}  # fmt: skip
+"""Options of sbatch(1), and the form of their values."""
+
+
+@contextmanager
+def begun(folder: Path, words: list[str], **variables: str) -> Iterator[subprocess.Popen[str]]:
+    """A script in a session of its own, with keys and with stand-ins; what is left of it is ended."""
+    (folder / "bin").mkdir()
+    for name, text in STAND_INS.items():
+        (folder / "bin" / name).write_text(text)
+        (folder / "bin" / name).chmod(0o755)
+    environment = os.environ | variables | {
+        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+        "SAID": str(folder / "said"),
+        "DASK_CONFIG": str(make_key(folder / "keys")),
+    }  # fmt: skip
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(
+            words, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+    try:
+        yield process
+    finally:
+        for group in members(process.pid):
+            os.kill(group, signal.SIGKILL)
+        process.wait()
+
+
+def members(session: int) -> list[int]:
+    """The processes of a session that have not ended."""
+    listed = subprocess.run(
+        ["ps", "-o", "pid=,stat=", "-s", str(session)], capture_output=True, text=True, check=False
+    ).stdout
+    return [int(line.split()[0]) for line in listed.splitlines() if not line.split()[1].startswith("Z")]
+
+
+def connect(keys: Path, address: str) -> Client:
+    """A client with these keys, as soon as a scheduler answers."""
+    for _ in range(600):
+        try:
+            return Client(address, timeout=1.0, security=security_of(keys))
+        except OSError:
+            time.sleep(0.1)
+    raise AssertionError(f"no scheduler at {address}")
+
+
+def security_of(keys: Path) -> Security:
+    pem, key = str(keys / "cluster.pem"), str(keys / "cluster.key")
+    return Security(tls_ca_file=pem, tls_client_cert=pem, tls_client_key=key, require_encryption=True)
+
+
+@pytest.mark.timeout(240)
+def test_over_ssh_each_host_has_workers_and_all_ends_with_the_script(tmp_path: Path) -> None:
+    port = free_port()
+    words = [str(FILES / "ssh.sh"), f"127.0.0.1:{port}", "lab1", "lab2"]
+    with begun(tmp_path, words) as script:
+        with connect(tmp_path / "keys", f"tls://127.0.0.1:{port}") as client:
+            client.wait_for_workers(2, timeout=100)
+            assert set(client.nthreads().values()) == {1}
+        assert sorted((tmp_path / "said").read_text().splitlines()) == ["-tt lab1", "-tt lab2"]
+        script.send_signal(signal.SIGTERM)
+        assert script.wait(30) == 130
+        deadline = time.monotonic() + 60
+        while (left := members(script.pid)) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert left == []
+
+
+@pytest.mark.parametrize("words", [[], ["192.168.1.5:8786"], ["lab1", "lab2"]])
+def test_ssh_without_an_address_and_hosts_is_one_sentence(words: list[str]) -> None:
+    done = subprocess.run([FILES / "ssh.sh", *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"ssh.sh: {' '.join(words)}; must be HERE:PORT HOST..., such as 192.168.1.5:8786 lab1 lab2\n"
+    )
+
+
+@pytest.mark.timeout(240)
+def test_a_job_of_slurm_makes_the_campaign_on_all_its_nodes_and_leaves_nothing(tmp_path: Path) -> None:
+    campaign = (
+        *("campaign", "--strategies", "none", "--seeds", "2", "--robots", "2", "--duration", "1"),
+        *("--check-every", "0", "--json", "--out", str(tmp_path / "out")),
+    )
+    job = {"SLURM_JOB_ID": str(free_port()), "SLURM_JOB_NUM_NODES": "2"}
+    job |= {"SLURM_SUBMIT_DIR": str(ROOT), "SLURM_CPUS_PER_TASK": "1"}
+    with begun(tmp_path, ["bash", str(FILES / "slurm.sbatch"), *campaign], **job) as script:
+        code = script.wait(200)
+        said = (tmp_path / "log").read_text()
+        assert code == 0, said
+        assert '"done": 2, "failed": 0' in said
+        assert said.count("Registered to") == 2
+
+
+def test_what_slurm_is_asked_for_is_in_its_words_and_stands_before_the_first_command() -> None:
+    lines = (FILES / "slurm.sbatch").read_text().splitlines()
+    first = next(number for number, line in enumerate(lines) if line and not line.startswith("#"))
+    asked = [line.removeprefix("#SBATCH ") for line in lines[:first] if line.startswith("#SBATCH")]
+    assert not any(line.startswith("#SBATCH") for line in lines[first:])
+    options = dict(one.removeprefix("--").split("=", 1) for one in asked)
+    assert options.keys() == SBATCH.keys()
+    assert [name for name, form in SBATCH.items() if not re.fullmatch(form, options[name])] == []
+
+
+def pods() -> dict[str, dict[str, Any]]:
+    """By component, its part of the manifest."""
+    whole = yaml.safe_load((FILES / "kubernetes.yaml").read_text())
+    assert (whole["apiVersion"], whole["kind"]) == ("kubernetes.dask.org/v1", "DaskCluster")
+    spec: dict[str, dict[str, Any]] = whole["spec"]
+    assert whole["metadata"] == {"name": "acrc"} and spec.keys() == {"scheduler", "worker"}
+    return spec
+
+
+@pytest.mark.parametrize("name", ["scheduler", "worker"])
+def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(name: str) -> None:
+    image, part = command.recipes()["Dockerfile"], pods()[name]
+    (container,) = part["spec"]["containers"]
+    python, module, program, *_ = container["command"]
+    assert (python, module) == (f"{image.folder}/.venv/bin/python", "-m")
+    assert program == f"distributed.cli.dask_{name}"
+    told = subprocess.run(
+        [sys.executable, "-m", program, "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    given = {word.partition("=")[0] for word in container["command"][3:] if word.startswith("--")}
+    known = set(re.findall(r"--[\w-]+", told))
+    assert given <= known
+    user = re.search(r"useradd --uid (\d+) ", str(image.steps))
+    assert user and part["spec"]["securityContext"]["runAsUser"] == int(user[1])
+    (volume,) = part["spec"]["volumes"]
+    assert volume["secret"]["secretName"] == "acrc-cluster" and "secret generic acrc-cluster " in PAGE
+    assert container["volumeMounts"] == [{"name": volume["name"], "mountPath": "/etc/dask", "readOnly": True}]
+    rights = container["securityContext"]
+    assert rights == {
+        "allowPrivilegeEscalation": False,
+        "capabilities": {"drop": ["ALL"]},
+        "seccompProfile": {"type": "Unconfined"},
+    }
+    profile = f"container.apparmor.security.beta.kubernetes.io/{container['name']}"
+    assert part["metadata"]["annotations"] == {profile: "unconfined"}
+
+
+def test_on_kubernetes_workers_find_the_scheduler_and_are_as_many_as_their_cores() -> None:
+    scheduler, worker = pods()["scheduler"], pods()["worker"]
+    (at,), (working,) = scheduler["spec"]["containers"], worker["spec"]["containers"]
+    ports = {one["name"]: one["containerPort"] for one in at["ports"]}
+    assert {one["targetPort"]: one["port"] for one in scheduler["service"]["ports"]} == ports
+    assert f"--port={ports['tcp-comm']}" in at["command"] and "--protocol=tls" in at["command"]
+    assert f"tls://acrc-scheduler:{ports['tcp-comm']}" in working["command"]
+    assert f"--nworkers={working['resources']['requests']['cpu']}" in working["command"]
+    assert working["resources"]["requests"] == working["resources"]["limits"]
+
+
+def test_the_pages_growing_cluster_has_tls_and_a_worker_from_the_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """With a stand-in: dask-jobqueue is none of the packages that are pinned here."""
+    asked: dict[str, Any] = {}
+
+    class SLURMCluster:
+        scheduler_address = "tls://10.0.0.5:8786"
+
+        def __init__(self, **words: Any) -> None:
+            asked.update(words)
+
+        def __enter__(self) -> "SLURMCluster":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            asked["ended"] = True
+
+        def adapt(self, **words: int) -> None:
+            asked.update(words)
+
+    stand_in = ModuleType("dask_jobqueue")
+    stand_in.SLURMCluster = SLURMCluster  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", stand_in)
+    monkeypatch.setattr("builtins.input", lambda prompt: "")
+    block = PAGE.partition("```python\n")[2].partition("```")[0]
+    exec(compile(block, "docs/clusters.md", "exec"), {})
+    assert asked["protocol"] == "tls://" and asked["security"].require_encryption
+    assert asked["cores"] == asked["processes"] and asked["minimum_jobs"] == 1 and asked["ended"]
