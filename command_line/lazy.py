@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 COMMANDS: Final = {
+    "cluster": ("command_line.cluster", "app"),
     "campaign": ("command_line.experiments.app", "campaign"),
     "causes": ("command_line.experiments.app", "causes"),
     "compare": ("command_line.experiments.app", "compare"),

@@ -34,7 +34,7 @@ def connect(address: str) -> Client:
         if not client.nthreads():
             raise ClusterError(
                 f"--on {address}: has no workers; must have one at least, such as by "
-                f".venv/bin/python -m distributed.cli.dask_worker {address} --nthreads 1"
+                f"./acrc cluster join {address}"
             )
     except ClusterError:
         client.close(timeout=PATIENCE_S)

@@ -17,24 +17,27 @@ class ClusterError(AcrcError):
     """A cluster that is not there, or not of use."""
 
 
-def check(address: str) -> None:
-    """Raise OptionError for what is no scheduler's address, or one that anybody could give work to."""
+def check(address: str, named: str = "--on") -> None:
+    """Raise OptionError for what is no scheduler's address, or one that anybody could give work to.
+
+    `named`: the option or argument that it was.
+    """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65536:
-        raise wrong_value("--on", address, "the address of a scheduler, such as tls://192.168.1.5:8786")
+        raise wrong_value(named, address, "the address of a scheduler, such as tls://192.168.1.5:8786")
     if not is_safe(address):
         raise OptionError(
-            f"--on: {address}; must be tls:// anywhere but on this computer, for without TLS a cluster runs "
-            f"whatever comes from whoever reaches it ({PAGE})"
+            f"{named}: {address}; must be tls:// anywhere but on this computer, for without TLS a cluster "
+            f"runs whatever comes from whoever reaches it ({PAGE})"
         )
 
 
-def plain(address: str) -> str:
+def plain(address: str, named: str = "--on") -> str:
     """A person's address as Dask spells it: dask+tls:// is tls://, and dask:// is tcp://.
 
     Raises OptionError, see `check`.
     """
-    check(address)
+    check(address, named)
     how, _, place = address.partition("://")
     return f"{'tls' if how.endswith('tls') else 'tcp'}://{place}"
 

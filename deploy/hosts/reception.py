@@ -15,7 +15,7 @@ _HANDSHAKE_S: Final = 3.0
 """Somebody who comes and says nothing keeps those out so long who come behind."""
 
 
-class Reception:
+class HostReception:
     """Listens until it is closed."""
 
     def __init__(self, address: str, port: int, keys: Path) -> None:

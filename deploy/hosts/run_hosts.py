@@ -22,7 +22,7 @@ from deploy.hosts.host_messages import PART, Begin, FilePart, Finish
 from deploy.hosts.host_program import HostErrand
 from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.hosts.listening import bound, bracketed, free_port
-from deploy.hosts.reception import Reception
+from deploy.hosts.reception import HostReception
 from deploy.hosts.recruits import Recruits, last_words
 
 _MB: Final = 1_000_000
@@ -71,7 +71,7 @@ class RunHosts:
         drawn = run_keys.draw(list(robots), address)
         drawn.world.write(keys)
         here = bound(address)
-        self._reception = Reception(here, port + 1 if port else 0, keys)
+        self._reception = HostReception(here, port + 1 if port else 0, keys)
         mesh = port or free_port(here)
         self.gate = Gate(f"tls/{bracketed(here)}:{mesh}", keys, robots)
         """Where the world listens for them."""

@@ -1,0 +1,69 @@
+"""`acrc cluster`: computers that work together, by Dask's own programs."""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, NoReturn
+
+import typer
+
+app = typer.Typer(
+    help="Start a cluster, and add this computer to one.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+Address = Annotated[
+    str,
+    typer.Argument(
+        metavar="ADDRESS", help="Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer."
+    ),
+]
+
+
+@app.command()
+def start(address: Address) -> None:
+    """Start a cluster's scheduler here, until Ctrl-C.
+
+    It listens at the address, by which others reach this computer.
+    """
+    from deploy.hosts.cluster_address import host_and_port, plain
+
+    place = plain(address, "ADDRESS")
+    host, port = host_and_port(place)
+    protocol = place.partition("://")[0]
+    _become("dask_scheduler", "--protocol", protocol, "--host", host, "--port", str(port))
+
+
+@app.command()
+def join(
+    address: Address,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=1024, help="Number of workers.  [default: one per core]"),
+    ] = None,
+) -> None:
+    """Let a cluster use this computer, until Ctrl-C.
+
+    The first time it installs and compiles what that needs.
+    """
+    from actors.processes.kernels import compile_kernels
+    from deploy.hosts.cluster import PATIENCE_S
+    from deploy.hosts.cluster_address import plain
+    from deploy.hosts.cluster_tls import security
+
+    place = plain(address, "ADDRESS")
+    if place.startswith("tls://"):
+        security(place, PATIENCE_S, "ADDRESS")  # what is wrong with the certificates is said in a sentence
+    compile_kernels()
+    local = ("--host", "127.0.0.1") if place.startswith("tcp://") else ()
+    number = workers or len(os.sched_getaffinity(0))
+    _become("dask_worker", place, *local, "--nworkers", str(number), "--nthreads", "1")
+
+
+def _become(program: str, *words: str) -> NoReturn:
+    command: Sequence[str] = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, list(command))
