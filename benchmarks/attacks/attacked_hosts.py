@@ -19,10 +19,10 @@ from actors.runtime.access.rules import CERTIFIED, client_config
 from actors.runtime.access.session_config import session_config, set_value
 from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.bus.zenoh_bus import open_session
-from deploy.hosts import certificates, run_keys
+from deploy.hosts import certificates, run_keys, run_tls
 from deploy.hosts.certificates import CLIENT
 from deploy.hosts.listening import free_port
-from deploy.hosts.run_keys import PemKeys
+from deploy.hosts.run_tls import PemKeys
 
 HERE: Final = "127.0.0.1"
 ROBOTS: Final = {"h1": ("r1",), "h2": ("r2",)}
@@ -81,7 +81,7 @@ class AttackedHosts:
 
     def control(self, keys: Keys | None) -> bool:
         """Whether somebody with these keys is let in where hosts report to the run."""
-        server = run_keys.server_context(self._folder / "keys")
+        server = run_tls.server_context(self._folder / "keys")
         listener = socket.create_server((HERE, 0))
         client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         client.load_verify_locations(self._folder / "keys" / "authority.pem")

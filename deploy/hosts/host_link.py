@@ -234,4 +234,4 @@ class HostLink:
 
 def below(folder: Path, robots: tuple[str, ...], most: int) -> Incoming:
     """Takes what these robots have written into their folders of a run's."""
-    return Incoming(folder.resolve(), frozenset(robots), most)
+    return Incoming(folder.resolve(), frozenset(robots).__contains__, most)

@@ -40,12 +40,16 @@ from deploy.hosts.host_messages import (
 )
 from deploy.hosts.host_robots import HostRobots
 from deploy.hosts.run_files import Incoming
-from deploy.hosts.run_keys import connect
+from deploy.hosts.run_tls import connect
 
 ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
 RECORDED: Final = 3
 """Exit code: the connection ended first, and what robots have recorded is left in the folder."""
+_INFRA: Final = "host"
+"""Folder of the router."""
+_OWN: Final = (KEYS, _INFRA)
+"""Folders into which nothing is written from outside."""
 _LAID_OUT: Final = 1 << 30
 """Bytes at most of what a host is sent: maps, models, a strategy's code."""
 _PATIENCE_S: Final = 30.0
@@ -70,7 +74,7 @@ class HostProgram:
         self._folder = folder
         self._errand = errand
         self._channel = channel
-        self._incoming: Incoming | None = None
+        self._incoming = Incoming(folder, lambda name: name not in _OWN, _LAID_OUT)
         self._begin: Begin | None = None
         self._launched: Launcher | None = None
         self._robots: HostRobots | None = None
@@ -101,7 +105,7 @@ class HostProgram:
 
     def _lay_out(self, begin: Begin, launched: Launcher) -> None:
         """Draw the robots' passwords, and have the kernels ready before the first is started."""
-        infra = self._folder / "host"
+        infra = self._folder / _INFRA
         infra.mkdir()
         for robot in begin.robots:
             own_folder(self._folder / robot).mkdir(parents=True, exist_ok=True)
@@ -144,8 +148,6 @@ class HostProgram:
     def _obey(self, message: ToHost) -> None:
         match message:
             case FilePart():
-                if self._incoming is None:
-                    self._incoming = Incoming(self._folder, _Anything(), _LAID_OUT)
                 self._incoming.take(message)
             case Begin():
                 self._begin = message
@@ -181,13 +183,6 @@ class HostProgram:
             deadline = time.monotonic() + _GRACE_S
             while robots.running and time.monotonic() < deadline:
                 self._launched.wait(_TURN_S)
-
-
-class _Anything(frozenset[str]):
-    """Of the computer on which the run was started a host takes files in any folder of its own."""
-
-    def __contains__(self, name: object) -> bool:
-        return name not in (KEYS, "host")
 
 
 def main(argv: Sequence[str]) -> int:

@@ -12,7 +12,7 @@ from typing import Final
 
 from actors.installation.repository import REPOSITORY
 from deploy.hosts.host_program import ERRAND, KEYS, RECORDED
-from deploy.hosts.run_keys import PemKeys
+from deploy.hosts.run_tls import PemKeys
 
 _MOST_SAID: Final = 4000
 _COMPILING_S: Final = 900.0

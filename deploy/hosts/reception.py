@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from deploy.hosts import run_keys
+from deploy.hosts import run_tls
 from deploy.hosts.channel import to_host
 from deploy.hosts.host_link import HostLink
 from deploy.hosts.listening import listening
@@ -20,7 +20,7 @@ class HostReception:
 
     def __init__(self, address: str, port: int, keys: Path) -> None:
         """`port`: 0: any. `keys`: folder with this computer's. Raises AcrcError."""
-        self._context = run_keys.server_context(keys)
+        self._context = run_tls.server_context(keys)
         self._server = listening(address, port)
 
     @property
@@ -39,7 +39,7 @@ class HostReception:
         except (OSError, ValueError):
             plain.close()
             return
-        name = run_keys.common_name(encrypted)
+        name = run_tls.common_name(encrypted)
         link = next((link for link in links if link.name == name and not link.connected), None)
         if link is None:
             encrypted.close()

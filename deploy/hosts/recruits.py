@@ -13,7 +13,7 @@ from deploy.hosts.cluster import PATIENCE_S, connect, machines, offers
 from deploy.hosts.cluster_address import PAGE, ClusterError
 from deploy.hosts.host_probe import HostOffer
 from deploy.hosts.listening import own_address
-from deploy.hosts.run_keys import PemKeys
+from deploy.hosts.run_tls import PemKeys
 
 
 @dataclass(frozen=True)

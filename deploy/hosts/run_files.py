@@ -1,7 +1,7 @@
 """The files of a run on two computers: what comes in is written below one folder, what grows is sent on."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -17,17 +17,18 @@ class FilePartError(AcrcError):
 
 
 class Incoming:
-    """Writes what comes in, below `folder` and in `allowed` of its folders only, up to `most` bytes."""
+    """Writes what comes in, below `folder` and in those of its folders that are allowed, up to `most` bytes."""
 
-    def __init__(self, folder: Path, allowed: frozenset[str], most: int) -> None:
+    def __init__(self, folder: Path, allows: Callable[[str], bool], most: int) -> None:
+        """`folder`: without links. `allows`: tells by a folder's name."""
         self._folder = folder
-        self._allowed = allowed
+        self._allows = allows
         self._left = most
 
     def take(self, part: FilePart) -> None:
         """Write it behind what has come of its file. Raises FilePartError, and OSError."""
         words = part.path.split("/")
-        if len(words) < 2 or words[0] not in self._allowed or _ODD & {*words} or "\0" in part.path:
+        if len(words) < 2 or not self._allows(words[0]) or _ODD & {*words} or "\0" in part.path:
             raise FilePartError(f"a file {part.path[:200]!r}, which is none of its own")
         self._left -= len(part.data)
         if self._left < 0:

@@ -68,6 +68,7 @@ STARTS = {
     "verify functions": ("mpmath",),
     "bench swarm": ("benchmarks.swarm.ping_pong.__main__", *ACTORS),
     "fleet keys": ("deploy.hosts.certificates",),
+    "bench hosts": ("deploy.hosts.recruits", "deploy.hosts.run_hosts", *ACTORS),
     "run --on x": ("deploy.hosts.recruits", "deploy.hosts.run_hosts", "deploy.hosts.host_program"),
     "campaign --on x": ("experiments.campaign.dask_pool", "experiments.campaign.remote"),
     "campaign": (

@@ -84,7 +84,8 @@ def test_every_command_that_answers_does_so_in_json_too() -> None:
         if not any("--json" in one.opts for one in command.params)
     }
     assert without == {
-        "acrc add", "acrc check", "acrc docs", "acrc test", "acrc fleet onboard", "acrc fleet watch"
+        *("acrc add", "acrc check", "acrc docs", "acrc test", "acrc fleet onboard", "acrc fleet watch"),
+        *("acrc cluster start", "acrc cluster join"),
     }, "what only does something, or goes on until it is ended"  # fmt: skip
 
 

@@ -26,7 +26,7 @@ REASONS = {
     ),
     *(
         "makes 75 runs",
-        "makes 1600 runs",
+        "makes 1280 runs",
         "makes many runs",
         "wants these runs",
         "wants software without changes",
@@ -34,7 +34,7 @@ REASONS = {
         "opens a window",
         "wants the 240 runs",
         "wants the 75 runs",
-        "wants the 1600 runs",
+        "wants the 1280 runs",
         "tests/floor/test_offices.py calls the script",
     ),
     *("wants a TurtleBot", "wants a browser", "wants a network", "wants a run that goes on"),

@@ -153,8 +153,8 @@ def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp
             "--on: tls://nowhere; must be the address of a scheduler, such as tls://192.168.1.5:8786",
         ),
         (
-            "dask://127.0.0.1:8786",
-            "--on: dask://127.0.0.1:8786; must be the address of a scheduler, such as tls://192.168.1.5:8786",
+            "ucx://127.0.0.1:8786",
+            "--on: ucx://127.0.0.1:8786; must be the address of a scheduler, such as tls://192.168.1.5:8786",
         ),
         (
             "tcp://192.168.1.5:8786",
