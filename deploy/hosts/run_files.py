@@ -17,7 +17,7 @@ class FilePartError(AcrcError):
 
 
 class Incoming:
-    """Writes what comes in, below `folder` and in those of its folders that are allowed, up to `most` bytes."""
+    """Writes what comes in, in those folders below `folder` that are allowed, up to `most` bytes."""
 
     def __init__(self, folder: Path, allows: Callable[[str], bool], most: int) -> None:
         """`folder`: without links. `allows`: tells by a folder's name."""

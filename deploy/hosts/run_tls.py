@@ -35,12 +35,17 @@ def server_context(folder: Path) -> ssl.SSLContext:
     return context
 
 
-def connect(folder: Path, address: str, port: int, patience_s: float) -> ssl.SSLSocket:
-    """Connect a host, with the keys in the folder. Raises OSError."""
+def client_context(folder: Path) -> ssl.SSLContext:
+    """For a host, with the keys in the folder."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     _load(context, folder)
+    return context
+
+
+def connect(folder: Path, address: str, port: int, patience_s: float) -> ssl.SSLSocket:
+    """Connect a host, with the keys in the folder. Raises OSError."""
     plain = socket.create_connection((address, port), timeout=patience_s)
-    return context.wrap_socket(plain, server_hostname=address)
+    return client_context(folder).wrap_socket(plain, server_hostname=address)
 
 
 def common_name(encrypted: ssl.SSLSocket) -> str:

@@ -1,0 +1,234 @@
+"""What a run over several computers is made of: who is where, what a host may send, who is fit."""
+
+import socket
+import ssl
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.installation.usage import OptionError
+from actors.runtime.errors import AcrcError
+from deploy.hosts import run_keys, run_tls
+from deploy.hosts.channel import LONGEST, Channel, ChannelClosedError, from_host, to_host
+from deploy.hosts.cluster_address import plain
+from deploy.hosts.host_messages import AskPulse, FilePart, FromHost, Joined, ToHost
+from deploy.hosts.host_probe import HostOffer, unfit
+from deploy.hosts.listening import bound, place_of
+from deploy.hosts.placement import shares
+from deploy.hosts.run_files import FilePartError, GrowingFile, Incoming, parts
+
+HERE = "127.0.0.1"
+
+
+@given(st.integers(0, 50), st.dictionaries(st.sampled_from("abcdef"), st.integers(1, 64), min_size=1))
+def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
+    count: int, cores: dict[str, int]
+) -> None:
+    robots = [f"r{number}" for number in range(count)]
+    placed = shares(robots, cores)
+    assert [robot for some in placed.values() for robot in some] == robots
+    assert all(placed.values())
+    loads = {host: len(placed.get(host, ())) for host in cores}
+    for host, load in loads.items():
+        if load:
+            assert (load - 1) / cores[host] <= min(loads[other] / cores[other] for other in cores)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["r1.mcap", "r2/r2.mcap", "../r1/x", "r1/../r2/x", "r1//x", "r1/./x", "/r1/x", "r1/a\0b", "r1/"],
+)
+def test_nothing_is_taken_beside_the_robots_own_folders(tmp_path: Path, path: str) -> None:
+    incoming = Incoming(tmp_path, {"r1"}.__contains__, 100)
+    with pytest.raises(FilePartError):
+        incoming.take(FilePart(path, b"x"))
+    assert list(tmp_path.rglob("*")) == []
+
+
+def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "run" / "r1").mkdir(parents=True)
+    (tmp_path / "away").mkdir()
+    (tmp_path / "run" / "r1" / "own").symlink_to(tmp_path / "away")
+    incoming = Incoming(tmp_path / "run", {"r1"}.__contains__, 100)
+    with pytest.raises(FilePartError):
+        incoming.take(FilePart("r1/own/x", b"x"))
+    (tmp_path / "run" / "r1" / "r1.mcap").symlink_to(tmp_path / "away" / "y")
+    with pytest.raises(OSError, match="symbolic"):
+        incoming.take(FilePart("r1/r1.mcap", b"x"))
+    assert list((tmp_path / "away").iterdir()) == []
+
+
+def test_a_host_sends_no_more_than_its_robots_may_write(tmp_path: Path) -> None:
+    incoming = Incoming(tmp_path, {"r1"}.__contains__, 5)
+    incoming.take(FilePart("r1/a", b"xyz"))
+    with pytest.raises(FilePartError):
+        incoming.take(FilePart("r1/b", b"xyz"))
+    assert (tmp_path / "r1" / "a").read_bytes() == b"xyz"
+
+
+def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    (here / "r1" / "own").mkdir(parents=True)
+    there.mkdir()
+    (here / "r1" / "own" / "note").write_bytes(bytes(range(256)) * 700)
+    (here / "r1" / "own" / "empty").touch()
+    (here / "r1" / "own" / "link").symlink_to("/etc/hostname")
+    incoming = Incoming(there, {"r1"}.__contains__, 1 << 20)
+    growing = GrowingFile(here, here / "r1" / "log")
+    assert growing.part() is None
+    for piece in (b"first", b"", b"second"):
+        with (here / "r1" / "log").open("ab") as log:
+            log.write(piece)
+        while (part := growing.part()) is not None:
+            incoming.take(part)
+    for part in parts(here, here / "r1" / "own"):
+        incoming.take(part)
+    growing.close()
+    assert {path.name: path.read_bytes() for path in there.rglob("*") if path.is_file()} == {
+        "log": b"firstsecond",
+        "note": bytes(range(256)) * 700,
+        "empty": b"",
+    }
+
+
+OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, None, 0.0, "/opt/acrc")
+
+
+@pytest.mark.parametrize(
+    ("there", "fault"),
+    [
+        (OFFER, None),
+        (msgspec.structs.replace(OFFER, versions={"python": "3.11.7", "more": "1"}, cores=2), None),
+        (
+            msgspec.structs.replace(OFFER, commit="def"),
+            "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout abc, "
+            "and start its worker anew",
+        ),
+        (
+            msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
+            "has python 3.12.1, this is 3.11.7; must be the same",
+        ),
+        (
+            msgspec.structs.replace(OFFER, kernels={"arrays": "2" * 64}),
+            "computes otherwise than this computer: other bits come from arrays",
+        ),
+    ],
+)
+def test_who_is_no_fit_host_is_told_why(there: HostOffer, fault: str | None) -> None:
+    assert unfit(there, OFFER) == fault
+
+
+@pytest.mark.parametrize(
+    ("word", "place"),
+    [("10.0.0.5:7450", ("10.0.0.5", 7450)), ("lab", ("lab", 0)), ("[::1]:7450", ("::1", 7450))],
+)
+def test_hosts_connect_to_an_address_with_a_port_or_without(word: str, place: tuple[str, int]) -> None:
+    assert place_of(word) == place
+
+
+@pytest.mark.parametrize("word", ["", ":7450", "10.0.0.5:", "10.0.0.5:65535", "a b", "10.0.0.5:7450:1"])
+def test_what_is_none_is_refused(word: str) -> None:
+    with pytest.raises(OptionError, match="must be an address of this computer"):
+        place_of(word)
+
+
+def test_a_computer_that_is_reached_by_anothers_address_listens_everywhere() -> None:
+    assert bound(HERE) == HERE
+    assert bound("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
+    with pytest.raises(AcrcError, match="--listen"):
+        bound("no.such.host.invalid")
+
+
+def test_an_address_can_be_written_in_two_ways() -> None:
+    assert plain("dask+tls://lab:8786") == plain("tls://lab:8786") == "tls://lab:8786"
+    assert plain("dask://127.0.0.1:8786") == "tcp://127.0.0.1:8786"
+    with pytest.raises(OptionError, match="must be tls://"):
+        plain("dask://lab:8786")
+
+
+Ends = tuple[Channel[FromHost], Channel[ToHost], ssl.SSLSocket]
+
+
+@pytest.fixture
+def ends(tmp_path: Path) -> Iterator[Ends]:
+    """The two ends of a channel; the host's socket as well."""
+    keys = run_keys.draw(["h1"], HERE)
+    keys.world.write(tmp_path / "world")
+    keys.hosts["h1"].write(tmp_path / "h1")
+    with ExitStack() as stack:
+        server = stack.enter_context(socket.create_server((HERE, 0)))
+        plain_socket = stack.enter_context(socket.create_connection(server.getsockname()))
+        ours, _ = server.accept()
+        ours.setblocking(False)
+        plain_socket.setblocking(False)
+        one = run_tls.server_context(tmp_path / "world").wrap_socket(
+            ours, server_side=True, do_handshake_on_connect=False
+        )
+        other = run_tls.client_context(tmp_path / "h1").wrap_socket(
+            plain_socket, server_hostname=HERE, do_handshake_on_connect=False
+        )
+        waiting = [one, other]
+        while waiting:
+            for end in list(waiting):
+                try:
+                    end.do_handshake()
+                    waiting.remove(end)
+                except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
+                    continue
+        assert run_tls.common_name(one) == "h1"
+        stack.enter_context(one)
+        stack.enter_context(other)
+        yield to_host(one), from_host(other), other
+
+
+def received(channel: Channel[FromHost], count: int) -> list[FromHost]:
+    found: list[FromHost] = []
+    for _ in range(1000):
+        found += channel.receive()
+        if len(found) >= count:
+            break
+    return found
+
+
+def test_messages_come_whole_and_in_order_without_anybody_waiting(ends: Ends) -> None:
+    here, there, _ = ends
+    sent = [FilePart(f"r1/{number}", bytes([number % 256]) * 60_000) for number in range(200)]
+    for part in sent:
+        there.send(part)
+    assert there.waiting > 0  # more than sockets hold: it waits here, and whoever sent it does not
+    found: list[FromHost] = []
+    while len(found) < len(sent):
+        there.flush()
+        found += here.receive()
+    assert found == sent
+    assert there.waiting == 0
+    here.send(AskPulse())
+    assert received(there, 1) == [AskPulse()]  # type: ignore[arg-type, comparison-overlap]
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x05\0\0\0hello", "something came that is no message"),
+        ((LONGEST + 1).to_bytes(4, "little"), "was announced"),
+        (b"", "the connection was closed"),
+    ],
+)
+def test_what_is_no_message_ends_the_channel_behind_what_came(ends: Ends, data: bytes, words: str) -> None:
+    here, there, bare = ends
+    there.send(Joined(1.5))
+    if data:
+        bare.send(data)
+    else:
+        bare.close()
+    found: list[FromHost] = []
+    with pytest.raises(ChannelClosedError, match=words):
+        for _ in range(1000):
+            for message in here.receive():
+                found.append(message)
+    assert found == [Joined(1.5)]
