@@ -36,7 +36,7 @@ CLAIMS: Final = (
         "Recipes for Docker and Apptainer, carried out in a bare Debian tree: the same digest and commit, "
         "robots isolated; without a network, nothing installed or compiled before the run "
         "([containers](clusters.md#in-a-container)).",
-        "benchmarks.container.command", small={"build": False}, full={}, seconds=(1, 900), takes=("install",),
+        "benchmarks.container.command", small={"build": False}, full={}, seconds=(1, 600), takes=("install",),
     ),
     PublishedClaim(
         "functions", _BITS,

@@ -249,3 +249,12 @@ def test_what_is_missing_is_one_sentence_and_nothing_is_claimed_of_what_was_only
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     with pytest.raises(AcrcError, match="only root can build a tree"):
         command.check(folder=tmp_path)
+
+
+def test_what_is_not_ready_says_so_in_words_that_are_looked_for() -> None:
+    script, kernels = (
+        (REPOSITORY / "acrc").read_text(),
+        (REPOSITORY / "actors/processes/kernels.py").read_text(),
+    )
+    installs, compiles = command._FIRST_TIME
+    assert f'say "{installs} $((' in script and f'"{compiles} the numeric kernels' in kernels
