@@ -1,4 +1,4 @@
-"""All attacks; `python -m benchmarks.attacks.attacks` prints the tables of docs/isolation.md."""
+"""All attacks; `python -m benchmarks.attacks.attacks` prints the table of docs/isolation.md."""
 
 import sys
 
@@ -6,7 +6,6 @@ from benchmarks.attacks.attack import Attack, Layer
 from benchmarks.attacks.bus_attacks import BUS_ATTACKS, CONTROLS
 from benchmarks.attacks.counter_attacks import COUNTER_ATTACKS
 from benchmarks.attacks.file_attacks import FILE_ATTACKS
-from benchmarks.attacks.host_attacks import HOST_ATTACKS
 from benchmarks.attacks.memory_attacks import MEMORY_ATTACKS
 from benchmarks.attacks.network_attacks import NETWORK_ATTACKS
 from benchmarks.attacks.process_attacks import PROCESS_ATTACKS
@@ -30,12 +29,5 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def host_table() -> str:
-    """The same for swarms over several computers."""
-    lines = ["| way over the links between computers | closed by |", "|---|---|"]
-    lines += [f"| {attack.name} | {attack.closed_by} |" for attack in HOST_ATTACKS if not attack.control]
-    return "\n".join(lines)
-
-
 if __name__ == "__main__":
-    sys.stdout.write(f"{table()}\n\n{host_table()}\n")
+    sys.stdout.write(f"{table()}\n")

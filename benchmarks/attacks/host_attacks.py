@@ -1,6 +1,10 @@
-"""Attacks on a swarm over several computers: by whoever reaches its ports, and by one of its own hosts."""
+"""Attacks on a swarm over several computers: by whoever reaches its ports, and by one of its own hosts.
+
+`python -m benchmarks.attacks.host_attacks` prints the table of docs/isolation.md.
+"""
 
 import secrets
+import sys
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -125,3 +129,14 @@ HOST_ATTACKS: Final = (
         "a robot speaks to one on another host", "access rules", _robot_says("r1", "swarm/down/r2/senses")
     ),
 )
+
+
+def host_table() -> str:
+    """One line per attack, in Markdown."""
+    lines = ["| way over the links between computers | closed by |", "|---|---|"]
+    lines += [f"| {attack.name} | {attack.closed_by} |" for attack in HOST_ATTACKS if not attack.control]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{host_table()}\n")

@@ -106,8 +106,8 @@ OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, 
         (msgspec.structs.replace(OFFER, versions={"python": "3.11.7", "more": "1"}, cores=2), None),
         (
             msgspec.structs.replace(OFFER, commit="def"),
-            "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout abc, "
-            "and start its worker anew",
+            "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
+            "abc, and start its worker anew",
         ),
         (
             msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
