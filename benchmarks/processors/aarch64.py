@@ -5,14 +5,13 @@ No system is started: qemu runs one process, and what that asks of Linux this Li
 
 import os
 import shutil
-import subprocess
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
+from benchmarks.processors.building import NotBuiltError, do, once, provide
 from benchmarks.processors.computer import Computer
 from benchmarks.processors.pythons import pins
 from deploy.fleet.bundle.wheels import fetch
@@ -24,49 +23,24 @@ PROGRAMS: Final = {
     "dpkg-deb": "dpkg",
 }
 """What is needed, and the Debian packages that bring it."""
-_PATIENCE_S: Final = 900.0
-
-
-class NotBuiltError(Exception):
-    """A step that failed, in words."""
 
 
 def computer(folder: Path, install: bool) -> Computer:
     """The emulated processor, built in `folder` unless it is there; `install`: missing programs too."""
     try:
-        _provide(install)
+        provide(PROGRAMS, install=install)
         root, site = folder / "aarch64-root", folder / "aarch64-site"
-        _once(root, _system)
-        _once(site, _packages)
+        once(root, _system)
+        once(site, _packages)
     except NotBuiltError as error:
         return Computer(NAME, missing=str(error))
     command = ("qemu-aarch64-static", "-L", str(root), str(root / "usr/bin/python3.11"))
     return Computer(NAME, command, {"PYTHONPATH": f"{site}{os.pathsep}{REPOSITORY}"})
 
 
-def _provide(install: bool) -> None:
-    missing = [name for name in PROGRAMS if shutil.which(name) is None]
-    if missing and install:
-        _do("apt-get", "install", "-y", "--no-install-recommends", *(PROGRAMS[name] for name in missing))
-        missing = [name for name in missing if shutil.which(name) is None]
-    if missing:
-        packages = " ".join(PROGRAMS[name] for name in missing)
-        raise NotBuiltError(f"{', '.join(missing)} not found; --install, or: sudo apt install {packages}")
-
-
-def _once(place: Path, build: Callable[[Path], None]) -> None:
-    """Build it unless it is complete."""
-    if (place / "complete").exists():
-        return
-    shutil.rmtree(place, ignore_errors=True)
-    place.mkdir(parents=True)
-    build(place)
-    (place / "complete").touch()
-
-
 def _system(root: Path) -> None:
     """Debian's packages, taken apart but not set up: nothing of them is run but Python."""
-    _do(
+    do(
         "debootstrap",
         "--arch=arm64",
         "--foreign",
@@ -76,7 +50,7 @@ def _system(root: Path) -> None:
         str(root),
     )
     for package in sorted((root / "var/cache/apt/archives").glob("*.deb")):
-        _do("dpkg-deb", "-x", str(package), str(root))
+        do("dpkg-deb", "-x", str(package), str(root))
 
 
 def _packages(site: Path) -> None:
@@ -90,12 +64,3 @@ def _packages(site: Path) -> None:
     for wheel in sorted(wheels.glob("*.whl")):
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(site)
-
-
-def _do(*command: str) -> None:
-    try:
-        done = subprocess.run(command, capture_output=True, check=False, timeout=_PATIENCE_S)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise NotBuiltError(f"{Path(command[0]).name} failed: {type(error).__name__}") from None
-    if done.returncode:
-        raise NotBuiltError(f"{Path(command[0]).name} {command[1]} failed with exit code {done.returncode}")

@@ -116,10 +116,10 @@ def verify(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="WORD", help="processors: only those with this word in their name. Repeatable."),
+        typer.Option(metavar="WORD", help="processors, bundle: only those with this word. Repeatable."),
     ] = None,
     install: Annotated[
-        bool | None, typer.Option("--install", help="processors: let apt-get install an emulator.")
+        bool | None, typer.Option("--install", help="processors, bundle: let apt-get install what is needed.")
     ] = None,
     json: Json = False,
 ) -> None:

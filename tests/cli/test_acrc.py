@@ -198,6 +198,8 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("fleet", "stop", "tls/r1:7447"), []),
         (("fleet", "collect", "out"), []),
         (("fleet", "units", "fleet.toml"), ["hardware"]),
+        (("fleet", "bundle", "fleet.toml"), ["hardware"]),
+        (("verify", "bundle"), ["hardware", "sim"]),
         (("view", "out"), ["observe", "sim"]),
         (("view", "out", "--png"), ["pictures"]),
         (("view", "out", "--html"), ["pictures"]),

@@ -128,7 +128,7 @@ def test_a_strategy_of_ones_own_comes_with_what_it_loads(clone: SmallClone, tmp_
     own.mkdir()
     for name, text in (("mine.py", OWN), ("helper.py", ""), ("other.py", "raise ValueError")):
         (own / name).write_text(text)
-    text = clone.office.read_text().replace('"chapter"\n\n[strategy]', '"mine:behaviour"\n\n[strategy]')
+    text = clone.office.read_text().replace('strategy = "chapter"', 'strategy = "mine:behaviour"')
     for given, left in (("adoption_distance", "# "), ("listen =", "# listen =")):
         text = text.replace(given, left)
     clone.office.write_text(text)
