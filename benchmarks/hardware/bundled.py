@@ -5,22 +5,19 @@ The devices are outside, as in `acrc run --hardware-in-the-loop`; the robot runs
 
 import os
 import shutil
-import signal
-import subprocess
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
-from benchmarks.hardware.standstill_rig import MAP, NotDrivingError, Rig
+from benchmarks.hardware.bundled_rig import KEPT, BundledRig
+from benchmarks.hardware.standstill_rig import MAP, Rig
 from benchmarks.processors import debian
 from benchmarks.processors.building import NotBuiltError, do, once, provide
 from benchmarks.statistics.measured import Measured, table_of
@@ -30,12 +27,8 @@ from deploy.fleet.fleet_file import load_fleet
 from observation.recordings.info import info
 from observation.replay import record_replay
 
-_KEPT: Final = "var/lib/acrc"
 _STEPS: Final = 20
 """So many a robot must have answered to have been there; 2 s where nothing is late."""
-_PATIENCE_S: Final = {False: 60.0, True: 900.0}
-"""Until the robot drives; True: in the emulator."""
-_GRACE_S: Final = 20.0
 _PYTHON: Final = "3.11"
 """Of Debian 12."""
 
@@ -60,50 +53,6 @@ class BundleRow:
     fault: str = ""
     missing: str = ""
     """Why there is no such computer here."""
-
-
-class BundledRig(Rig):
-    """The devices outside, the robot inside."""
-
-    def __init__(self, folder: Path, system: Path, machine: str) -> None:
-        super().__init__(folder)
-        self._system, self._machine = system, machine
-
-    def onboard(self) -> list[str]:
-        """As the installed service has it, as the user that it names, below its state folder."""
-        for link in (self.folder / "links" / "r1").iterdir():
-            link.resolve().chmod(0o666)  # udev does so on a robot
-        unit = (self._system / "etc/systemd/system/acrc-r1.service").read_text().splitlines()
-        said = dict(line.split("=", 1) for line in unit if "=" in line)
-        user = said["User"]
-        words = ("setpriv", "--reuid", user, "--regid", user, "--init-groups", "env", f"-C/{_KEPT}")
-        start = said["ExecStart"].split()
-        return [*debian.inside(self._system, self.folder, self._machine, (*words, *start))]
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop it as systemd does: by SIGTERM to the first process inside."""
-        pid = self._onboard.pid
-        with suppress(OSError, subprocess.TimeoutExpired):
-            for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-                os.kill(int(child), signal.SIGTERM)
-            self._onboard.wait(_GRACE_S)
-        super().__exit__(kind, error, trace)
-
-    def said(self) -> str:
-        """What the robot has said, on one line."""
-        return " ".join((self.folder / "onboard.log").read_text().split())
-
-    def drive(self, seconds: float) -> float:
-        """Wait until the robot has moved, and so long; its way, m. Raises NotDrivingError."""
-        ended = time.monotonic() + _PATIENCE_S[debian.is_emulated(self._machine)]
-        while not self.where().way:
-            if self._onboard.poll() is not None or time.monotonic() > ended:
-                raise NotDrivingError(f"the robot did not drive: {self.said()[-300:]}")
-            time.sleep(0.1)
-        time.sleep(seconds)
-        return self.where().way
 
 
 def check(
@@ -183,7 +132,7 @@ def _megabytes(system: Path) -> float:
 
 def _recorded(row: BundleRow, system: Path) -> BundleRow:
     """What the robot recorded, held against its program here."""
-    (out,) = (system / _KEPT / "runs").glob("*-*/")
+    (out,) = (system / KEPT / "runs").glob("*-*/")
     (robot,) = (one for one in info(out) if one.actor == "r1")
     steps = max(
         (rate.count for (way, key), rate in robot.topics.items() if key.endswith("/drive")), default=0

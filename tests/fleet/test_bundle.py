@@ -92,7 +92,7 @@ def test_the_same_inputs_give_the_same_bytes_and_others_do_not(clone: SmallClone
     clone.issue()
     folder = clone.root.parent
     first, second = clone.bundle(folder / "a.tar"), clone.bundle(folder / "b.tar")
-    assert first.sha256 == second.sha256
+    assert first.sha256 == second.sha256 and first.lacks == ""
     (clone.root / "actors" / "core.py").write_text("pass\n")
     assert clone.bundle(folder / "c.tar").sha256 != first.sha256
 
@@ -133,7 +133,9 @@ def test_a_strategy_of_ones_own_comes_with_what_it_loads(clone: SmallClone, tmp_
         text = text.replace(given, left)
     clone.office.write_text(text)
     out, fleet, permit = tmp_path / "b.tar", load_fleet(clone.office), Permit((own,))
-    making.make(clone.root, fleet, "r2", permit, machine="x86-64", python="3.12", out=out)
+    (clone.root / "requirements.txt").write_text("pandas\nnetworkx\n")
+    made = making.make(clone.root, fleet, "r2", permit, machine="x86-64", python="3.12", out=out)
+    assert made.lacks == "pandas, networkx"
     code = [name for name in members(out) if name.startswith("program/modules/")]
     assert code == ["program/modules/helper.py", "program/modules/mine.py"]
     start = read_unit(content(out, "program/units/acrc-r2.service"))["Service"]["ExecStart"][0]

@@ -194,7 +194,8 @@ def test_a_computer_is_one_robot_until_somebody_says_otherwise(robot: Robot) -> 
     before = robot.current
     assert robot.install(robot.unpacked("r3")) == (
         1,
-        "acrc: this computer is r2, but the bundle is for r3; to make it r3: sudo rm /srv/acrc/current\n",
+        "acrc: this computer is r2, but the bundle is for r3; to make it r3: sudo systemctl disable --now "
+        "acrc-r2; sudo rm /srv/acrc/current\n",
     )
     assert robot.current == before
 

@@ -41,7 +41,8 @@ print(platform.machine(), "of", struct.calcsize("P") * 8, "bits with Python", "%
         give_up "this computer is $found, but the bundle is for $wanted; make one that fits with --machine and --python"
     [ ! -f "$place/current/about" ] || before=$(told robot "$place/current")
     [ "${before:-$robot}" = "$robot" ] ||
-        give_up "this computer is $before, but the bundle is for $robot; to make it $robot: sudo rm $place/current"
+        give_up "this computer is $before, but the bundle is for $robot; to make it $robot:" \
+            "sudo systemctl disable --now acrc-$before; sudo rm $place/current"
     [ "$(id -u)" = 0 ] || give_up "the installation changes the system; run it as root: sudo $here/install.sh"
 }
 
@@ -58,8 +59,8 @@ make_user() {
 # without blanks; the kernels are compiled now, since the robot should not wait for them.
 make_version() {
     rm -rf "$version"
-    mkdir -p "$place/versions"
-    cp -R program "$version"
+    { mkdir -p "$place/versions" && cp -R program "$version"; } ||
+        give_up "the version that was here stays; $version cannot be written, see above"
     chown -R acrc "$version/fleets"
     ln -s "$here/wheels" "$version/wheels"
     PIP_NO_INDEX=1 PIP_FIND_LINKS="$version/wheels" PIP_CONFIG_FILE=/dev/null write_units >/dev/null ||

@@ -44,6 +44,8 @@ class RobotBundle(NamedTuple):
     files: int
     bytes: int
     sha256: str
+    lacks: str = ""
+    """What `acrc add` brought for strategies, and the bundle has not; empty for a shipped strategy."""
 
 
 def make(
@@ -92,9 +94,16 @@ def make(
         archive.write(out, f"acrc-{name}", files, links)
         with out.open("rb") as written:
             digest = hashlib.file_digest(written, "sha256").hexdigest()
-        return RobotBundle(out, name, machine, python, len(files), out.stat().st_size, digest)
+        lacks = _added(root) if own else ""
+        return RobotBundle(out, name, machine, python, len(files), out.stat().st_size, digest, lacks)
     except OSError as error:
         raise AcrcError(f"{out}: the bundle cannot be written: {error.strerror}") from None
+
+
+def _added(root: Path) -> str:
+    """Packages beyond the pins, which have no hashes here."""
+    listed = root / "requirements.txt"
+    return ", ".join(listed.read_text().split()) if listed.is_file() else ""
 
 
 def _program(root: Path) -> dict[str, BundledFile]:
