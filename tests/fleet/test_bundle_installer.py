@@ -239,6 +239,7 @@ def test_an_update_that_does_not_end_leaves_the_old_version_and_what_the_robot_k
     assert {path: path.read_bytes() for path in before} == before
     assert robot.install(update)[0] == 0
     new = robot.current
+    assert not (new / "program").exists(), "what was there of it was not made anew"
     assert new != old and (new / "actors" / "core.py").read_text() == "pass\n"
     assert {path: path.read_bytes() for path in before} == before, "what runs goes on until it is restarted"
     assert {name: (robot.kept / name).read_text() for name in kept} == kept
