@@ -9,7 +9,8 @@ from typing import Final
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import FOLDERS
 from actors.runtime import regular_file
-from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE
+from actors.runtime.access.credentials import PRIVATE_KEY_FILE
+from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError
 from deploy.fleet.bundle.archive import PRIVATE, BundledFile
 from deploy.fleet.doctor import robot as checks
