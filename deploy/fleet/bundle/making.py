@@ -95,7 +95,16 @@ def make(
         with out.open("rb") as written:
             digest = hashlib.file_digest(written, "sha256").hexdigest()
         lacks = _added(root) if own else ""
-        return RobotBundle(out, name, machine, python, len(files), out.stat().st_size, digest, lacks)
+        return RobotBundle(
+            file=out,
+            robot=name,
+            machine=machine,
+            python=python,
+            files=len(files),
+            bytes=out.stat().st_size,
+            sha256=digest,
+            lacks=lacks,
+        )
     except OSError as error:
         raise AcrcError(f"{out}: the bundle cannot be written: {error.strerror}") from None
 
