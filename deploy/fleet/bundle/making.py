@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -18,7 +18,7 @@ from actors.runtime.errors import AcrcError
 from deploy.fleet.bundle import archive, given
 from deploy.fleet.bundle.archive import BundledFile
 from deploy.fleet.bundle.wheels import MACHINES, fetch
-from deploy.fleet.fleet_file import Fleet
+from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.units import service
 
 PLACE: Final = Path("/srv/acrc")
@@ -55,58 +55,66 @@ def make(
 
     The same inputs give the same bytes. Raises AcrcError or OptionError, and then makes nothing.
     """
-    if machine not in MACHINES:
-        raise wrong_value("--machine", machine, " or ".join(MACHINES))
-    minors = {f"3.{minor}": minor for minor in MINORS}
-    if python not in minors:
-        raise wrong_value("--python", python, f"one of {', '.join(minors)}")
+    minor = _minor(machine, python)
     if out.is_dir():
         raise OptionError(f"--out: {out} is a folder; must be a file")
     robot = fleet.robot(name)
     given.check(fleet, robot, permit)
     told, leads = given.fleet_files(fleet, robot)
     own = given.modules(fleet, permit)
-    current = PLACE / "current"
-    unit = service(
-        replace(fleet, path=current / given.FILE),
-        robot,
-        program=current / "acrc",
-        user=USER,
-        modules=[current / given.MODULES] if own else [],
-    )
     about = {"robot": name, "machine": MACHINES[machine], "python": python}
-    parts = {
-        **_program(root),
-        **told,
-        **own,
-        COMMIT: BundledFile(f"{software()}\n".encode()),
-        "about": BundledFile("".join(f"{key} {value}\n" for key, value in about.items()).encode()),
-        f"units/acrc-{name}.service": BundledFile(unit.encode()),
-    }
-    installer = (Path(__file__).parent / _INSTALLER).read_bytes()
+    parts = {**_program(root), **told, **own, **_about(about), **_unit(fleet, robot, own=bool(own))}
     files = {
-        _INSTALLER: BundledFile(installer, _EXECUTABLE),
+        _INSTALLER: _as_it_is(Path(__file__).parent / _INSTALLER),
         **{f"program/{place}": file for place, file in parts.items()},
-        **_wheels((root / "constraints.txt").read_text(), minors[python], machine),
+        **_wheels((root / "constraints.txt").read_text(), minor, machine),
     }
     links = {"program/.state": _STATE, f"program/{given.FILE}": leads}
     try:
         archive.write(out, f"acrc-{name}", files, links)
         with out.open("rb") as written:
             digest = hashlib.file_digest(written, "sha256").hexdigest()
-        lacks = _added(root) if own else ""
-        return RobotBundle(
-            file=out,
-            robot=name,
-            machine=machine,
-            python=python,
-            files=len(files),
-            bytes=out.stat().st_size,
-            sha256=digest,
-            lacks=lacks,
-        )
     except OSError as error:
         raise AcrcError(f"{out}: the bundle cannot be written: {error.strerror}") from None
+    return RobotBundle(
+        file=out,
+        robot=name,
+        machine=machine,
+        python=python,
+        files=len(files),
+        bytes=out.stat().st_size,
+        sha256=digest,
+        lacks=_added(root) if own else "",
+    )
+
+
+def _minor(machine: str, python: str) -> int:
+    """Of the Python. Raises OptionError for a computer that there are no wheels for."""
+    if machine not in MACHINES:
+        raise wrong_value("--machine", machine, " or ".join(MACHINES))
+    minors = {f"3.{minor}": minor for minor in MINORS}
+    if python not in minors:
+        raise wrong_value("--python", python, f"one of {', '.join(minors)}")
+    return minors[python]
+
+
+def _about(told: Mapping[str, str]) -> dict[str, BundledFile]:
+    """What the installer reads, and the commit of which the program is."""
+    lines = "".join(f"{key} {value}\n" for key, value in told.items())
+    return {"about": BundledFile(lines.encode()), COMMIT: BundledFile(f"{software()}\n".encode())}
+
+
+def _unit(fleet: Fleet, robot: FleetRobot, *, own: bool) -> dict[str, BundledFile]:
+    """The service, as `acrc fleet units` would write it for the place on the robot."""
+    current = PLACE / "current"
+    text = service(
+        replace(fleet, path=current / given.FILE),
+        robot,
+        program=current / "acrc",
+        user=USER,
+        modules=[current / given.MODULES] if own else [],
+    )
+    return {f"units/acrc-{robot.id}.service": BundledFile(text.encode())}
 
 
 def _added(root: Path) -> str:
