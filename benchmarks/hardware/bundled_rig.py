@@ -14,7 +14,7 @@ from benchmarks.processors import debian
 
 KEPT: Final = "var/lib/acrc"
 """Of the system: recordings, last pose, counted starts."""
-_PATIENCE_S: Final = {False: 60.0, True: 900.0}
+_PATIENCE_S: Final = {False: 60.0, True: 600.0}
 """Until the robot drives; True: in the emulator."""
 _GRACE_S: Final = 20.0
 
@@ -53,10 +53,16 @@ class BundledRig(Rig):
         return " ".join((self.folder / "onboard.log").read_text().split())
 
     def drive(self, seconds: float) -> float:
-        """Wait until the robot has moved, and so long; its way, m. Raises NotDrivingError."""
+        """Wait until the robot has moved, and so long; its way, m. Raises NotDrivingError.
+
+        An emulated one may be too late with every step to be let move: then it is 0 after a while.
+        """
         ended = time.monotonic() + _PATIENCE_S[debian.is_emulated(self._machine)]
         while not self.where().way:
-            if self._onboard.poll() is not None or time.monotonic() > ended:
+            late = time.monotonic() > ended
+            if late and debian.is_emulated(self._machine):
+                return 0.0
+            if late or self._onboard.poll() is not None:
                 raise NotDrivingError(f"the robot did not drive: {self.said()[-300:]}")
             time.sleep(0.1)
         time.sleep(seconds)
