@@ -13,6 +13,7 @@ from command_line.collect import collect
 from command_line.laptop import pause, resume, stop, watch
 from command_line.onboard import onboard
 from command_line.options import FleetFile, Json, Modules, answer
+from command_line.robot_bundle import bundle
 
 if TYPE_CHECKING:
     from deploy.fleet.fleet_file import Fleet
@@ -166,5 +167,5 @@ def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-for _command in (keys, units, doctor, onboard, watch, stop, pause, resume, collect):
+for _command in (keys, units, bundle, doctor, onboard, watch, stop, pause, resume, collect):
     app.command()(_command)

@@ -3,8 +3,12 @@
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
+from typing import Final
 
 from actors.installation.repository import IS_CLONE, REPOSITORY
+
+COMMIT: Final = "COMMIT"
+"""File of a robot's bundle, in place of a repository: the commit that it was made of."""
 
 
 def release() -> str:
@@ -16,6 +20,8 @@ def software() -> str:
     """The commit, with a plus sign where files were changed since; outside a clone the package's version."""
     if not IS_CLONE:  # an environment that lies in somebody's repository is none of its commits
         return release()
+    if (REPOSITORY / COMMIT).is_file():
+        return (REPOSITORY / COMMIT).read_text().strip()
     try:
         commit = _git("rev-parse", "HEAD")
         return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")

@@ -192,6 +192,14 @@ CLAIMS: Final = (
         seconds=(25, 120), takes=("duration",),
     ),
     PublishedClaim(
+        "bundle", _BOARD,
+        "A robot needs no network, neither to be installed nor to drive.",
+        "On a bare Debian 12, x86-64 and emulated aarch64, a bundle installs, and its robot drives emulated "
+        "devices; its recording replays on another computer ([bundle](deployment.md#without-a-network)).",
+        "benchmarks.hardware.bundled", small={"duration": 5.0, "only": ("x86-64",)}, full={"duration": 60.0},
+        seconds=(180, 1800), takes=("duration", "only", "install"),
+    ),
+    PublishedClaim(
         "standstill", _BOARD,
         "The base stands when a process fails.",
         "Told to stand within 0.3 s and 0.15 m, whatever fails ([table](deployment.md#what-stops-it)).",

@@ -89,7 +89,7 @@ def _built(
     """A row for each recipe, and the digest outside."""
     if os.geteuid() != 0:
         raise NotBuiltError("only root can build a tree, and so can sudo")
-    provide(PROGRAMS, install)
+    provide(PROGRAMS, install=install)
     base = kept / _SUITE
     once(base, lambda place: do("debootstrap", "--variant=minbase", _SUITE, str(place)))
     with tempfile.TemporaryDirectory(prefix="acrc-container-") as name:

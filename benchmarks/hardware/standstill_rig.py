@@ -22,7 +22,7 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
 GUARDIAN: Final = "guardian.py"
-_MAP: Final = SHIPPED / "maps" / "corridor.yaml"
+MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 _START: Final = (8.0, 12.5, 0.0)
 _PLACES: Final = ((22.0, 12.5), (8.0, 12.5))
 _FAST: Final = 0.45
@@ -73,7 +73,7 @@ class Rig:
 
     def __enter__(self) -> Self:
         body = BodySetup("r1", "turtlebot2", "chapter", "exact", _START, _PLACES)
-        world = WorldSetup(str(_MAP), 1, 100_000, 1_000_000, (body,))
+        world = WorldSetup(str(MAP), 1, 100_000, 1_000_000, (body,))
         radio = RadioSetup(1, world.step_us, (("r1", 1),), "beeclick")
         setup = self.folder / "setup.json"
         setup.write_bytes(msgspec.json.encode(LaboratorySetup(world, radio)))
@@ -90,16 +90,9 @@ class Rig:
         )
         self._heard = b""
         self._answer(patience_s=60.0)  # "ready"
-        fleet = self.folder / "fleet.toml"
-        fleet.write_text(_FLEET.format(map=_MAP, links=self._links))
-        words = ("fleet", "onboard", fleet, "--robot", "r1", "--out", self.out)
+        command = self.onboard()
         self._log = (self.folder / "onboard.log").open("wb")
-        self._onboard = subprocess.Popen(
-            [sys.executable, "-m", "command_line", *map(str, words)],
-            cwd=REPOSITORY,
-            stdout=self._log,
-            stderr=self._log,
-        )
+        self._onboard = subprocess.Popen(command, cwd=REPOSITORY, stdout=self._log, stderr=self._log)
         os.setpriority(os.PRIO_PROCESS, 0, before)
         return self
 
@@ -118,6 +111,17 @@ class Rig:
         for stream in (self._room.stdin, self._room.stdout):
             assert stream is not None
             stream.close()
+
+    def write_fleet(self, map_file: str) -> Path:
+        """The file of a fleet that has this robot alone."""
+        fleet = self.folder / "fleet.toml"
+        fleet.write_text(_FLEET.format(map=map_file, links=self._links))
+        return fleet
+
+    def onboard(self) -> list[str]:
+        """The command that is the robot; its devices are there."""
+        words = ("fleet", "onboard", self.write_fleet(str(MAP)), "--robot", "r1", "--out", self.out)
+        return [sys.executable, "-m", "command_line", *map(str, words)]
 
     def processes(self, word: str) -> list[int]:
         """The robot's processes with that word in their command lines; a sandboxed one has a title there."""

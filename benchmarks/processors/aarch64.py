@@ -5,15 +5,16 @@ No system is started: qemu runs one process, and what that asks of Linux this Li
 
 import os
 import shutil
-import sys
 import zipfile
 from pathlib import Path
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
+from actors.runtime.errors import AcrcError
 from benchmarks.processors.building import NotBuiltError, do, once, provide
 from benchmarks.processors.computer import Computer
-from benchmarks.processors.pythons import pip
+from benchmarks.processors.pythons import pins
+from deploy.fleet.bundle.wheels import fetch
 
 NAME: Final = "aarch64 in qemu, Debian's Python 3.11"
 PROGRAMS: Final = {
@@ -22,13 +23,12 @@ PROGRAMS: Final = {
     "dpkg-deb": "dpkg",
 }
 """What is needed, and the Debian packages that bring it."""
-_PLATFORMS: Final = ("manylinux2014", "manylinux_2_17", "manylinux_2_26", "manylinux_2_27", "manylinux_2_28")
 
 
 def computer(folder: Path, install: bool) -> Computer:
     """The emulated processor, built in `folder` unless it is there; `install`: missing programs too."""
     try:
-        provide(PROGRAMS, install)
+        provide(PROGRAMS, install=install)
         root, site = folder / "aarch64-root", folder / "aarch64-site"
         once(root, _system)
         once(site, _packages)
@@ -55,15 +55,12 @@ def _system(root: Path) -> None:
 
 def _packages(site: Path) -> None:
     """The wheels of the base and the simulator, taken apart."""
-    wheels, installer = site.with_name("aarch64-wheels"), site.with_name("installer")
+    wheels = site.with_name("aarch64-wheels")
     shutil.rmtree(wheels, ignore_errors=True)
-    do(sys.executable, "-m", "venv", "--clear", str(installer))
-    platforms = [
-        word for name in (*(f"{p}_aarch64" for p in _PLATFORMS), "any") for word in ("--platform", name)
-    ]
-    wanted = ("--python-version", "3.11", *platforms, "-d", str(wheels))
-    if not pip(installer / "bin" / "python", site, 11, "download", *wanted):
-        raise NotBuiltError("the wheels for aarch64 could not be fetched")
+    try:
+        fetch(wheels, pins(11), 11, "aarch64")
+    except AcrcError as error:
+        raise NotBuiltError(str(error)) from None
     for wheel in sorted(wheels.glob("*.whl")):
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(site)

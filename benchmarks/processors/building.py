@@ -1,4 +1,4 @@
-"""Systems built with Debian's programs: what is missing, what is there already, and which step has failed."""
+"""What emulators and systems are built with: programs of Debian's packages, step by step, once."""
 
 import shutil
 import subprocess
@@ -6,18 +6,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-_PATIENCE_S: Final = 900.0
+_PATIENCE_S: Final = 1800.0
 
 
 class NotBuiltError(Exception):
     """A step that failed, in words."""
 
 
-def provide(programs: Mapping[str, str], install: bool) -> None:
-    """Raise NotBuiltError unless all are there; by program, the Debian package that brings it.
-
-    `install`: let apt-get install what is missing.
-    """
+def provide(programs: Mapping[str, str], *, install: bool) -> None:
+    """Raise NotBuiltError if one is missing; `programs`: with their Debian packages, which `install` adds."""
     missing = [name for name in programs if shutil.which(name) is None]
     if missing and install:
         do("apt-get", "install", "-y", "--no-install-recommends", *(programs[name] for name in missing))
@@ -27,21 +24,28 @@ def provide(programs: Mapping[str, str], install: bool) -> None:
         raise NotBuiltError(f"{', '.join(missing)} not found; --install, or: sudo apt install {packages}")
 
 
-def once(place: Path, build: Callable[[Path], None]) -> None:
-    """Build it unless it is complete."""
-    if (place / "complete").exists():
+def once(place: Path, build: Callable[[Path], object]) -> None:
+    """Build it in the folder `place` unless it is complete there."""
+    complete = place.with_name(f"{place.name}.complete")
+    if complete.exists():
         return
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     build(place)
-    (place / "complete").touch()
+    complete.touch()
 
 
-def do(*command: str) -> None:
-    """Run it. Raises NotBuiltError where it fails."""
+def do(*command: str) -> str:
+    """What a command says on both streams. Raises NotBuiltError where it fails."""
+    name = Path(command[0]).name
     try:
-        done = subprocess.run(command, capture_output=True, check=False, timeout=_PATIENCE_S)
+        done = subprocess.run(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+            timeout=_PATIENCE_S,
+        )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise NotBuiltError(f"{Path(command[0]).name} failed: {type(error).__name__}") from None
+        raise NotBuiltError(f"{name} failed: {type(error).__name__}") from None
     if done.returncode:
-        raise NotBuiltError(f"{Path(command[0]).name} {command[1]} failed with exit code {done.returncode}")
+        last = (done.stdout.strip().splitlines() or ["without a word"])[-1]
+        raise NotBuiltError(f"{name} {command[1]} failed with exit code {done.returncode}: {last}")
+    return done.stdout

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from actors.installation.pins import MINORS, requirements
 from actors.installation.repository import SHIPPED
 from benchmarks.processors.computer import Computer
 
-MINORS: Final = (11, 12, 13, 14)
-"""Of Python 3 that are tried."""
 _NEWEST_PINS: Final = 14
 """From here on there are newer pins of numpy, numba and llvmlite."""
 _PATIENCE_S: Final = 900.0
@@ -46,17 +45,7 @@ def interpreter(minor: int) -> Path | None:
 
 def pins(minor: int) -> list[str]:
     """The base's and the simulator's packages with their hashes, as they are pinned for Python 3.`minor`."""
-    chosen: list[str] = []
-    section = ""
-    for line in (SHIPPED / "constraints.txt").read_text().replace("\\\n", " ").splitlines():
-        if line.startswith("# ["):
-            section = line[3:].partition("]")[0]
-        elif line and not line.startswith("#") and section in {"base", "sim"}:
-            pin, _, hashes = line.partition(" --hash")
-            name, _, marker = pin.partition(";")
-            if not marker or (">=" in marker) == (minor >= _NEWEST_PINS):
-                chosen.append(f"{name.strip()} --hash{hashes}")
-    return chosen
+    return requirements((SHIPPED / "constraints.txt").read_text(), minor, ("base", "sim"))
 
 
 def pip(python: Path, place: Path, minor: int, *words: str) -> bool:

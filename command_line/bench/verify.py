@@ -116,11 +116,11 @@ def verify(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="WORD", help="processors: only those with this word in their name. Repeatable."),
+        typer.Option(metavar="WORD", help="processors, bundle: only those with this word. Repeatable."),
     ] = None,
     install: Annotated[
         bool | None,
-        typer.Option("--install", help="processors, container: let apt-get install what it takes."),
+        typer.Option("--install", help="processors, container, bundle: let apt-get install what it takes."),
     ] = None,
     json: Json = False,
 ) -> None:

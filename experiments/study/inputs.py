@@ -6,15 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from actors.floor import offices
 from actors.floor.map_file import load_map
-from actors.robot.behaviour import succession
-from actors.robot.behaviour.foreign import is_installed
-from actors.robot.behaviour.modules import located
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
+from deploy.scenario.named_files import map_files, strategy_files
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from experiments.study.draws import drawn
@@ -76,29 +72,12 @@ def _named(study: Study) -> Iterator[Path]:
 
 def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
     """Of a map file also the image; of a strategy of one's own its module, or all of its package."""
-    load_map(scenario.map)  # what is no map does not travel under its name
-    if not offices.is_name(scenario.map):  # a drawn floor is its name
-        described = Path(scenario.map)
-        yield described
-        yield described.parent / yaml.safe_load(regular_file.content(described))["image"]
+    if offices.is_name(scenario.map):
+        load_map(scenario.map)  # a drawn floor is its name: what is none does not travel
+    else:
+        yield from map_files(Path(scenario.map))
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
         if model is not None and model.endswith(".toml"):
             yield Path(model)
     if ":" in strategy and scenario.run.modules:
-        yield from _modules(strategy, Path(scenario.run.modules))
-
-
-def _modules(strategy: str, folder: Path) -> Iterator[Path]:
-    for name in succession.names(strategy):
-        module = name.partition(":")[0]
-        if is_installed(module):
-            continue
-        top = located(module.partition(".")[0], folder)
-        if top is None:
-            raise AcrcError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
-        whole = top.name == "__init__.py" or top.is_dir()
-        files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
-        for file in files:
-            if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
-                raise AcrcError(f"{file}: leads out of {folder}, or is no file; must lie there to be bundled")
-        yield from files
+        yield from strategy_files(strategy, Path(scenario.run.modules))

@@ -222,6 +222,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("verify standstill", r"told, median", codes=(0, 1)),
         Line("verify sensors --trials 1 --hours 0.01 --json", r'"calm": \[\{'),
         Line("verify processors --duration 1 --install --only AVX2 --json", r"crowd"),
+        Line("verify bundle --duration 5 --only x86-64 --json", r'"replayed": [1-9]|"missing": "[^"]'),
     ),
     "bench": (
         Line("bench", r"^functions   elementary functions"),
@@ -269,6 +270,11 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "fleet units f.toml --robot r1 --user ada --modules . --out u --json",
             r'"rules":".*60-acrc.rules"',
             "u/acrc-r1.service",
+        ),
+        Line(  # with a network only
+            "fleet bundle f.toml --robot r1 --machine aarch64 --python 3.12 --modules . --out b.tar --json",
+            r'^\{"file":"b.tar","robot":"r1","machine":"aarch64"|aarch64 and Python 3.12 cannot be fetched',
+            codes=(0, 1),
         ),
         Line("fleet doctor f.toml --robot r1 --modules . --json", r'^\{"robot":"r1"', codes=(0, 1)),
         Line(

@@ -201,6 +201,8 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("run", "--on", "tls://h:1"), ["cluster", "hardware", "sim"]),
         (("bench", "hosts"), ["cluster", "hardware", "sim"]),
         (("verify", "attacks"), ["hardware", "sim"]),
+        (("fleet", "bundle", "fleet.toml"), ["hardware"]),
+        (("verify", "bundle"), ["hardware", "sim"]),
         (("view", "out"), ["observe", "sim"]),
         (("view", "out", "--png"), ["pictures"]),
         (("view", "out", "--html"), ["pictures"]),

@@ -49,6 +49,7 @@ STARTS = {
     "view --html": ("observation.picture.run_html", "observation.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "verify onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
+    "verify bundle": ("firmware_bridge.laboratory.__main__", ACTORS[2], "serial", "cryptography"),
     "verify standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
     "verify endings": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
     "verify crowded-start": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),

@@ -144,16 +144,21 @@ def set_title(title: str) -> None:
     """
     name = ctypes.create_string_buffer(title.encode()[:15])
     prctl(_PR_SET_NAME, ctypes.addressof(name))
-    start, end = _command_line()
+    if (place := _command_line()) is None:
+        return
+    start, end = place
     ctypes.memset(start, 0, end - start)
     ctypes.memmove(start, title.encode(), min(len(title.encode()), end - start - 1))
 
 
 @cache
-def _command_line() -> tuple[int, int]:
-    """Where it begins and ends in memory; a fork has it in the same place, and may have no /proc."""
+def _command_line() -> tuple[int, int] | None:
+    """Where it begins and ends in memory; a fork has it in the same place, and may have no /proc.
+
+    None where an emulator of processes (qemu) does not tell.
+    """
     numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-    return int(numbers[45]), int(numbers[46])
+    return (int(numbers[45]), int(numbers[46])) if len(numbers) > 46 else None
 
 
 def drop_capabilities() -> None:

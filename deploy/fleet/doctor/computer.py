@@ -1,15 +1,12 @@
 """Checks of the computer itself: Python packages, clock, disk, kernels, namespaces."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from actors.installation import pins
 from deploy.fleet.doctor.machine import DoctorFinding, Machine, well, wrong
 
-_PIN: Final = re.compile(
-    r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"
-)
 _BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
 """The command for which ./acrc installs what a robot needs."""
 
@@ -27,20 +24,23 @@ class ComputerParameters:
 
 def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[DoctorFinding]:
     """Whether the extras in the text of constraints.txt are installed as they were tested."""
-    for extra, pins in _sections(constraints, machine.python).items():
+    for extra, pinned in pins.sections(constraints, machine.python[1]).items():
+        if extra == "build":
+            continue  # there while building only
         subject = f"packages {extra}"
-        found = {name: machine.version_of(name) for name in pins}
+        tested = {pin.name: pin.version for pin in pinned}
+        found = {name: machine.version_of(name) for name in tested}
         missing = [name for name, version in found.items() if version is None]
-        others = [name for name, version in found.items() if version not in {None, pins[name]}]
+        others = [name for name, version in found.items() if version not in {None, tested[name]}]
         if others:
             name = others[0]
             yield wrong(
                 subject,
-                f"{name} is {found[name]}, but was tested as {pins[name]}; remove .venv, and the next "
+                f"{name} is {found[name]}, but was tested as {tested[name]}; remove .venv, and the next "
                 "./acrc makes it anew",
             )
         elif not missing:
-            said = "1 package, as it was" if len(pins) == 1 else f"{len(pins)} packages, as they were"
+            said = "1 package, as it was" if len(tested) == 1 else f"{len(tested)} packages, as they were"
             yield well(subject, f"{said} tested")
         elif extra in needed:
             yield wrong(subject, f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
@@ -103,19 +103,3 @@ def namespaces(machine: Machine) -> Iterator[DoctorFinding]:
         yield well("namespaces", "the robot's process can have a sandbox")
     else:
         yield wrong("namespaces", fault)
-
-
-def _sections(constraints: str, python: tuple[int, int]) -> Mapping[str, Mapping[str, str]]:
-    """The pins of base and extras that apply to this Python; without what is there while building only."""
-    sections: dict[str, dict[str, str]] = {}
-    for line in constraints.splitlines():
-        if header := re.fullmatch(r"# \[(\w+)\]", line):
-            pins = sections.setdefault(header[1], {})
-        elif (pin := _PIN.fullmatch(line.removesuffix("\\").rstrip())) and _applies(pin, python):
-            pins[pin["name"]] = pin["version"]
-    sections.pop("build", None)
-    return sections
-
-
-def _applies(pin: re.Match[str], python: tuple[int, int]) -> bool:
-    return pin["order"] is None or (python[1] < int(pin["minor"])) is (pin["order"] == "<")
