@@ -15,6 +15,9 @@ from observation.results.result import RunResult
 _CEILING: Final = 0.5
 """Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
 
+_MOST_NAMES: Final = 4
+"""Groups of runs that are named where one thing holds for many."""
+
 
 def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: ReportView) -> list[str]:
     """One sentence or two each, the gravest first."""
@@ -25,7 +28,7 @@ def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: 
         *_alone(sources, findings),
         *_incomplete(sources),
         *_bounds(view),
-        *(line for group in view.groups for line in _limits(view, group)),
+        *_limits(view),
         *_deadlocked(view),
         *(line for group in view.groups for line in _unsound(view, group)),
         *_software(sources),
@@ -94,21 +97,39 @@ def _bounds(view: ReportView) -> Iterator[str]:
         yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
 
 
-def _limits(view: ReportView, group: Group) -> Iterator[str]:
+def _limits(view: ReportView) -> Iterator[str]:
     """Metrics that cannot tell good from better, or bad from worse."""
-    outcomes = group.outcomes
-    full = sum(quantities.places(one) == one.places_total for one in outcomes)
-    if full >= _CEILING * len(outcomes) and len(outcomes) > 1:
+    full = [
+        f"{view.row_name(group)} ({done} of {len(group.outcomes)})"
+        for group in view.groups
+        if len(group.outcomes) > 1 and (done := _all_done(group)) >= _CEILING * len(group.outcomes)
+    ]
+    if full:
         yield (
-            f"{view.row_name(group)}: {full} of {len(outcomes)} runs did all places. The number of places is "
-            "at its ceiling and hides differences; a harder condition (more robots, less time) would show "
-            "them."
+            f"Half of the runs or more did all places: {_some(full)}. The number of places is at its ceiling "
+            "there and hides differences; a harder condition (more robots, less time) would show them."
         )
-    if not any(quantities.completion(one).done for one in outcomes):
+    never = [
+        view.row_name(group)
+        for group in view.groups
+        if not any(quantities.completion(one).done for one in group.outcomes)
+    ]
+    if never:
         yield (
-            f"{view.row_name(group)}: no run was complete by its end, so its restricted mean is the runs' "
-            "length and says only that it takes longer."
+            f"No run was complete by its end: {_some(never)}. The restricted mean is the runs' length there "
+            "and says only that it takes longer."
         )
+
+
+def _all_done(group: Group) -> int:
+    return sum(quantities.places(one) == one.places_total for one in group.outcomes)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of them, and how many more; all of them if these are few."""
+    if len(names) <= _MOST_NAMES:
+        return "; ".join(names)
+    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} groups more"
 
 
 def _deadlocked(view: ReportView) -> Iterator[str]:
@@ -120,7 +141,7 @@ def _deadlocked(view: ReportView) -> Iterator[str]:
         if (runs := deadlocks(group))
     ]
     if told:
-        yield f"Pairs in a deadlock, in a run on average: {'; '.join(told)}."
+        yield f"Pairs in a deadlock, in a run on average: {_some(told)}."
     elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
         yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
 

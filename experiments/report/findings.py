@@ -12,8 +12,11 @@ from experiments.comparison.metrics import BY_NAME
 from experiments.report.cases import REAL, CaseSource
 from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import label
+from experiments.report.verdict_table import counted, verdict_table
 from experiments.study.study import FIRST_TUNING_SEED, Study, Variant
 
+_MOST_TOLD: Final = 8
+"""Verdicts that are told in a sentence each."""
 _MOST_OPEN: Final = 12
 """Estimates whose table is shown unasked."""
 
@@ -29,17 +32,27 @@ class Findings:
         ]
 
     def sentences(self) -> list[str]:
-        """What failed, and what the declared comparisons come to."""
+        """What failed, and what the declared comparisons come to: many of them are a table, and counted."""
         told = replace(
             self.judgement,
-            verdicts=[_labelled(one) for one in self.judgement.verdicts],
+            verdicts=[] if self._many else self._verdicts,
             across=[_named_across(one) for one in self.judgement.across],
         )
-        return told.sentences()
+        return [*told.sentences(), *(counted(self._verdicts) if self._many else ())]
+
+    @property
+    def _verdicts(self) -> list[PairVerdict]:
+        return [_labelled(one) for one in self.judgement.verdicts if one.steps]
+
+    @property
+    def _many(self) -> bool:
+        return len(self._verdicts) > _MOST_TOLD
 
     def tables(self) -> Iterator[NumberTable]:
         """Every test of the family with its p-values, and every estimate with its intervals."""
         where = ("condition",) if any(one.variant for one in self.estimates) else ()
+        if self._many:
+            yield verdict_table(self.source.name, self._verdicts)
         steps = [step for one in self.judgement.verdicts for step in _labelled(one).steps]
         if steps:
             yield NumberTable(

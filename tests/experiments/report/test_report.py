@@ -5,6 +5,7 @@ import csv
 import html
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.judgement import judge
 from experiments.report import report, style
 from experiments.report.cases import read
+from experiments.report.findings import Findings
 from experiments.report.section import Section
 from experiments.statistics.survival import Completion, kaplan_meier
 from experiments.study.study import Study, Trial
@@ -283,14 +285,26 @@ def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) 
         assert one.replace("oracle", "oracle (upper bound)") in page
 
 
+def test_many_verdicts_are_a_table_and_counted(folder: Path) -> None:
+    judged = judge(store.load(folder))
+    (source,) = read([folder])
+    findings = Findings(source, replace(judged, verdicts=[judged.verdicts[0]] * 9))
+    assert findings.sentences()[-1] == "none beside oracle (upper bound), of 9 conditions: worse in 9."
+    table = next(iter(findings.tables()))
+    assert table.name == "verdicts_five"
+    assert [row[:5] for row in table.rows] == [
+        ("none", "oracle (upper bound)", "", "worse", "places done")
+    ] * 9
+
+
 def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
     for told in (
         "five: 1 of 21 runs failed and are in no picture",
         "oracle uses what no robot can know: it is an upper bound",
-        "runs did all places. The number of places is at its ceiling",
+        "runs or more did all places: ",
         "Pairs in a deadlock, in a run on average: none ",
-        "none: no run was complete by its end",
+        "No run was complete by its end: none. The restricted mean",
     ):
         assert told in page
 
