@@ -195,7 +195,7 @@ CLAIMS: Final = (
         "bundle", _BOARD,
         "A robot needs no network, neither to be installed nor to drive.",
         "On a bare Debian 12, x86-64 and emulated aarch64, a bundle installs, and its robot drives emulated "
-        "devices; its recording replays on another computer ([bundle](deployment.md#without-a-network)).",
+        "devices; its recording replays on x86-64 ([bundle](deployment.md#without-a-network)).",
         "benchmarks.hardware.bundled", small={"duration": 5.0, "only": ("x86-64",)}, full={"duration": 60.0},
         seconds=(180, 1800), takes=("duration", "only", "install"),
     ),
