@@ -26,8 +26,8 @@ _LARGEST: Final = 64 * 1024 * 1024
 """Of a file with sums, bytes."""
 _NAMED: Final = 5
 """So many files are named in a sentence."""
-_MADE_ANEW: Final = re.compile(r"[^/]*\.rrd|[^/]+/[^/]+\.trace")
-"""Views in a run's folder, and traces beside recordings: they come of what is sealed."""
+_MADE_ANEW: Final = re.compile(r"[^/]*\.rrd|[^/]+/[^/]+\.trace|report/[^/]+\.(html|png|svg|csv)")
+"""Views in a run's folder, traces beside recordings, a campaign's report: they come of what is sealed."""
 _LINE: Final = re.compile(r"(\\?)([0-9a-f]{64})  (.+)")
 _LEFT_OUT: Final = "# not sealed: "
 _END: Final = "# SHA-256 of the lines above: "
@@ -75,6 +75,7 @@ def check_seal(folder: Path) -> Sealed | None:
     if not os.path.lexists(path):
         return None
     sums, left_out = _read(path)
+    sums = {name: was for name, was in sums.items() if not _MADE_ANEW.fullmatch(name)}
     present = dict(_entries(folder))
     for name, was in sums.items():
         place = _place(folder, name)
