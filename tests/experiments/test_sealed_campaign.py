@@ -8,7 +8,7 @@ import pytest
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study
-from observation.results.seal import SUMS, SealError, check_seal, seal
+from observation.results.seal import SUMS, SealError, check_seal, lines, seal
 
 
 @pytest.fixture
@@ -49,3 +49,21 @@ def test_a_campaign_that_goes_on_is_unsealed_until_it_ends(kept: store.Store) ->
     store.create(kept.folder, Study("kept", "/s.toml", ("none",), 2))
     assert check_seal(kept.folder) is None
     assert store.load(kept.folder).study.seeds == 2
+
+
+def test_a_report_is_made_anew_before_and_after_the_seal(kept: store.Store) -> None:
+    page = kept.folder / "report" / "report.html"
+    page.parent.mkdir()
+    for text in ("while the campaign went on", "by an older version", "after it"):
+        page.write_text(text)
+        assert store.load(kept.folder).study == kept.study
+        if text != "by an older version":
+            seal(kept.folder)
+            assert "report" not in (kept.folder / SUMS).read_text()
+    sums = (kept.folder / SUMS).read_text().splitlines()[:-1]
+    page.write_text("as an earlier version sealed it")
+    told = lines({name: one for one, _, name in (line.partition("  ") for line in sums)} | {
+        "report/report.html": "0" * 64
+    })  # fmt: skip
+    (kept.folder / SUMS).write_bytes(told)
+    assert check_seal(kept.folder) is not None
