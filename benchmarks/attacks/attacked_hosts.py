@@ -99,6 +99,10 @@ class AttackedHosts:
         self._mark()
         return any(token in text for text in self._told[robot])
 
+    def told(self, robot: str) -> list[str]:
+        """All that a robot has heard."""
+        return self._told[robot]
+
     def tell(self, robot: str, token: str) -> None:
         """Let the world tell a robot a secret."""
         self._world.put(f"swarm/down/{robot}/senses", token)
