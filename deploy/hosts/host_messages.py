@@ -19,7 +19,7 @@ class FilePart(msgspec.Struct, frozen=True, tag=True):
     """What comes next in a file, either way."""
 
     path: Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
-    """Below the run's folder, with `/`."""
+    """With `/`; from a host below the run's folder, to a host below its own."""
     data: Annotated[bytes, msgspec.Meta(max_length=PART)]
 
 

@@ -46,10 +46,11 @@ ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
 RECORDED: Final = 3
 """Exit code: the connection ended first, and what robots have recorded is left in the folder."""
-_INFRA: Final = "host"
-"""Folder of the router."""
-_OWN: Final = (KEYS, _INFRA)
-"""Folders into which nothing is written from outside."""
+RUN: Final = "run"
+"""The folder of the run on this computer, as everywhere."""
+CODE: Final = "code"
+_INFRA: Final = ".router"
+"""Folder of the router, in that of the run; no robot can be called so."""
 _LAID_OUT: Final = 1 << 30
 """Bytes at most of what a host is sent: maps, models, a strategy's code."""
 _PATIENCE_S: Final = 30.0
@@ -74,7 +75,7 @@ class HostProgram:
         self._folder = folder
         self._errand = errand
         self._channel = channel
-        self._incoming = Incoming(folder, lambda name: name not in _OWN, _LAID_OUT)
+        self._incoming = Incoming(folder, {RUN, CODE}.__contains__, _LAID_OUT)
         self._begin: Begin | None = None
         self._launched: Launcher | None = None
         self._robots: HostRobots | None = None
@@ -90,7 +91,9 @@ class HostProgram:
             while self._begin is None:
                 self._turn()
             self._launched = stack.enter_context(launcher(self._begin.spawn))
-            self._robots = HostRobots(self._folder, self._begin, self._launched, self._channel)
+            self._robots = HostRobots(
+                self._folder / RUN, self._folder / CODE, self._begin, self._launched, self._channel
+            )
             self._lay_out(self._begin, self._launched)
             try:
                 assert self._issued is not None
@@ -105,13 +108,13 @@ class HostProgram:
 
     def _lay_out(self, begin: Begin, launched: Launcher) -> None:
         """Draw the robots' passwords, and have the kernels ready before the first is started."""
-        infra = self._folder / _INFRA
-        infra.mkdir()
+        run = self._folder / RUN
+        (run / _INFRA).mkdir()
         for robot in begin.robots:
-            own_folder(self._folder / robot).mkdir(parents=True, exist_ok=True)
-        self._issued = credentials.issue({robot: self._folder / robot for robot in begin.robots}, infra, ())
+            own_folder(run / robot).mkdir(parents=True, exist_ok=True)
+        self._issued = credentials.issue({robot: run / robot for robot in begin.robots}, run / _INFRA, ())
         for words in begin.share:
-            launched.share("actors.robot.program", words, self._folder)
+            launched.share("actors.robot.program", words, run)
 
     def _turn(self) -> None:
         """Do what there is to be done, and wait a moment if that is nothing."""
@@ -202,7 +205,7 @@ def main(argv: Sequence[str]) -> int:
     except Ended:
         raise
     except ChannelClosedError as error:
-        sys.stderr.write(f"{error}; what robots have recorded is in {folder}\n")
+        sys.stderr.write(f"{error}; what robots have recorded is in {folder / RUN}\n")
         return RECORDED
     except Exception as error:
         return _failed(channel, error)

@@ -33,8 +33,6 @@ from deploy.hosts.host_messages import (
 )
 from deploy.hosts.run_files import GrowingFile, parts
 
-CODE: Final = "code"
-"""Folder with those of the strategy's code, by number from 1 on."""
 _ENOUGH: Final = 1 << 20
 """Bytes that wait for the connection; more of a file are not read before."""
 
@@ -42,8 +40,13 @@ _ENOUGH: Final = 1 << 20
 class HostRobots:
     """All that has been started here for one run."""
 
-    def __init__(self, folder: Path, begin: Begin, launched: Launcher, channel: Channel[ToHost]) -> None:
+    def __init__(
+        self, folder: Path, code: Path, begin: Begin, launched: Launcher, channel: Channel[ToHost]
+    ) -> None:
+        """`folder`: of the run here. `code`: has the folders with the strategy's code, by number from 1 on;
+        it lies elsewhere, for of a run's folder robots see nothing but their own part."""
         self._folder = folder
+        self._code = code
         self._begin = begin
         self._launched = launched
         self._channel = channel
@@ -127,7 +130,7 @@ class HostRobots:
             raise AcrcError(f"{order.robot} is no robot of this host")
         folder, process = self._folder / order.robot, told.process
         record = folder / Path(process.record).name
-        folders = [self._folder / CODE / str(number) for number in range(1, self._begin.code + 1)]
+        folders = [self._code / str(number) for number in range(1, self._begin.code + 1)]
         seen, code = (FOLDER, seen_code(len(folders))) if process.isolate else (folder, folders)
         names = Names(str(folder), str(record), tuple(map(str, folders))) if process.isolate else None
         process = msgspec.structs.replace(process, code=tuple(map(str, code)))

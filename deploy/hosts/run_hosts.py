@@ -19,7 +19,7 @@ from deploy.hosts import run_keys
 from deploy.hosts.cluster_address import PAGE
 from deploy.hosts.host_link import HostLink, below
 from deploy.hosts.host_messages import PART, Begin, FilePart, Finish
-from deploy.hosts.host_program import HostErrand
+from deploy.hosts.host_program import CODE, RUN, HostErrand
 from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.hosts.listening import bound, bracketed, free_port
 from deploy.hosts.reception import HostReception
@@ -155,10 +155,10 @@ class RunHosts:
         for robot in link.robots:
             for path in sorted((shared.out / robot).rglob("*")):
                 if path.is_file():
-                    _send(link, path, path.relative_to(shared.out).as_posix(), wait)
+                    _send(link, path, f"{RUN}/{path.relative_to(shared.out).as_posix()}", wait)
         for number, files in enumerate(shared.code, start=1):
             for name, path in files:
-                _send(link, path, f"code/{number}/{name}", wait)
+                _send(link, path, f"{CODE}/{number}/{name}", wait)
         link.send(
             Begin(
                 robots=link.robots,

@@ -76,7 +76,32 @@ def test_twenty_robots_on_three_hosts_have_the_digest_of_one_computer(
     assert kept == {"map.png", "map.yaml", "own", "r20.log", "r20.mcap", "setup.json"}
 
 
-@pytest.mark.parametrize("delay_ms", [1.0, 10.0])
+OWN = """
+from cleaning.strategies.chapter import behaviour as chapter
+
+def behaviour(start):
+    print("here I am")
+    return chapter(start)
+"""
+
+
+def test_code_of_ones_own_goes_along_and_what_it_prints_and_records_comes_back(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "mine.py").write_text(OWN)
+    words = ("--robots", "3", "--duration", "2", "--json", "--strategy", "mine:behaviour")
+    code = ("--modules", str(tmp_path / "code"))
+    run = HostedRun(three, cluster, tmp_path / "hosted", *words, *code, "--log", "*", "--check")
+    out, said = run.process.communicate(timeout=180)
+    assert run.process.returncode == 0, said
+    for robot in ("r1", "r2", "r3"):
+        assert f"{robot}       0.000 s  step 0  here I am" in said
+    assert "checked: 5 actors replayed" in said
+    assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words, *code)
+
+
+@pytest.mark.parametrize("delay_ms", [pytest.param(1.0, marks=pytest.mark.nightly), 10.0])
 def test_delays_change_nothing(three: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float) -> None:
     words = ("--robots", "3", "--duration", "2", "--json")
     with relayed(three, delay_ms):
