@@ -1,6 +1,6 @@
-"""The computers of a cluster that are fit to be a run's hosts."""
+"""The computers of a cluster that are fit to be a run's hosts, and which robot is on which."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -77,3 +77,20 @@ def last_words(future: Future[Any], patience_s: float) -> str:
         return printable(f"the cluster says: {told[0][:300] if told else repr(error)}")
     last = str(said).strip().splitlines()
     return printable(last[-1][:500]) if last else f"its process ended with exit code {code}"
+
+
+def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+    """The robots of each host, in their order, by its cores; hosts without any are left out.
+
+    Each next robot goes to the host with the fewest robots per core, among equals to the first.
+    """
+    counts = dict.fromkeys(cores, 0)
+    for _ in robots:
+        least = min(counts, key=lambda host: counts[host] / cores[host])
+        counts[least] += 1
+    found, first = {}, 0
+    for host, count in counts.items():
+        if count:
+            found[host] = tuple(robots[first : first + count])
+        first += count
+    return found

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import code_entries, unseen
 from deploy.hosts.listening import place_of
-from deploy.hosts.placement import shares
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan, in_common
 
@@ -40,6 +39,7 @@ def hosts(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"
     if found is None:
         yield None
         return
+    from deploy.hosts.recruits import shares  # noqa: PLC0415
     from deploy.hosts.run_hosts import RunHosts, SharedErrand  # noqa: PLC0415
 
     robots = [robot.id for robot in plan.world.robots]

@@ -158,6 +158,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("campaign study.toml --trust --jobs 1 --check-every 0 --out campaigns/again", r"mine:behaviour"),
     ),
     "cluster": (
+        Line("cluster start here", r"ADDRESS: here; must be the address of a scheduler", codes=(2,)),
+        Line("cluster join here --workers 2", r"ADDRESS: here; must be the address", codes=(2,)),
         Line(
             "campaign --scenario scenarios/head_on.toml --strategies none --seeds 1 --duration 1 "
             "--check-every 0 --on {cluster} --out campaigns/c",

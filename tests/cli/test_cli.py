@@ -72,8 +72,8 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
         ("bench relays --below -91", "--below: -91; must be a number from -90 to 0"),
         ("bench relays --out x", "--out: is not for relays, but for radio"),
         ("bench swarm HEAD", "COMMIT: is not for swarm, but for beside"),
-        ("bench x", "NAME: x; must be one of swarm, recordings, relays, budget, beside, start, radio, world, "
-         "deeco, functions"),
+        ("bench x", "NAME: x; must be one of swarm, recordings, relays, budget, beside, hosts, start, radio, "
+         "world, deeco, functions"),
         ("run --bus tcp", "--bus: tcp; must be zenoh or memory"),
         ("run --strategy prayer", "--strategy: strategy 'prayer' is not known; it should be one of "
          f"{', '.join(sorted(STRATEGIES))}, or the entry 'module:function' of your own"),

@@ -249,8 +249,7 @@ UNFIT = [
     ),
     (
         Obstacle(5.0, 12.0, -1.0),
-        "an obstacle at (5, 12) has a radius of -1 m; it should stand at a point and have a radius between 0 "
-        "and 100 m",
+        "an obstacle has a radius of -1 m; it should be above 0 and at most 100 m",
     ),
     (Kill("r9"), "there is no robot 'r9' to kill"),
 ]

@@ -231,7 +231,7 @@ def test_the_claim_holds_only_if_digest_commit_and_readiness_are_right(
         assert command.check().holds is holds
 
 
-def failing(*_: Any) -> None:
+def failing(*_: Any, **__: Any) -> None:
     raise NotBuiltError("debootstrap not found; --install, or: sudo apt install debootstrap")
 
 

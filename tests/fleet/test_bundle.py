@@ -4,7 +4,9 @@ import hashlib
 import json
 import stat
 import subprocess
+import sys
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -123,6 +125,15 @@ def test_its_service_is_that_of_fleet_units_where_the_installer_puts_it(clone: S
     assert f"{current}/firmware_bridge/kobuki/guardian.py" in words(service["ExecStopPost"][0])
 
 
+@pytest.fixture
+def forgotten() -> Iterator[None]:
+    """What is loaded here under names that others use as well is gone afterwards."""
+    yield
+    for name in ("mine", "helper"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.usefixtures("forgotten")
 def test_a_strategy_of_ones_own_comes_with_what_it_loads(clone: SmallClone, tmp_path: Path) -> None:
     own = tmp_path / "own"
     own.mkdir()

@@ -19,7 +19,7 @@ from deploy.hosts.cluster_address import plain
 from deploy.hosts.host_messages import AskPulse, FilePart, FromHost, Joined, ToHost
 from deploy.hosts.host_probe import HostOffer, unfit
 from deploy.hosts.listening import bound, place_of
-from deploy.hosts.placement import shares
+from deploy.hosts.recruits import shares
 from deploy.hosts.run_files import FilePartError, GrowingFile, Incoming, parts
 
 HERE = "127.0.0.1"

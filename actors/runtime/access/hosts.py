@@ -26,7 +26,7 @@ from actors.runtime.access.tls import Keys, admit_certified, load_keys
 
 
 @dataclass(frozen=True)
-class LinkParameters:
+class HostLinkParameters:
     """How a step gets through a link between two computers.
 
     Zenoh writes to TLS and does not flush (1.10.2, seen with 60 robots on a host): where the socket takes no
@@ -62,10 +62,10 @@ def world_config(issued: Credentials) -> zenoh.Config:
     config = router_config(issued, [gate.endpoint])
     hosts = {name: host_grant(robots) for name, robots in gate.robots.items()}
     set_value(config, "access_control", access_rules(issued.robots, issued.others, hosts))
-    tls = load_keys(gate.keys).listening | {"so_sndbuf": LinkParameters.send_buffer}
+    tls = load_keys(gate.keys).listening | {"so_sndbuf": HostLinkParameters.send_buffer}
     set_value(config, "transport/link/tls", tls)
     set_value(
-        config, "transport/link/tx/keep_alive", round(SessionParameters.lease_s / LinkParameters.push_s)
+        config, "transport/link/tx/keep_alive", round(SessionParameters.lease_s / HostLinkParameters.push_s)
     )
     return config
 
