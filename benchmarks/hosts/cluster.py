@@ -33,19 +33,16 @@ class TlsCluster:
     On leaving it, whatever else runs on h1, h2, … is killed as well: what the workers have started.
     """
 
-    def __init__(
-        self, hosts: Hosts, folder: Path, *, nanny: bool = False, through: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, hosts: Hosts, folder: Path, *, through: Mapping[str, str] | None = None) -> None:
         """`folder`: made for keys, temporary files and logs (here.log, h1.log, …), which stay there.
 
-        `nanny`: start a worker again that ends. `through`: by a host's name, the scheduler's address as its
+        `through`: by a host's name, the scheduler's address as its
         worker is told it, such as tls:// and that of a relay; the others are told ADDRESS.
         """
         self.folder = folder.absolute()
         self.environment = os.environ | {"DASK_CONFIG": str(self.folder / "keys")}
         """For a coordinator, to be started by the command of `hosts.here`."""
         self._hosts = hosts
-        self._nanny = nanny
         self._through = through or {}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -84,7 +81,7 @@ class TlsCluster:
         self._kill("here")
 
     def kill_worker(self, number: int) -> None:
-        """End that of host `number` by SIGKILL, or its nanny; what it has started is left alone.
+        """End that of host `number` by SIGKILL; what it has started is left alone.
 
         For a host without power: `hosts.each[number].signal`.
         """
@@ -102,7 +99,7 @@ class TlsCluster:
             self._through.get(host.name, ADDRESS),
             *("--host", host.address, "--name", host.name, "--nthreads", "1"),
             *(() if host.disk is None else ("--local-directory", str(host.disk))),
-            "--nanny" if self._nanny else "--no-nanny",
+            "--no-nanny",
         )
 
     def _begin(self, host: RigHost, program: str, *words: str) -> int:

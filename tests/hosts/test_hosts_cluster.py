@@ -2,7 +2,6 @@
 
 import errno
 import json
-import os
 import signal
 import ssl
 import subprocess
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.hosts.cluster import ADDRESS, PORT, TlsCluster, TlsClusterError
-from benchmarks.hosts.host import HERE, RigHost
+from benchmarks.hosts.host import HERE
 from benchmarks.hosts.namespaces import Hosts
 from benchmarks.hosts.relay_process import RelayProcess
 from tests.hosts.on_host import connected_from, eventually, listening_on, socket_on
@@ -29,13 +28,6 @@ with Client(sys.argv[1], timeout=30) as client:
         answers[about["name"]] = [two.result(30), name.result(30), about["host"]]
     print(json.dumps(answers))
 """
-
-
-def worker_of(host: RigHost) -> int:
-    """The process that a nanny has started, beside its own and that of multiprocessing."""
-    words = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in host.processes()}
-    (found,) = (pid for pid, said in words.items() if b"spawn_main" in said)
-    return found
 
 
 def computed(hosts: Hosts, cluster: TlsCluster) -> dict[str, list[object]]:
@@ -77,15 +69,6 @@ def test_a_cluster_computes_on_each_host_and_outlives_a_worker(hosts: Hosts, tmp
     assert left.wait(10.0) == -signal.SIGKILL
     for host in (hosts.here, first, second):
         assert host.processes() == []
-
-
-def test_a_nanny_starts_a_worker_again_that_dies(tmp_path: Path) -> None:
-    with Hosts(1) as one, TlsCluster(one, tmp_path / "cluster", nanny=True) as cluster:
-        assert eventually(lambda: "Starting established connection" in cluster.log("h1"))
-        first = worker_of(one.each[0])
-        os.kill(first, signal.SIGKILL)
-        assert eventually(lambda: cluster.log("h1").count("Registered to:") == 2)
-        assert worker_of(one.each[0]) != first
 
 
 def test_what_does_not_start_is_named_with_its_log(hosts: Hosts, tmp_path: Path) -> None:
