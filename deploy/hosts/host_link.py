@@ -123,7 +123,7 @@ class HostLink:
             try:
                 self._channel.send(message)
             except ChannelClosedError as error:
-                self._lose(str(error))
+                self.lose(str(error))
 
     def start(self, program: Program) -> Child:
         """Have a robot's process started; if that fails, it ends at once."""
@@ -148,16 +148,12 @@ class HostLink:
                 self._heard_s = now
                 self._take(message)
         except ChannelClosedError as error:
-            self._lose(str(error))
+            self.lose(str(error))
         except FilePartError as error:
-            self._lose(f"it has sent {error}")
+            self.lose(f"it has sent {error}")
         if now >= self._looked_s + _LOOK_S:
             self._looked_s = now
             self.send(AskPulse())
-
-    def give_up(self, why: str) -> None:
-        """Hold it to be lost."""
-        self._lose(why)
 
     def table(self) -> Iterator[tuple[int, ProcessGlance]]:
         """Its processes by ids that nobody here has; out of sight while nothing is heard of it."""
@@ -189,7 +185,8 @@ class HostLink:
     def _pid(self, pid: int) -> int:
         return self._place * _PIDS + pid
 
-    def _lose(self, why: str) -> None:
+    def lose(self, why: str) -> None:
+        """Hold it to be lost, and what runs there to have ended."""
         self.lost = self.lost or why
         for child in self._children.values():
             if child.exit_code is None:

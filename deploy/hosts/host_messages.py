@@ -30,7 +30,6 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     endpoint: str
     """Of the world's router."""
     spawn: str
-    isolate: bool
     limits: ProcessLimits
     code: int
     """How many folders with the strategy's code lie in `code/`."""

@@ -7,6 +7,7 @@ what it is sent comes there, too, and so does what the robots record.
 
 import os
 import select
+import shutil
 import signal
 import sys
 import time
@@ -211,6 +212,7 @@ def main(argv: Sequence[str]) -> int:
         return _failed(channel, error)
     finally:
         channel.close()
+        shutil.rmtree(folder / KEYS, ignore_errors=True)  # also where its worker is not there to do it
     return 0
 
 

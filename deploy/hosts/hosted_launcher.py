@@ -108,7 +108,7 @@ class HostedLauncher:
                 self._say(f"host {link.name} is heard again")
             self._told_s[link.name] = _FIRST_TOLD_S
         elif silent_s >= self._silence_s:
-            link.give_up(f"nothing has been heard of it for {silent_s:.0f} s")
+            link.lose(f"nothing has been heard of it for {silent_s:.0f} s")
         elif silent_s >= self._told_s[link.name]:
             self._told_s[link.name] *= 2
             self._say(

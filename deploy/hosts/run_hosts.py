@@ -43,7 +43,6 @@ class SharedErrand:
     out: Path
     """The run's folder here."""
     spawn: str
-    isolate: bool
     limits: ProcessLimits
     timeout_s: float
     share: Callable[[tuple[str, ...]], tuple[tuple[str, ...], ...]]
@@ -164,7 +163,6 @@ class RunHosts:
                 robots=link.robots,
                 endpoint=f"tls/{self._told}",
                 spawn=shared.spawn,
-                isolate=shared.isolate,
                 limits=shared.limits,
                 code=len(shared.code),
                 share=shared.share(link.robots),

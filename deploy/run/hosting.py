@@ -47,7 +47,6 @@ def hosts(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"
     shared = SharedErrand(
         out=plan.out,
         spawn=plan.options.spawn,
-        isolate=plan.isolate,
         limits=plan.options.limits,
         timeout_s=plan.timeout.step_s,
         share=lambda some: tuple(in_common(plan, Path(), some)),
