@@ -49,11 +49,11 @@ class Run:
         from actors.robot.behaviour.foreign import permit_of
         from actors.runtime.isolation.isolating import choose
         from observation.export import parquet_files, rows
-        from observation.replay.run_recordings import recordings
+        from observation.replay.run_recordings import all_recordings
         from observation.replay.trust import check_trust
 
         permit = permit_of([Path(one) for one in modules], trust=trust)
-        for actor in recordings(self.folder):
+        for actor in all_recordings(self.folder):
             check_trust(self.folder, actor, permit)
         found = rows.tables(self.folder, permit=permit, isolate=choose(None).isolate)
         return parquet_files.arrow(found)
@@ -128,9 +128,9 @@ def run(
 
 def open_run(folder: str | PathLike[str]) -> Run:
     """Open the run in a folder. Raises AcrcError if there is none."""
-    from observation.replay.run_recordings import recordings
+    from observation.replay.run_recordings import all_recordings
 
-    recordings(Path(folder))
+    all_recordings(Path(folder))
     return Run(Path(folder).absolute())
 
 

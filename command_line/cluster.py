@@ -3,12 +3,17 @@
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
+from actors.runtime.errors import AcrcError
+from command_line.options import Json, answer
+
 app = typer.Typer(
-    help="Start a cluster, and add this computer to one.",
+    help="Start a cluster, add this computer to one, fetch what it has kept.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -28,7 +33,7 @@ def start(address: Address) -> None:
 
     It listens at the address, by which others reach this computer.
     """
-    from deploy.hosts.cluster_address import host_and_port, plain
+    from deploy.clusters.address import host_and_port, plain
 
     place = plain(address, "ADDRESS")
     host, port = host_and_port(place)
@@ -49,9 +54,9 @@ def join(
     The first time it installs and compiles what that needs.
     """
     from actors.processes.kernels import compile_kernels
-    from deploy.hosts.cluster import PATIENCE_S
-    from deploy.hosts.cluster_address import plain
-    from deploy.hosts.cluster_tls import security
+    from deploy.clusters.address import plain
+    from deploy.clusters.connection import PATIENCE_S
+    from deploy.clusters.tls import security
 
     place = plain(address, "ADDRESS")
     if place.startswith("tls://"):
@@ -60,6 +65,31 @@ def join(
     local = ("--host", "127.0.0.1") if place.startswith("tcp://") else ()
     number = workers or len(os.sched_getaffinity(0))
     _become("dask_worker", place, *local, "--nworkers", str(number), "--nthreads", "1")
+
+
+@app.command()
+def fetch(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a run over several computers.")],
+    on: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of its cluster's scheduler.  [default: as the run had it]"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Bring what a run has left on other computers, and remove it there."""
+    from deploy.clusters.address import plain
+    from deploy.hosts.fetching import fetch
+    from observation.recordings.writers import goes_on
+
+    address = plain(on) if on else ""
+    if not (out / "run.json").is_file() and goes_on(out):
+        raise AcrcError(f"{out}: the run is going on; must have ended")
+    fetched = fetch(out, address, _say)
+    answer([f"{fetched.files} files have come, {fetched.bytes} B"], asdict(fetched), json=json)
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"acrc: {sentence}\n")
 
 
 def _become(program: str, *words: str) -> NoReturn:

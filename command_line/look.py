@@ -200,7 +200,7 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> list[Path]:
 
     runs = [read_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
-        _warn_of_short(folder, run)
+        _warn_of_lack(folder, run)
     pictures = [folders[0] / f"beside.{kind}" for kind in kinds]
     with out_folder.writing(folders[0]):
         for picture in pictures:
@@ -208,8 +208,12 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> list[Path]:
     return pictures
 
 
-def _warn_of_short(out: Path, run: "RunEvidence") -> None:
-    """Say that a run is too short to say anything, if it is."""
+def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
+    """Say that a run is too short to say anything, or that recordings of it are elsewhere, if so."""
+    from observation.results.hosts_file import elsewhere, where
+
+    if left := elsewhere(out):
+        sys.stderr.write(f"acrc: {where(out, left)}; until then it is drawn as seen from outside\n")
     if run.end < _JUDGED_S:
         short = f"the run lasts {run.end:g} s; nothing can be judged from less than {_JUDGED_S:g} s"
         sys.stderr.write(f"acrc: {out}: {short}\n")
@@ -227,7 +231,7 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     run = read_run(out)
     if run.result is None:
         screen(stderr=True).print(drawn_until(out, run.end))
-    _warn_of_short(out, run)
+    _warn_of_lack(out, run)
     pages = [out / name for name in names]
     with out_folder.writing(out):
         for page in pages:

@@ -130,6 +130,12 @@ def run(
             help="With --on: where those computers connect to, at PORT and the next.  [default: any]",
         ),
     ] = None,
+    leave: Annotated[
+        bool,
+        typer.Option(
+            "--leave", help="With --on: leave recordings there, until `acrc cluster fetch`.  [default: bring]"
+        ),
+    ] = False,
     modules: Modules = None,
     trust: Trust = False,
     limit: Annotated[
@@ -162,7 +168,7 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
-    from deploy.hosts import cluster_address
+    from deploy.clusters.address import plain
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
@@ -190,8 +196,9 @@ def run(
         control=control,
         hardware=hardware,
         boards=tuple(board or ()),
-        on=cluster_address.plain(on) if on else "",
+        on=plain(on) if on else "",
         listen=listen or "",
+        leave=leave,
         timeout_s=timeout,
         json=json,
         check=check,

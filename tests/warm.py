@@ -36,9 +36,12 @@ MESSAGE_LIMIT: Final = 1 << 20
 READ_AT_START: Final = ("GLIBC_", "LD_", "MALLOC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON")
 """Variables that begin so have done their work once the modules are there; a fork would not heed others."""
 
-LEFT_OUT: Final = ("command_line.documentation.", "command_line.experiments.", "deploy.hosts.") + (
-    () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
-)
+LEFT_OUT: Final = (
+    "command_line.documentation.",
+    "command_line.experiments.",
+    "deploy.clusters.",
+    "deploy.hosts.",
+) + (() if find_spec("rerun") else ("deploy.fleet.watched", "observation.view."))
 """What few commands need is imported by these, among it Dask, which reads its configuration then; what draws
 into the viewer only where that is installed."""
 

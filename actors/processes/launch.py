@@ -23,6 +23,7 @@ from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.recording import read_notes
 
 
 class LaunchError(AcrcError):
@@ -66,6 +67,11 @@ class Child:
     def host(self) -> str:
         """Name of the host that it runs on; empty: this computer."""
         return ""
+
+    def notes(self) -> Mapping[str, str]:
+        """What it has noted of itself by now, by name. Raises RecordingError."""
+        assert self.program.record is not None
+        return read_notes(self.program.record)
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; one that has ended already is left alone."""

@@ -28,8 +28,8 @@ def logs(out: Path, robot: str) -> list[Path]:
 
 
 def robots(out: Path) -> list[str]:
-    """Those that have begun to record in a run's folder."""
-    names = {path.parent.name for path in out.glob("*/*.mcap")} - {"world", "radio"}
+    """Those whose processes have begun in a run's folder."""
+    names = {path.parent.name for path in out.glob("*/*.log")} - {"world", "radio"}
     return sorted(names, key=lambda name: (len(name), name))
 
 

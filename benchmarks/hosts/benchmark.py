@@ -25,6 +25,7 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from benchmarks.hosts.between import LISTEN, relayed
 from benchmarks.hosts.cluster import ADDRESS, TlsCluster
+from benchmarks.hosts.compression import CompressionFigures, compression
 from benchmarks.hosts.links import HostsError
 from benchmarks.hosts.namespaces import Hosts
 from benchmarks.statistics.measured import Measured
@@ -52,6 +53,8 @@ class HostedFigures:
     """CPU of world and radio in a step, ms."""
     robot_ms: float
     """CPU of one robot in a step, ms."""
+    compression: CompressionFigures | None
+    """Of what a robot senses; None with hosts."""
 
     @property
     def step_ms(self) -> float:
@@ -76,7 +79,8 @@ def measure(robots: Sequence[int] | None = None, duration: float | None = None) 
             *(str(one.robots), str(one.hosts or "none"), f"{one.delay_ms:g}", f"{one.steps_per_s:.1f}"),
             *(f"{one.step_ms:.1f}", f"{one.centre_ms:.2f}", f"{one.robot_ms:.2f}"),
         )
-    return Measured({"cores": os.cpu_count(), "swarms": rows}, (table, *_arithmetic(found)))
+    packed = [one.compression.sentence for one in found if one.compression][-1:]
+    return Measured({"cores": os.cpu_count(), "swarms": rows}, (table, *_arithmetic(found), *packed))
 
 
 def _all(robots: Sequence[int], seconds: float) -> Iterator[HostedFigures]:
@@ -129,8 +133,9 @@ def _figures(
         spent = {path.stem: _spent_s(path) for path in out.glob("*/*.mcap")}
         centre = spent.pop("world") + spent.pop("radio")
         robot = median(spent.values())
+        packed = None if hosts else compression(out)
         return HostedFigures(
-            hosts, robots, delay_ms, steps / wall_s, 1000 * centre / steps, 1000 * robot / steps
+            hosts, robots, delay_ms, steps / wall_s, 1000 * centre / steps, 1000 * robot / steps, packed
         )
 
 

@@ -15,7 +15,7 @@ from actors.console import screen
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
-from deploy.hosts.cluster_address import plain
+from deploy.clusters.address import plain
 from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions

@@ -24,7 +24,7 @@ from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 from observation.replay.record_check import check
 from observation.replay.recorded_orders import OrderBus, recorded_orders
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.results.origin import BranchOrigin
 from observation.results.result import RunResult
 from observation.results.seal import seal
@@ -65,7 +65,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     """
     if not (origin / SCENARIO).is_file():
         raise AcrcError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
-    told, files = check(origin), recordings(origin)
+    told, files = check(origin), all_recordings(origin)
     if "world" not in files or "radio" not in files:
         raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")
     scenario = load_scenario(origin / SCENARIO)

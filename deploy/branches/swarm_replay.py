@@ -22,7 +22,7 @@ from observation.replay.record_check import check
 from observation.replay.record_pass import STAMP, read_pass
 from observation.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
 from observation.replay.recorded_orders import OrderBus, recorded_orders
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.trust import say_unhashed
 
 SCENARIO: Final = "scenario.toml"
@@ -53,7 +53,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     told = check(out)
     scenario = load_scenario(out / SCENARIO)
     modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)
-    files = recordings(out)
+    files = all_recordings(out)
     missing = [actor for actor in ("world", "radio") if actor not in files]
     if missing:
         raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
@@ -67,7 +67,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
             good_until = _FOREVER if told.complete else (told.good_until or 0)
-            _compare(files, recordings(again), good_until)
+            _compare(files, all_recordings(again), good_until)
             if told.complete:
                 raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)

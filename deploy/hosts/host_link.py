@@ -3,7 +3,7 @@
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -22,6 +22,7 @@ from deploy.hosts.host_messages import (
     FromHost,
     Gone,
     Joined,
+    LeftRecording,
     NotStarted,
     Pulse,
     Signal,
@@ -29,7 +30,9 @@ from deploy.hosts.host_messages import (
     ToHost,
     Unlinked,
 )
+from deploy.hosts.load_meter import LoadMeter
 from deploy.hosts.run_files import FilePartError, Incoming
+from observation.results.hosts_file import HostLoad
 
 SUSPICIOUS_S: Final = 3.0
 """After so much silence nobody knows what a host's processes do."""
@@ -46,11 +49,17 @@ class RemoteChild(Child):
     number: int
     arriving: bool = False
     """It has ended, and what it has written is on its way."""
+    left: LeftRecording | None = None
+    """What is known of its recording, if that stays on its host."""
 
     @property
     def host(self) -> str:
         """Its name."""
         return self.link.name
+
+    def notes(self) -> Mapping[str, str]:
+        """What it has noted of itself by now; if its recording stays there, once it has ended."""
+        return super().notes() if self.left is None else self.left.notes
 
     def send(self, number: signal.Signals) -> None:
         """Have its host send a signal; its log is sent here while it grows."""
@@ -66,6 +75,8 @@ class HostLink:
         self.name = name
         self.robots = robots
         self.joined = False
+        self.folder = ""
+        """Where its robots record there."""
         self.clock_off_s = 0.0
         """By how much its clock is ahead, s."""
         self.done = False
@@ -84,6 +95,7 @@ class HostLink:
         self._pulse = Pulse(processes=(), started={})
         self._heard_s = time.monotonic()
         self._looked_s = 0.0
+        self._meter = LoadMeter()
 
     @property
     def connected(self) -> bool:
@@ -94,6 +106,17 @@ class HostLink:
     def silent_s(self) -> float:
         """How long nothing has been heard."""
         return time.monotonic() - self._heard_s
+
+    @property
+    def load(self) -> HostLoad:
+        """How much it had to do so far."""
+        return self._meter.load
+
+    @property
+    def left(self) -> dict[Path, LeftRecording]:
+        """What is known of the recordings that stay there."""
+        children = self._children.values()
+        return {one.program.record: one.left for one in children if one.left and one.program.record}
 
     @property
     def arriving(self) -> bool:
@@ -153,6 +176,8 @@ class HostLink:
             self.lose(f"it has sent {error}")
         if now >= self._looked_s + _LOOK_S:
             self._looked_s = now
+            if self.joined:
+                self._meter.asked()
             self.send(AskPulse())
 
     def table(self) -> Iterator[tuple[int, ProcessGlance]]:
@@ -200,21 +225,23 @@ class HostLink:
                 except OSError as error:
                     raise LaunchError(f"{message.path} of host {self.name}: {error.strerror}") from error
             case Joined():
-                self.joined = True
+                self.joined, self.folder = True, message.folder
                 self.clock_off_s = message.clock_s - time.time()
             case Unlinked():
                 self.unlinked_s = time.monotonic()
             case Pulse():
                 self._pulse = message
+                if self.joined:
+                    self._meter.answered(message.processes)
                 self.queued = {self._pid(one.pid): one.queued_s for one in message.processes}
             case Fault():
                 self.fault = self.fault or message.why
             case Done():
                 self.done = True
-            case Gone() | NotStarted() | EndedProcess():
+            case Gone() | NotStarted() | LeftRecording() | EndedProcess():
                 self._end(message)
 
-    def _end(self, message: Gone | NotStarted | EndedProcess) -> None:
+    def _end(self, message: Gone | NotStarted | LeftRecording | EndedProcess) -> None:
         child = self._children.get(message.number)
         if child is None:
             raise ChannelClosedError(f"it speaks of process {message.number}, which nobody has asked for")
@@ -224,6 +251,8 @@ class HostLink:
             case NotStarted(why=why):
                 self.fault = self.fault or f"{child.program.actor} is not started; {why}"
                 child.exit_code = 1
+            case LeftRecording():
+                child.left = message
             case EndedProcess():
                 child.strays, child.cpu_s = message.strays, message.cpu_s
                 child.exit_code = message.code

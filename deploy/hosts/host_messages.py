@@ -35,6 +35,8 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     """How many folders with the strategy's code lie in `code/`."""
     share: tuple[tuple[str, ...], ...]
     """What robots have in common, see `in_common` of the plan."""
+    leave: bool
+    """Recordings stay where they are."""
 
 
 class StartRobot(msgspec.Struct, frozen=True, tag=True):
@@ -66,6 +68,8 @@ class Joined(msgspec.Struct, frozen=True, tag=True):
 
     clock_s: float
     """What its clock shows, since the epoch."""
+    folder: Words
+    """Where its robots record."""
 
 
 class Unlinked(msgspec.Struct, frozen=True, tag=True):
@@ -83,6 +87,16 @@ class Gone(msgspec.Struct, frozen=True, tag=True):
     """From a host: a process has ended; what it has written follows."""
 
     number: Number
+
+
+class LeftRecording(msgspec.Struct, frozen=True, tag=True):
+    """From a host: the recording of a process that has ended, and stays there."""
+
+    number: Number
+    bytes: Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
+    sha256: Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
+    notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
+    """Of what its process has noted in it, the ends: `final`, `failure`."""
 
 
 class EndedProcess(msgspec.Struct, frozen=True, tag=True):
@@ -125,4 +139,6 @@ class Done(msgspec.Struct, frozen=True, tag=True):
 
 
 ToHost = FilePart | Begin | StartRobot | Signal | AskPulse | Finish
-FromHost = FilePart | Joined | Unlinked | NotStarted | Gone | EndedProcess | Pulse | Fault | Done
+FromHost = (
+    FilePart | Joined | Unlinked | NotStarted | Gone | LeftRecording | EndedProcess | Pulse | Fault | Done
+)

@@ -46,7 +46,7 @@ from deploy.hosts.run_tls import connect
 ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
 RECORDED: Final = 3
-"""Exit code: the connection ended first, and what robots have recorded is left in the folder."""
+"""Exit code: what robots have recorded is left in the folder, as wanted, or as the connection ended first."""
 RUN: Final = "run"
 """The folder of the run on this computer, as everywhere."""
 CODE: Final = "code"
@@ -67,6 +67,8 @@ class HostErrand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     port: int
     silence_s: float
     """After so much silence from there it holds itself to be alone, and ends."""
+    run: str
+    """What the run is known by, drawn for it."""
 
 
 class HostProgram:
@@ -86,8 +88,9 @@ class HostProgram:
         self._linked = False
         self._finishing = False
 
-    def run(self) -> None:
-        """Stay until the run has ended. Raises ChannelClosedError where nobody is there any more."""
+    def run(self) -> int:
+        """Stay until the run has ended; the exit code. Raises ChannelClosedError where nobody is there any
+        more."""
         with ExitStack() as stack:
             while self._begin is None:
                 self._turn()
@@ -106,6 +109,7 @@ class HostProgram:
                 self._leave(self._robots)
             finally:
                 self._end_robots(self._robots)
+            return RECORDED if self._begin.leave else 0
 
     def _lay_out(self, begin: Begin, launched: Launcher) -> None:
         """Draw the robots' passwords, and have the kernels ready before the first is started."""
@@ -144,7 +148,7 @@ class HostProgram:
             self._linked = True
             assert self._issued is not None
             reveal(self._issued)
-            self._channel.send(Joined(time.time()))
+            self._channel.send(Joined(time.time(), str(self._folder)))
         elif self._linked and not router.linked:
             self._router = None
             self._channel.send(Unlinked())
@@ -202,7 +206,7 @@ def main(argv: Sequence[str]) -> int:
         return 2
     channel = from_host(encrypted)
     try:
-        HostProgram(folder, errand, channel).run()
+        return HostProgram(folder, errand, channel).run()
     except Ended:
         raise
     except ChannelClosedError as error:
@@ -213,7 +217,6 @@ def main(argv: Sequence[str]) -> int:
     finally:
         channel.close()
         shutil.rmtree(folder / KEYS, ignore_errors=True)  # also where its worker is not there to do it
-    return 0
 
 
 def _failed(channel: Channel[ToHost], error: Exception) -> int:

@@ -1,8 +1,10 @@
 """The robots' processes on a host: started as on one computer, and what they write is sent where the run was
 started."""
 
+import hashlib
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from signal import SIGCONT, Signals
 from typing import Final
@@ -12,11 +14,13 @@ import msgspec
 from actors.processes.launch import Child, Launcher, Program
 from actors.processes.resource_watch import ResourceWatch
 from actors.robot.program import RobotProgram
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import FOLDER, Names
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.lifecycle import process_table
 from actors.runtime.process_setup import SETUP
+from actors.runtime.recording import RecordingError, read_notes
 from deploy.hosts.channel import Channel
 from deploy.hosts.host_messages import (
     Begin,
@@ -25,6 +29,7 @@ from deploy.hosts.host_messages import (
     FilePart,
     Glimpse,
     Gone,
+    LeftRecording,
     NotStarted,
     Pulse,
     Signal,
@@ -33,6 +38,8 @@ from deploy.hosts.host_messages import (
 )
 from deploy.hosts.run_files import GrowingFile, parts
 
+_ENDS: Final = ("final", "failure")
+"""What a process notes of its end."""
 _ENOUGH: Final = 1 << 20
 """Bytes that wait for the connection; more of a file are not read before."""
 
@@ -55,7 +62,7 @@ class HostRobots:
         """Those whose end has been told."""
         self._files: dict[Path, GrowingFile] = {}
         self._waiting: deque[StartRobot] = deque()
-        self._due: deque[tuple[list[GrowingFile], EndedProcess]] = deque()
+        self._due: deque[tuple[list[GrowingFile], list[LeftRecording | EndedProcess]]] = deque()
         """Of those that have ended: what of their files is to be sent before that is said."""
         self._resources = ResourceWatch(begin.limits)
 
@@ -94,7 +101,8 @@ class HostRobots:
                 self._told.add(number)
                 self._channel.send(Gone(number))
                 files = [self._growing(path) for path in self._written(child.program)]
-                self._due.append((files, EndedProcess(number, child.exit_code, child.strays, child.cpu_s)))
+                ended = EndedProcess(number, child.exit_code, child.strays, child.cpu_s)
+                self._due.append((files, [*self._left(number, child.program), ended]))
         self._send_due()
         programs = [child.program for child in self.running]
         self._send(self._growing(path) for program in programs for path in self._written(program))
@@ -146,17 +154,28 @@ class HostRobots:
 
     def _written(self, program: Program) -> tuple[Path, ...]:
         assert program.record is not None
-        return program.record, program.log
+        return (program.log,) if self._begin.leave else (program.record, program.log)
+
+    def _left(self, number: int, program: Program) -> Iterator[LeftRecording]:
+        """What is said of a recording that stays here."""
+        record = program.record
+        if not self._begin.leave or record is None:
+            return
+        with suppress(OSError), regular_file.opened(record, links=False) as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            noted = {name: said for name, said in _notes(record).items() if name in _ENDS}
+            yield LeftRecording(number, file.tell(), digest, noted)
 
     def _growing(self, path: Path) -> GrowingFile:
         return self._files.setdefault(path, GrowingFile(self._folder, path))
 
     def _send_due(self) -> None:
         while self._due and self._send(self._due[0][0]):
-            files, ended = self._due.popleft()
+            files, said = self._due.popleft()
             for file in files:
                 file.close()
-            self._channel.send(ended)
+            for message in said:
+                self._channel.send(message)
 
     def _send(self, files: Iterable[GrowingFile]) -> bool:
         """Send what is there of them; False if the connection takes no more for now."""
@@ -169,3 +188,11 @@ class HostRobots:
             else:
                 return False
         return True
+
+
+def _notes(record: Path) -> Mapping[str, str]:
+    """Of a process that has ended; empty where that cannot be read, as after a full disk."""
+    try:
+        return read_notes(record)
+    except RecordingError:
+        return {}

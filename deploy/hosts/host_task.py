@@ -14,6 +14,8 @@ from actors.installation.repository import REPOSITORY
 from deploy.hosts.host_program import ERRAND, KEYS, RECORDED
 from deploy.hosts.run_tls import PemKeys
 
+FOLDER: Final = "acrc-"
+"""So begins the name of a folder for one run, among the computer's temporary ones."""
 _MOST_SAID: Final = 4000
 _COMPILING_S: Final = 900.0
 """How long a computer may take to describe itself, which compiles the kernels if they are not."""
@@ -35,9 +37,9 @@ def describe() -> tuple[int, str, str]:
 def serve(errand: bytes, keys: tuple[bytes, bytes, bytes]) -> tuple[int, str]:
     """Be a host until its run has ended; exit code and last words of its process.
 
-    `keys`: as of PemKeys. Recordings stay in its folder where nobody could be sent them.
+    `keys`: as of PemKeys. Recordings stay in its folder where they are to, or nobody could be sent them.
     """
-    folder = Path(tempfile.mkdtemp(prefix="acrc-"))
+    folder = Path(tempfile.mkdtemp(prefix=FOLDER))
     (folder / ERRAND).write_bytes(errand)
     PemKeys(*keys).write(folder / KEYS)
     words = [sys.executable, "-P", "-m", "deploy.hosts.host_program", str(folder)]

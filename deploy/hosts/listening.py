@@ -7,7 +7,7 @@ from typing import Final
 
 from actors.installation.usage import wrong_value
 from actors.runtime.errors import AcrcError
-from deploy.hosts.cluster_address import host_and_port
+from deploy.clusters.address import host_and_port
 
 _PLACE: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-9]{1,5}))?")
 

@@ -1,16 +1,18 @@
 """The computers of a cluster that are fit to be a run's hosts, and which robot is on which."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 from distributed import Client, Future
 
 from actors.runtime.errors import printable
+from deploy.clusters.address import PAGE, ClusterError
+from deploy.clusters.connection import PATIENCE_S, connect, machines
 from deploy.hosts import host_probe, host_task
-from deploy.hosts.cluster import PATIENCE_S, connect, machines, offers
-from deploy.hosts.cluster_address import PAGE, ClusterError
 from deploy.hosts.host_probe import HostOffer
 from deploy.hosts.listening import own_address
 from deploy.hosts.run_tls import PemKeys
@@ -21,6 +23,8 @@ class Recruits:
     """What they offer, by their names, and the way to them."""
 
     client: Client
+    address: str
+    """Of the scheduler."""
     offers: dict[str, HostOffer]
     workers: dict[str, str]
     """Dask's address of a worker on each."""
@@ -55,15 +59,49 @@ def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Recruits
     try:
         workers = machines(client)
         here = host_probe.offer()
-        found = offers(client, address, workers)
+        found = _offers(client, address, workers)
         for name, there in found.items():
             if fault := host_probe.unfit(there, here):
                 raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
         ways = dict(zip(found, workers, strict=True))
-        yield Recruits(client, found, ways, listen or (own_address(address), 0))
+        yield Recruits(client, address, found, ways, listen or (own_address(address), 0))
     finally:
         with suppress(Exception):  # whatever a lost cluster is to the library
             client.close(timeout=PATIENCE_S)
+
+
+def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
+    """What these workers' computers have to offer, by a name for each. Raises ClusterError."""
+    asked = [
+        client.submit(host_task.describe, workers=[worker], allow_other_workers=False, pure=False)
+        for worker in workers
+    ]
+    found: dict[str, HostOffer] = {}
+    for worker, future in zip(workers, asked, strict=True):
+        offer = _offer(address, worker, future)
+        stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
+        number = next(n for n in range(1, len(workers) + 1) if _numbered(stem, n) not in found)
+        found[_numbered(stem, number)] = offer
+    return found
+
+
+def _numbered(stem: str, number: int) -> str:
+    return stem if number == 1 else f"{stem}-{number}"
+
+
+def _offer(address: str, worker: str, future: Future[Any]) -> HostOffer:
+    try:
+        code, said, last = future.result()
+        if code == 0:
+            return msgspec.json.decode(said, type=HostOffer)
+        reason = (str(last).strip() or f"exit code {code}").splitlines()[-1]
+    except Exception as error:  # whatever it raised there, or a lost worker is to the library
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+    raise ClusterError(
+        printable(
+            f"--on {address}: the worker {worker} cannot be a host of this run: {reason[:500]} ({PAGE})"
+        )
+    )
 
 
 def last_words(future: Future[Any], patience_s: float) -> str:

@@ -1,6 +1,7 @@
 """The hosts of one run: told of their robots, joined to the mesh, and let go at the end."""
 
 import math
+import secrets
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -15,8 +16,8 @@ from actors.processes.launch import Launcher
 from actors.runtime.access.credentials import Gate
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits
+from deploy.clusters.address import PAGE, host_and_port
 from deploy.hosts import run_keys
-from deploy.hosts.cluster_address import PAGE
 from deploy.hosts.host_link import HostLink, below
 from deploy.hosts.host_messages import PART, Begin, FilePart, Finish
 from deploy.hosts.host_program import CODE, RUN, HostErrand
@@ -24,6 +25,8 @@ from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.hosts.listening import bound, bracketed, free_port
 from deploy.hosts.reception import HostReception
 from deploy.hosts.recruits import Recruits, last_words
+from observation.results import hosts_file
+from observation.results.hosts_file import HostPart, HostsFile, LeftFile
 
 _MB: Final = 1_000_000
 _CLOCK_S: Final = 1.0
@@ -47,6 +50,8 @@ class SharedErrand:
     timeout_s: float
     share: Callable[[tuple[str, ...]], tuple[tuple[str, ...], ...]]
     """What these robots have in common, in words for `share` of their program."""
+    leave: bool
+    """Recordings stay on the hosts."""
     code: tuple[tuple[tuple[str, Path], ...], ...] = ()
     """For each folder with code its files, and what they are called there."""
 
@@ -81,7 +86,8 @@ class RunHosts:
             HostLink(name, place, some, below(shared.out, some, most * len(some)))
             for place, (name, some) in enumerate(robots.items(), start=1)
         )
-        errand = msgspec.json.encode(HostErrand(address, self._reception.port, shared.silence_s))
+        self._run = secrets.token_hex(8)
+        errand = msgspec.json.encode(HostErrand(address, self._reception.port, shared.silence_s, self._run))
         self._tasks: dict[str, Future[Any]] = {
             name: recruits.summon(name, errand, drawn.hosts[name]) for name in robots
         }
@@ -128,6 +134,56 @@ class RunHosts:
         ]
         return text + (f"; clocks differ: {', '.join(words)}" if words else "")
 
+    @property
+    def loads(self) -> str:
+        """How much each host had to do; empty after a run that was too short to tell."""
+        parts = []
+        for link in self._links:
+            if not link.load.worked:
+                return ""
+            load, cores = link.load, self._recruits.offers[link.name].cores
+            parts.append(
+                f"{link.name} worked with {load.worked:.1f} of {cores} {'core' if cores == 1 else 'cores'}, "
+                f"{load.waited:.1f} processes waited for one, answers took {load.answer_s * 1000:.0f} ms "
+                f"(at most {load.slowest_s * 1000:.0f})"
+            )
+        return f"hosts, on average: {'; '.join(parts)}"
+
+    def write(self) -> None:
+        """Write down who is where, how it went there, and what stays there."""
+        out = self._shared.out
+        recruits = self._recruits
+        hosts = {
+            link.name: HostPart(
+                host_and_port(recruits.workers[link.name])[0],
+                recruits.offers[link.name].cores,
+                link.robots,
+                link.folder,
+                link.load,
+            )
+            for link in self._links
+        }
+        left = {
+            record.relative_to(out).as_posix(): LeftFile(link.name, one.bytes, one.sha256)
+            for link in self._links
+            for record, one in link.left.items()
+        }
+        hosts_file.write(out, HostsFile(recruits.address, self._run, hosts, left))
+
+    @property
+    def kept(self) -> str:
+        """One sentence on what has stayed on hosts, and how it comes here; empty if nothing has."""
+        out = self._shared.out
+        if left := hosts_file.elsewhere(out):
+            return hosts_file.where(out, left)
+        lost = [link.name for link in self._links if link.joined and not link.done]
+        if not lost:
+            return ""
+        return (
+            f"what has stayed on {', '.join(lost)} comes by `acrc cluster fetch {out}`, once the cluster has "
+            "a worker there again"
+        )
+
     def dismiss(self, wait: Callable[[float], None]) -> None:
         """Take what they still have, and let them go."""
         for link in self._links:
@@ -166,6 +222,7 @@ class RunHosts:
                 limits=shared.limits,
                 code=len(shared.code),
                 share=shared.share(link.robots),
+                leave=shared.leave,
             )
         )
 

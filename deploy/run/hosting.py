@@ -50,6 +50,7 @@ def hosts(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"
         limits=plan.options.limits,
         timeout_s=plan.timeout.step_s,
         share=lambda some: tuple(in_common(plan, Path(), some)),
+        leave=plan.options.leave,
         code=tuple(tuple(_code(folder, plan.options.hidden)) for folder in plan.options.modules),
     )
     away = RunHosts(found, placed, plan.folder("world").resolve() / _KEYS, shared)

@@ -62,6 +62,8 @@ class RunOptions:
     """Address of the cluster whose computers have the robots; empty: they are here."""
     listen: str = ""
     """Where those computers connect to, `HOST` or `HOST:PORT`; empty: as this one reaches the cluster."""
+    leave: bool = False
+    """Recordings stay on those computers."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
@@ -86,7 +88,7 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     if options.spawn not in get_args(Spawn):
         raise wrong_value("--spawn", options.spawn, _choice(get_args(Spawn)))
     speed = _speed(options.speed)
-    for sentence in (*_faults(options), *_hardware_faults(options, limit)):
+    for sentence in (*_faults(options), *_hosts_faults(options), *_hardware_faults(options, limit)):
         raise OptionError(sentence)
     if speed != "max" and not options.timeout_s > (slowest := _SLOWEST_STEP_S / float(speed)):
         raise wrong_value(
@@ -100,13 +102,6 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
 def _faults(options: RunOptions) -> Iterator[str]:
     """Options that do not go together, in a sentence each."""
     memory, debug = options.bus == "memory", options.debug
-    if options.on and (memory or options.hardware or debug is not None):
-        yield (
-            "--on: starts robots' processes on other computers; cannot be combined with --bus memory, "
-            "--hardware-in-the-loop or --debug"
-        )
-    if options.listen and not options.on:
-        yield f"--listen: {options.listen}; requires --on"
     if options.isolate and memory:
         yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
     if options.view and memory:
@@ -119,6 +114,25 @@ def _faults(options: RunOptions) -> Iterator[str]:
         yield f"--debug: {debug}; standard input must be a terminal"
     if options.control and (memory or options.hardware):
         yield "--control: requires --bus zenoh; it gives orders over the mesh of a simulated run"
+
+
+def _hosts_faults(options: RunOptions) -> Iterator[str]:
+    """The same of other computers."""
+    memory, debug = options.bus == "memory", options.debug
+    if options.on and (memory or options.hardware or debug is not None):
+        yield (
+            "--on: starts robots' processes on other computers; cannot be combined with --bus memory, "
+            "--hardware-in-the-loop or --debug"
+        )
+    if options.listen and not options.on:
+        yield f"--listen: {options.listen}; requires --on"
+    if options.leave and not options.on:
+        yield "--leave: requires --on; without it recordings are on this computer"
+    if options.leave and (options.check or options.view):
+        yield (
+            "--leave: lets recordings stay where robots are; cannot be combined with --check or --view, "
+            "which read them"
+        )
 
 
 def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:

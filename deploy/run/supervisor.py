@@ -3,7 +3,7 @@
 import contextlib
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +17,7 @@ from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote, in_words
 from actors.runtime.lifecycle.process_table import glance, leftover_fault
-from actors.runtime.recording import RecordingError, decoded, read_notes
+from actors.runtime.recording import RecordingError, decoded
 from actors.topic import Message, Topic
 from deploy.hosts.hosted_launcher import HostedLauncher
 from deploy.run.vigil import Vigil, on_host
@@ -66,6 +66,11 @@ class Supervisor:
     def programs(self) -> tuple[Program, ...]:
         """Every program that was started, in order."""
         return tuple(child.program for child in self._children)
+
+    @property
+    def notes(self) -> dict[Path, Mapping[str, str]]:
+        """What each process that records has noted of itself, by its recording, once all have ended."""
+        return {child.program.record: child.notes() for child in self._children if child.program.record}
 
     @property
     def cpu_s(self) -> float:
@@ -185,7 +190,7 @@ def _next(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
 
 def _cause(failed: list[Child]) -> str:
     """One sentence on what failed first: an actor with a cause of its own before those it dragged down."""
-    notes = [note for note in (_failure(child.program) for child in failed) if note is not None]
+    notes = [note for note in (_failure(child) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
         return in_words(note) + on_host(failed, note.actor)
@@ -204,8 +209,7 @@ def _cause(failed: list[Child]) -> str:
 def _check_end(child: Child) -> None:
     """AcrcError if a process with exit code 0 has ended before its time, or left something running."""
     program = child.program
-    assert program.record is not None
-    if "final" not in read_notes(program.record):
+    if "final" not in child.notes():
         raise AcrcError(
             f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
             f"its log is {program.log}"
@@ -218,10 +222,10 @@ def _names(children: Iterable[Child]) -> str:
     return ", ".join(child.program.actor for child in children)
 
 
-def _failure(program: Program) -> FailureNote | None:
-    assert program.record is not None
+def _failure(child: Child) -> FailureNote | None:
+    assert child.program.record is not None
     try:
-        text = read_notes(program.record).get("failure")
-        return None if text is None else decoded(program.record, "failure", text, FailureNote)
+        text = child.notes().get("failure")
+        return None if text is None else decoded(child.program.record, "failure", text, FailureNote)
     except RecordingError:
         return None

@@ -53,6 +53,7 @@ from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.tables import Scenario
 from observation.results import summary
+from observation.results.hosts_file import elsewhere
 from observation.results.place_table import write_table
 from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
@@ -99,7 +100,7 @@ def _run(
             result = run_in_memory(prepared, on_progress)
         else:
             result = run_processes(prepared, options.spawn, on_progress, launched, recruits)
-    seal(options.out)
+    seal(options.out, {name: one.sha256 for name, one in elsewhere(options.out).items()})
     return result
 
 
@@ -188,7 +189,7 @@ def run_processes(
             supervisor = _supervise(plan, starting, on_progress, away)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
-    about = replace(about, held_up=supervisor.held_up)
+    about = replace(about, held_up=supervisor.held_up, notes=supervisor.notes)
     return _finish(plan, supervisor.programs, about)
 
 
@@ -217,6 +218,7 @@ def _supervise(
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
             if away is not None:
                 away.join(supervisor.check, starting.wait)
+                away.write()
                 _say(away.sentence)
             if plan.options.view:
                 supervisor.start([observer_program(plan)])
@@ -231,6 +233,8 @@ def _supervise(
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
+            if away is not None and (loads := away.loads):
+                _say(loads)
     except Interrupted:
         _tell(supervisor.held_up)
         raise
@@ -238,6 +242,9 @@ def _supervise(
         supervisor.end_all()
         if away is not None:
             away.dismiss(starting.wait)
+            away.write()
+            if kept := away.kept:
+                _say(kept)
         remove_credentials(plan)
     return supervisor
 

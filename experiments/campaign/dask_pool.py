@@ -10,8 +10,8 @@ from distributed import Future, KilledWorker
 from distributed import wait as wait_for
 
 from actors.installation.repository import REPOSITORY
-from deploy.hosts.cluster import PATIENCE_S, connect
-from deploy.hosts.cluster_address import ClusterError
+from deploy.clusters.address import ClusterError
+from deploy.clusters.connection import PATIENCE_S, connect
 from experiments.campaign import remote
 from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store

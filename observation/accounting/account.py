@@ -18,7 +18,7 @@ from observation.accounting.true_floor import TrueFloor
 from observation.accounting.waiting import NOBODY
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.run_reader import read_run
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings, recordings
 
 
 class Judged(NamedTuple):
@@ -31,7 +31,10 @@ class Judged(NamedTuple):
 
 
 def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
-    """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged."""
+    """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged.
+
+    Of a robot whose recordings are on a host still, by what can be seen from outside.
+    """
     files = recordings(run.out)
     said = {
         robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
@@ -46,6 +49,7 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
 
     Raises EvidenceError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
     """
+    all_recordings(out)
     run = read_run(out)
     tracks, floor, said, classified = judge(run, parameters)
     return TimeSpent(

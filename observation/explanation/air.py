@@ -16,7 +16,7 @@ from actors.radio.radio_setup import RadioSetup
 from deeco.replication.fragments import HEADER
 from observation.evidence.recorded import taken
 from observation.replay.recorded_setup import setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.trace.fates import Fates, fate_name, read_fates
 from observation.trace.rows import Arrival
 
@@ -106,7 +106,7 @@ class Air:
 
     @cached_property
     def _files(self) -> dict[str, Path]:
-        return recordings(self.out)
+        return all_recordings(self.out)
 
     @cached_property
     def _robots(self) -> dict[int, str]:

@@ -14,7 +14,7 @@ from actors.runtime.errors import AcrcError, printable
 from observation.explanation.air import Air
 from observation.explanation.chain import Chain, Link, Second
 from observation.explanation.decisions import Made, decisions
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError
 from observation.trace.rows import Trace
@@ -136,7 +136,7 @@ def processes(out: Path, robot: str) -> list[str]:
 
     Raises ExplanationError where there is none.
     """
-    files = recordings(out)
+    files = all_recordings(out)
     found = [actor for actor, path in files.items() if path.parent.name == robot] or [
         actor for actor in files if actor == robot
     ]

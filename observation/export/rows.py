@@ -12,7 +12,7 @@ from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
 from observation.export.robot_rows import TRACED, Row, Tables, robot_rows
 from observation.replay.recorded_setup import run_of, setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError
 from observation.trace.frame_fates import FrameFate, frame_fates
@@ -36,7 +36,7 @@ def tables(
     `isolate`: see `actors.runtime.isolation.isolating`. Raises RecordingError and EvidenceError for what is
     no whole folder of a run, ExportError for a robot without a trace, or with one that makes no sense.
     """
-    run, files = read_run(out), recordings(out)
+    run, files = read_run(out), all_recordings(out)
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
     on_actor("radio")
     found["frames"] = [row for number, one in enumerate(frame_fates(out)) for row in _frame(number, one)]

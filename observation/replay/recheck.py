@@ -26,7 +26,7 @@ from actors.runtime.lifecycle.environment import passed_on
 from actors.runtime.lifecycle.parent import die_with_parent
 from observation.replay.record_check import check
 from observation.replay.record_replay import replay_actor
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 
 _LONGEST: Final = 2000
 """Characters of a fault; a pipe holds more."""
@@ -61,7 +61,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
     `modules`: the folders that the run's own strategy was loaded from.
     """
     check(out)
-    actors = tuple(recordings(out))
+    actors = tuple(all_recordings(out))
     words = (*map(str, modules), str(out), *actors)
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with subprocess.Popen(

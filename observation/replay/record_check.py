@@ -14,7 +14,7 @@ from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.message_counts import carries_digest, run_digest
 from actors.runtime.recording import Direction, RecordingError
 from observation.replay.record_pass import STAMP, CheckError, Pass, read_pass
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.results.seal import Sealed, check_seal
 
 _LARGEST_RESULT: Final = 64 * 1024 * 1024
@@ -57,7 +57,7 @@ def check(out: Path) -> CheckReport:
 
     CheckError, RecordingError or SealError where they do not agree.
     """
-    passes = [read_pass(actor, path) for actor, path in recordings(out).items()]
+    passes = [read_pass(actor, path) for actor, path in all_recordings(out).items()]
     blank = [told for told in passes if told.blank]
     if blank and all(told.final is not None for told in passes if not told.blank):
         raise CheckError(f"{blank[0].path}: ends before its first record")

@@ -24,7 +24,7 @@ from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 from observation.replay.debugging import EnoughError
 from observation.replay.recorded_setup import run_of, told
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints 
     Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
     lay. AcrcError for a module that is not the recorded one.
     """
-    files = recordings(out)
+    files = all_recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
     path = files[actor]
@@ -84,7 +84,7 @@ def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints 
 
 def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
     """Execute one actor again from what it received; ReplayError at the first output that differs."""
-    files = recordings(out)
+    files = all_recordings(out)
     prints = None
     if onlook.prints is not None and actor in files:
         prints = onlook.prints(run_of(files[actor]).step_us)
@@ -127,7 +127,7 @@ def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
 
 def recorded_code(out: Path) -> RecordedModules | None:
     """What the robots of a run had loaded; None if that was not recorded of any."""
-    files = recordings(out)
+    files = all_recordings(out)
     runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
     known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
     if not known:

@@ -5,15 +5,16 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.recording import RecordingError
+from observation.results.hosts_file import elsewhere, where
 
 _RESTART: Final = re.compile(r"\.[0-9]{1,9}")
 
 
 def recordings(out: Path) -> dict[str, Path]:
-    """The recordings of a run by actor; a restarted robot's later ones are named `r2.1`, `r2.2`, …
+    """The recordings of a run by actor, as far as they are here, in the order in which they were made.
 
-    In the order in which they were made. Raises RecordingError if there is none, or one that is not where
-    its process writes.
+    A restarted robot's later ones are named `r2.1`, `r2.2`, …. Raises RecordingError if there is none, or one
+    that is not where its process writes.
     """
     found: dict[str, Path] = {}
     for path in sorted(out.glob("*/*.mcap"), key=_place):
@@ -31,6 +32,13 @@ def recordings(out: Path) -> dict[str, Path]:
     if not found:
         raise RecordingError(f"{out}: no run's folder: there is no */*.mcap in it")
     return found
+
+
+def all_recordings(out: Path) -> dict[str, Path]:
+    """All recordings of a run. Raises RecordingError also where some are still on hosts."""
+    if left := elsewhere(out):
+        raise RecordingError(where(out, left))
+    return recordings(out)
 
 
 def _place(path: Path) -> tuple[str, int, str]:

@@ -19,7 +19,7 @@ from actors.processes.launch import Child, Launcher, Program, launcher
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.trust import check_trust
 
 _SHOWN: Final = 300
@@ -115,7 +115,7 @@ def told(out: Path, call: Call, *, permit: Permit, isolate: bool) -> tuple[str, 
 
 
 def _patience(out: Path, call: Call, bounds: Bounds) -> float:
-    files = recordings(out)
+    files = all_recordings(out)
     size = sum(files[actor].stat().st_size for actor in call.actors)
     return bounds.least_s + size / bounds.bytes_per_s
 

@@ -10,7 +10,7 @@ from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation.isolating import warn
 from observation.replay.recorded_setup import code_folders, run_of, told
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 """Processes on board that serve devices: no program replays those."""
@@ -22,7 +22,7 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
     They run no code but this project's. Raises AcrcError for code that the permit does not cover, and
     AcrcError for code that is not here. Code that was recorded without its hashes is said to be so.
     """
-    files = recordings(out)
+    files = all_recordings(out)
     if actor in files and _ON_DEVICES.search(actor):
         raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
     if actor not in files or actor in {"world", "radio"}:

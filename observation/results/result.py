@@ -143,6 +143,8 @@ class Circumstances:
     parent_received: int
     origin: Origin = UNKNOWN
     held_up: Mapping[str, HoldUp] = field(default_factory=dict)
+    notes: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    """Of recordings that are not here, or have been read already."""
 
 
 class WorldOutcome(msgspec.Struct):
@@ -165,7 +167,7 @@ class Gathered(NamedTuple):
 
 def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     """The result of a run whose processes have all ended as planned."""
-    finals = [(program, _final(program.record)) for program in programs if program.record is not None]
+    finals = [(program, _final(program.record, about)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
     outcome = WorldOutcome(
@@ -244,8 +246,8 @@ def rate(count: int, robot_seconds: float) -> float:
     return round(count / robot_seconds, 3) if robot_seconds else 0.0
 
 
-def _final(record: Path) -> FinalNote:
-    text = read_notes(record).get("final")
+def _final(record: Path, about: Circumstances) -> FinalNote:
+    text = (about.notes[record] if record in about.notes else read_notes(record)).get("final")
     if text is None:
         raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
     return decoded(record, "final", text, FinalNote)

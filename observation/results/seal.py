@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
+from observation.results.hosts_file import elsewhere, where
 
 SUMS: Final = "SHA256SUMS"
 _NEW: Final = f"{SUMS}.new"
@@ -56,9 +57,12 @@ def lines(sums: Mapping[str, str], left_out: Iterable[str] = ()) -> bytes:
     return text + f"{_END}{hashlib.sha256(text).hexdigest()}\n".encode()
 
 
-def seal(folder: Path) -> None:
-    """Write SHA256SUMS over all that lies in the folder now, whole or not at all. May raise OSError."""
-    sums: dict[str, str] = {}
+def seal(folder: Path, missing: Mapping[str, str] | None = None) -> None:
+    """Write SHA256SUMS over all that lies in the folder now, whole or not at all. May raise OSError.
+
+    `missing`: sums of files that are to come into it later, by name.
+    """
+    sums = dict(missing or {})
     left_out: list[str] = []
     for name, is_file in _entries(folder):
         found = _sum(folder / name) if is_file else None
@@ -76,9 +80,11 @@ def check_seal(folder: Path) -> Sealed | None:
         return None
     sums, left_out = _read(path)
     sums = {name: was for name, was in sums.items() if not _MADE_ANEW.fullmatch(name)}
-    present = dict(_entries(folder))
+    present, away = dict(_entries(folder)), elsewhere(folder)
     for name, was in sums.items():
         place = _place(folder, name)
+        if name in away:
+            raise SealError(where(folder, away))
         if name not in present:
             raise SealError(f"{place}: is missing; it was there when {SUMS} was written")
         found = _sum(folder / name) if present[name] else None

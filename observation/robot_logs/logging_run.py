@@ -17,7 +17,7 @@ from actors.runtime import regular_file
 from actors.runtime.process_setup import located_model
 from observation.evidence.run_evidence import world_setup
 from observation.replay.recorded_setup import setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.robot_logs import log_file
 from observation.robot_logs.contents import LogEntry, LogForm
@@ -85,7 +85,7 @@ def log_run(
     """
     if path.exists() or path.is_symlink():
         raise OptionError(f"--out: {path} is there already; must be a new file")
-    files = recordings(out)
+    files = all_recordings(out)
     story = simulated_story(out) if "world" in files else collected_story(out)
     for robot in robots:
         if robot not in story.robots:

@@ -7,7 +7,7 @@ from typing import Final
 
 from actors.robot.behaviour.foreign import Permit
 from observation.replay.recorded_setup import run_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
 from observation.replay.trust import check_trust
 from observation.trace.coding import MOST_BYTES, TraceError, decode, joined, parts
@@ -41,7 +41,7 @@ def traces(
     `isolate`: see `actors.runtime.isolation.isolating`. Of code that the permit does not cover the fault says
     that it was not run. What was made by code that need not be the recorded one is not kept.
     """
-    files, wanted = recordings(out), list[str]()
+    files, wanted = all_recordings(out), list[str]()
     for actor in actors:
         found = _kept(files, actor) if not permit.trust else None
         if found is None:
@@ -61,7 +61,7 @@ def traces(
 
 def may_keep(out: Path, actor: str, permit: Permit) -> bool:
     """True if what made a trace is known to be the recorded code: this project's, or by its hashes."""
-    known = run_of(recordings(out)[actor]).code is not None
+    known = run_of(all_recordings(out)[actor]).code is not None
     return not permit.trust and (known or check_trust(out, actor, permit) == ())
 
 

@@ -22,6 +22,7 @@ from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer, ExplanationError
 from observation.replay.run_recordings import recordings
+from observation.results.hosts_file import elsewhere, where
 from observation.trace.fates import read_fates
 from observation.trace.traces import traces
 from observation.view.collected import collected_story
@@ -79,7 +80,8 @@ def draw(
         faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
     for fault in faults:
         say(fault)
-    say(f"all of it after {time.monotonic() - began:.1f} s, with what {_told(story)} perceived and meant")
+    inside = "" if elsewhere(story.out) else f", with what {_told(story)} perceived and meant"
+    say(f"all of it after {time.monotonic() - began:.1f} s{inside}")
     if lost:
         say(f"the viewer was closed before that: the whole view is in {path}")
 
@@ -117,6 +119,8 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, i
         except AcrcError as error:
             faults.append(f"the radio could not be replayed: {error}")
         sheet.flush()
+    if left := elsewhere(story.out):
+        return [*faults, where(story.out, left)]
     if story.true and (story.out / "run.json").is_file():
         painting.deadlocks(deadlocks(story))
     sources = {source.actor: source for source in story.sources}

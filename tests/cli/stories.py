@@ -170,6 +170,15 @@ STORIES: dict[str, tuple[Line, ...]] = {
             r"hosts: \S+ \(\d+ cores?\): r1 and r2; they connect to 127\.0\.0\.1:\d+",
             "runs/hosted/r2/r2.mcap",
         ),
+        Line(
+            f"run {HEAD_ON} --duration 2 --on {{cluster}} --listen 127.0.0.1 --leave --out runs/left",
+            r"runs/left/r1/r1\.mcap and 1 more is still on host \S+; `acrc cluster fetch",
+        ),
+        Line(
+            "cluster fetch runs/left --on {cluster} --json",
+            r'"files": 2, "bytes": \d+',
+            "runs/left/r2/r2.mcap",
+        ),
     ),
     "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
     "verify floors": (

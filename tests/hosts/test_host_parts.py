@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
+from deploy.clusters.address import plain
 from deploy.hosts import run_keys, run_tls
 from deploy.hosts.channel import LONGEST, Channel, ChannelClosedError, from_host, to_host
-from deploy.hosts.cluster_address import plain
 from deploy.hosts.host_messages import AskPulse, FilePart, FromHost, Joined, ToHost
 from deploy.hosts.host_probe import HostOffer, unfit
 from deploy.hosts.listening import bound, place_of
@@ -221,7 +221,7 @@ def test_messages_come_whole_and_in_order_without_anybody_waiting(ends: Ends) ->
 )
 def test_what_is_no_message_ends_the_channel_behind_what_came(ends: Ends, data: bytes, words: str) -> None:
     here, there, bare = ends
-    there.send(Joined(1.5))
+    there.send(Joined(1.5, "/tmp/acrc-1"))
     if data:
         bare.send(data)
     else:
@@ -231,4 +231,4 @@ def test_what_is_no_message_ends_the_channel_behind_what_came(ends: Ends, data: 
         for _ in range(1000):
             for message in here.receive():
                 found.append(message)
-    assert found == [Joined(1.5)]
+    assert found == [Joined(1.5, "/tmp/acrc-1")]

@@ -11,10 +11,15 @@ from pathlib import Path
 
 import pytest
 
+from actors.runtime.errors import AcrcError
 from benchmarks.hosts.between import LISTEN, relayed
 from benchmarks.hosts.cluster import TlsCluster
 from benchmarks.hosts.namespaces import Hosts
+from observation.accounting.account import account
 from observation.evidence.run_reader import RunReader
+from observation.replay import recheck, record_check
+from observation.results import hosts_file
+from observation.results.seal import check_seal
 from tests.hosts.hosted_runs import ROOT, HostedRun
 
 pytestmark = pytest.mark.timeout(400)
@@ -128,6 +133,50 @@ def test_links_that_stall_change_nothing_and_are_told(
     assert "host h1 is heard again" in said
 
 
+def acrc(three: Hosts, cluster: TlsCluster, *words: str) -> subprocess.CompletedProcess[str]:
+    """One more command where the run was typed."""
+    command = three.here.command([sys.executable, "-P", "-m", "command_line", *words])
+    return subprocess.run(
+        command, cwd=ROOT, env=cluster.environment, capture_output=True, text=True, check=False, timeout=180
+    )
+
+
+def test_recordings_that_are_left_are_sealed_looked_at_from_here_and_fetched(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path
+) -> None:
+    words, out = ("--robots", "4", "--duration", "8", "--json"), tmp_path / "hosted"
+    run = HostedRun(three, cluster, out, *words, "--leave")
+    printed, said = run.process.communicate(timeout=180)
+    assert run.process.returncode == 0, said
+    result = json.loads(printed)
+    assert result["digest"] == digest_here(tmp_path / "here", *words)
+    assert result["deeco"] == json.loads((tmp_path / "here" / "run.json").read_text())["deeco"]
+    assert list(out.glob("r[0-9]/*.mcap")) == []
+    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2, h3; `acrc cluster fetch" in said
+    told = hosts_file.read(out)
+    assert told is not None
+    assert {name: part.robots for name, part in told.hosts.items()} == {
+        "h1": ("r1", "r2"),
+        "h2": ("r3",),
+        "h3": ("r4",),
+    }
+    assert all(0 < part.load.answer_s <= part.load.slowest_s for part in told.hosts.values())
+    for wants_robots in (account, record_check.check, check_seal, recheck.recheck):
+        with pytest.raises(AcrcError, match="still on hosts h1, h2, h3; `acrc cluster fetch"):
+            wants_robots(out)
+    drawn = acrc(three, cluster, "view", str(out), "--png")
+    assert drawn.returncode == 0, drawn.stderr
+    assert "until then it is drawn as seen from outside" in drawn.stderr
+    fetched = acrc(three, cluster, "cluster", "fetch", str(out), "--json")
+    assert fetched.returncode == 0, fetched.stderr
+    assert json.loads(fetched.stdout)["files"] == 4
+    assert run.folders_left() == []
+    assert record_check.check(out).digest == result["digest"]
+    assert check_seal(out) is not None
+    again = acrc(three, cluster, "cluster", "fetch", str(out))
+    assert (again.returncode, again.stdout) == (0, "0 files have come, 0 B\n"), again.stderr
+
+
 def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
     three: Hosts, cluster: TlsCluster, tmp_path: Path
 ) -> None:
@@ -141,6 +190,12 @@ def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
     assert said.startswith("acrc: host h2 is lost, with r3: the connection ")
     assert "; what robots have recorded is in " in said
     assert run.nothing_left()
+    assert len(run.folders_left()) == 1
+    fetched = acrc(three, cluster, "cluster", "fetch", str(tmp_path / "out"), "--json")
+    assert json.loads(fetched.stdout)["files"] > 0, fetched.stderr
+    assert run.folders_left() == []
+    with RunReader(tmp_path / "out") as reader:
+        assert reader.robots == ("r1", "r2", "r3", "r4")
 
 
 def test_a_worker_that_is_killed_ends_the_run_with_its_name(

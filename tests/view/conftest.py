@@ -17,7 +17,9 @@ from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
 
 collect_ignore = (
-    [] if find_spec("rerun") else ["test_drawn.py", "test_following.py", "test_watched.py", "test_window.py"]
+    []
+    if find_spec("rerun")
+    else ["test_drawn.py", "test_following.py", "test_inside.py", "test_watched.py", "test_window.py"]
 )
 
 

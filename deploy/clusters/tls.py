@@ -8,7 +8,7 @@ from typing import Final
 
 from distributed import Security
 
-from deploy.hosts.cluster_address import PAGE, ClusterError, host_and_port
+from deploy.clusters.address import PAGE, ClusterError, host_and_port
 
 _KEYS: Final = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
 """What has to be configured, by Dask's name for it below distributed.comm.tls."""

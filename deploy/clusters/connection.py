@@ -1,18 +1,13 @@
 """A Dask cluster as whoever starts a run or a campaign sees it: who is there, and whether that is safe."""
 
 import logging
-import re
 import sys
-from typing import Any, Final
+from typing import Final
 
-import msgspec
-from distributed import Client, Future
+from distributed import Client
 
-from actors.runtime.errors import printable
-from deploy.hosts import host_task
-from deploy.hosts.cluster_address import PAGE, ClusterError, host_and_port, is_safe
-from deploy.hosts.cluster_tls import security
-from deploy.hosts.host_probe import HostOffer
+from deploy.clusters.address import PAGE, ClusterError, host_and_port, is_safe
+from deploy.clusters.tls import security
 
 PATIENCE_S: Final = 10.0
 
@@ -64,37 +59,3 @@ def machines(client: Client) -> list[str]:
     for worker in sorted(map(str, client.nthreads())):
         first.setdefault(host_and_port(worker)[0], worker)
     return list(first.values())
-
-
-def offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
-    """What these workers' computers have to offer, by a name for each. Raises ClusterError."""
-    asked = [
-        client.submit(host_task.describe, workers=[worker], allow_other_workers=False, pure=False)
-        for worker in workers
-    ]
-    found: dict[str, HostOffer] = {}
-    for worker, future in zip(workers, asked, strict=True):
-        offer = _offer(address, worker, future)
-        stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
-        number = next(n for n in range(1, len(workers) + 1) if _numbered(stem, n) not in found)
-        found[_numbered(stem, number)] = offer
-    return found
-
-
-def _numbered(stem: str, number: int) -> str:
-    return stem if number == 1 else f"{stem}-{number}"
-
-
-def _offer(address: str, worker: str, future: Future[Any]) -> HostOffer:
-    try:
-        code, said, last = future.result()
-        if code == 0:
-            return msgspec.json.decode(said, type=HostOffer)
-        reason = (str(last).strip() or f"exit code {code}").splitlines()[-1]
-    except Exception as error:  # whatever it raised there, or a lost worker is to the library
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-    raise ClusterError(
-        printable(
-            f"--on {address}: the worker {worker} cannot be a host of this run: {reason[:500]} ({PAGE})"
-        )
-    )

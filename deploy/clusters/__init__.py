@@ -1,0 +1,1 @@
+"""Dask clusters: how they are reached, and files that start one."""

@@ -1,0 +1,171 @@
+"""What has stayed on a host of a run: what a worker gives away, and what is taken from one that lies."""
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from actors.runtime.errors import AcrcError
+from deploy.hosts import fetching, left_files
+from deploy.hosts.fetching import Fetched, fetch
+from deploy.hosts.host_program import ERRAND, HostErrand
+from deploy.hosts.left_files import Listed
+from observation.results import hosts_file
+from observation.results.hosts_file import HostPart, HostsFile, LeftFile
+
+RUN = "0123456789abcdef"
+FILES = {"r1/r1.mcap": b"recorded" * 700_000, "r1/r1.log": b"said\n", "r1/r1.1.mcap": b"", "r2/r2.mcap": b"r"}
+
+
+@pytest.fixture
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A worker's folder of a run that is over."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = tmp_path / "acrc-x"
+    for name, data in FILES.items():
+        (folder / "run" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "run" / name).write_bytes(data)
+    for name in ("run/r1/setup.json", "run/.router/passwords", "run/r1/own/r1.mcap"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("not for others")
+    (folder / ERRAND).write_bytes(msgspec.json.encode(HostErrand("127.0.0.1", 1, 1.0, RUN)))
+    return folder
+
+
+def told(folder: Path, name: str = "r1/r1.mcap", data: bytes = FILES["r1/r1.mcap"]) -> HostsFile:
+    left = LeftFile("h", len(data), hashlib.sha256(data).hexdigest())
+    part = HostPart("10.0.0.2", 2, ("r1", "r2"), str(folder))
+    return HostsFile("tls://10.0.0.1:8786", RUN, {"h": part}, {name: left})
+
+
+@pytest.fixture
+def out(there: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run's folder where it was typed, beside a cluster whose worker does what it is asked."""
+    answers(monkeypatch, lambda function, *words: function(*words))
+    folder = tmp_path / "runs" / "one"
+    folder.mkdir(parents=True)
+    hosts_file.write(folder, told(there))
+    return folder
+
+
+def answers(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any]) -> None:
+    """A cluster with one worker that answers so."""
+
+    def submit(function: Callable[..., Any], *words: Any, **how: Any) -> SimpleNamespace:
+        assert how["workers"] == ["tls://10.0.0.2:4000"]
+        return SimpleNamespace(result=lambda: answer(function, *words))
+
+    client = SimpleNamespace(submit=submit, close=lambda timeout: None)
+    monkeypatch.setattr(fetching, "connect", lambda address: client)
+    monkeypatch.setattr(fetching, "machines", lambda client: ["tls://10.0.0.2:4000"])
+
+
+def quiet(sentence: str) -> None:
+    """For who listens to nothing."""
+
+
+def test_recordings_and_logs_come_and_nothing_else_and_nothing_is_left(there: Path, out: Path) -> None:
+    (out / "r2").mkdir()
+    (out / "r2" / "r2.mcap").write_bytes(b"r")  # is here already
+    assert fetch(out, "", quiet) == Fetched(3, sum(map(len, FILES.values())) - 1)
+    found = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/*")}
+    assert found == FILES
+    assert not there.exists()
+    assert fetch(out, "", quiet) == Fetched(0, 0)
+
+
+def test_what_is_gone_there_and_not_here_is_said(there: Path, out: Path) -> None:
+    left_files.remove(str(there), RUN)
+    with pytest.raises(AcrcError, match=r"r1/r1.mcap: is gone, here and on host h"):
+        fetch(out, "", quiet)
+
+
+@pytest.mark.parametrize("folder", ["/etc", "/root/acrc-x", "elsewhere/acrc-x", "acrc-y/../../acrc-x", "x"])
+def test_a_worker_gives_nothing_of_another_folder(there: Path, tmp_path: Path, folder: str) -> None:
+    for ask in (left_files.listed, left_files.remove):
+        with pytest.raises(AcrcError, match="is no folder of a run"):
+            ask(str(tmp_path / folder), RUN)
+    assert there.exists()
+
+
+def test_a_worker_gives_nothing_of_another_run_or_through_a_link(there: Path, tmp_path: Path) -> None:
+    with pytest.raises(AcrcError, match="is another run's"):
+        left_files.remove(str(there), "fedcba9876543210")
+    (tmp_path / "acrc-link").symlink_to(there)
+    left_files.remove(str(tmp_path / "acrc-link"), RUN)
+    assert there.exists()
+    (there / "run" / "r1" / "r1.2.mcap").symlink_to("/etc/passwd")
+    with pytest.raises(OSError):
+        left_files.piece(str(there), RUN, "r1/r1.2.mcap", 0)
+
+
+@pytest.mark.parametrize(
+    "name", ["r1/setup.json", "../errand.json", "r1/../../x", "r1/r2.mcap", ".router/passwords"]
+)
+def test_a_worker_gives_recordings_and_logs_only(there: Path, name: str) -> None:
+    with pytest.raises(AcrcError, match="is no recording"):
+        left_files.piece(str(there), RUN, name, 0)
+
+
+SUM = hashlib.sha256(FILES["r1/r1.mcap"]).hexdigest()
+LIES: list[tuple[Any, str]] = [
+    (b"[", "no list of files"),
+    (7, "no list of files"),
+    ([Listed("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is none of its own"),
+    ([Listed("r1/../../x.mcap", 1, SUM)], "which is none of its own"),
+    ([Listed("r2/r2.mcap", -1, SUM)], "of -1 bytes"),
+    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "a file r2/r2.mcap of 1152921504606846976 bytes"),
+    ([Listed("r1/r1.mcap", 1, SUM)], "another r1/r1.mcap than it had at the run's end"),
+]
+
+
+@pytest.mark.parametrize(("lie", "said"), LIES)
+def test_a_list_that_cannot_be_is_refused(
+    out: Path, monkeypatch: pytest.MonkeyPatch, lie: Any, said: str
+) -> None:
+    answers(monkeypatch, lambda function, *words: msgspec.json.encode(lie) if isinstance(lie, list) else lie)
+    with pytest.raises(AcrcError) as caught:
+        fetch(out, "", quiet)
+    assert said in str(caught.value)
+    assert [path.name for path in out.iterdir()] == [hosts_file.NAME]
+
+
+@pytest.mark.parametrize("lie", [b"", b"x" * (4 << 20), b"x" * (5 << 20), 3, None])
+def test_a_piece_that_cannot_be_is_refused_and_what_was_here_stays(
+    there: Path, out: Path, monkeypatch: pytest.MonkeyPatch, lie: Any
+) -> None:
+    (out / "r1").mkdir()
+    (out / "r1" / "r1.mcap").write_bytes(b"begun")
+    answers(
+        monkeypatch, lambda f, *words: lie if f is left_files.piece and "r1.mcap" in words[2] else f(*words)
+    )
+    with pytest.raises(AcrcError, match=r"host h has sent"):
+        fetch(out, "", quiet)
+    assert (out / "r1" / "r1.mcap").read_bytes() == b"begun"
+    assert there.exists()
+
+
+def test_a_worker_that_dies_or_is_not_there_is_named(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def dies(*words: Any) -> None:
+        raise RuntimeError("the worker is gone")
+
+    answers(monkeypatch, dies)
+    with pytest.raises(AcrcError, match=r"--on tls://10.0.0.1:8786: host h: the worker is gone"):
+        fetch(out, "", quiet)
+    monkeypatch.setattr(fetching, "machines", lambda client: ["tls://10.0.0.9:4000"])
+    with pytest.raises(AcrcError, match=r"--on tls://new:1: has no worker at 10.0.0.2, where host h has"):
+        fetch(out, "tls://new:1", quiet)
+
+
+def test_a_folder_without_hosts_and_a_damaged_list_are_named(out: Path) -> None:
+    (out / hosts_file.NAME).write_text('{"cluster": 3}')
+    with pytest.raises(AcrcError, match=r"hosts.json: no list of a run's hosts: cluster is 3, but must be"):
+        fetch(out, "", quiet)
+    (out / hosts_file.NAME).unlink()
+    with pytest.raises(AcrcError, match=r"no run over several computers: there is no hosts\.json in it"):
+        fetch(out, "", quiet)
