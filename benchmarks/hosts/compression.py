@@ -34,8 +34,8 @@ class CompressionFigures:
     def sentence(self) -> str:
         """For a person."""
         return (
-            f"What a robot senses in a step: {self.bytes:.0f} B; zlib makes it "
-            f"{1 - self.packed_bytes / self.bytes:.0%} smaller in {self.both_ways_ms:.3f} ms, there and back, "
+            f"A robot senses {self.bytes:.0f} B in a step; zlib makes them "
+            f"{1 - self.packed_bytes / self.bytes:.0%} smaller in {self.both_ways_ms:.3f} ms both ways, "
             f"which pays below {self.pays_below_mbit_s:.0f} Mbit/s"
         )
 

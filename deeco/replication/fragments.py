@@ -17,6 +17,8 @@ HEADER: Final = struct.Struct("<HHHHB")
 """totalSize, payloadSize, startPos, dataId, srcNode."""
 CHECKSUM: Final = struct.Struct("<I")
 """Behind the packet: zlib.crc32 of it."""
+SHORTEST: Final = HEADER.size + 1 + CHECKSUM.size
+"""Bytes of a frame that the shortest packet takes; as many packets share one as fit."""
 _IDS: Final = 1 << 16
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from actors.runtime.message_counts import MessageHash
 from actors.runtime.process import FinalNote
+from deeco.replication.fragments import Fragmenter
 from observation.results.robot_reports import OthersCounts, RobotReports, robot_reports
 from tests.swarm.command import acrc
 
@@ -41,6 +42,15 @@ def reports(navigation: object = None, node: object = None, unread: int = 0) -> 
         {name: msgspec.Raw(json.dumps(value).encode()) for name, value in said.items()},
     )  # fmt: skip
     return robot_reports([("r1", RECORD, final)], SEEN)
+
+
+def test_as_many_packets_can_have_come_as_fit_into_the_frames() -> None:
+    packets = [b"x"] * 8
+    frames = Fragmenter(1).frames(packets)
+    assert len(frames) == 1 and len(Fragmenter(1).frames([*packets, b"x"])) == 2
+    told = reports(node=NODE | {"counters": {"packets": 240}})
+    assert told.refused == ()
+    assert told.deeco.counters["packets"] == 240
 
 
 def test_what_can_be_is_counted() -> None:
@@ -76,7 +86,7 @@ NODE_LIES = {
         {"counters": {"frames_sent": 21}}, "21 frames sent; the radio counted 20 frames",
     ),
     "more packets than came": (
-        {"counters": {"packets": 31}}, "31 packets heard; the radio counted 30 frames",
+        {"counters": {"packets": 241}}, "241 packets heard; the radio counted 30 frames",
     ),
     "too much": ({"exchanges": {"Adoption": 10**9}}, "1000000000 Adoption in 100 steps"),
     "too many samples": (
