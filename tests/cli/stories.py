@@ -51,7 +51,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             needs="websockets",
         ),
     ),
-    "demo": (Line("demo --out d --json", r'"pictures":\["d/demo\.png"', "d/demo.png"),),
+    "demo": (Line("demo --out d --json", r'"pictures":\["\S+/d/demo\.png"', "d/demo.png"),),
     "loop": (
         Line(
             "run near.toml --hardware-in-the-loop --board r1 --duration 4 --out runs/loop",
