@@ -131,6 +131,7 @@ def test_links_that_stall_change_nothing_and_are_told(
     assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words)
     assert "nothing has been heard of host h1 for 5 s; the run waits for it" in said
     assert "host h1 is heard again" in said
+    assert "hosts, on average: h1 worked with " in said
 
 
 def acrc(three: Hosts, cluster: TlsCluster, *words: str) -> subprocess.CompletedProcess[str]:
