@@ -1,1 +1,1 @@
-"""Other computers that robots of one run are on: found through Dask, reached by mutual TLS."""
+"""Other computers that robots of one run are on: found by Dask, reached by mutual TLS; what stays there."""
