@@ -72,12 +72,13 @@ def wish(text: str) -> Wish:
 
 
 class Explainer:
-    """Explains decisions of robots of one run from their traces, which are made where none is kept."""
+    """Explains decisions of robots of a run that is over from their traces, made where none is kept."""
 
     def __init__(self, out: Path, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> None:
         """`isolate`: see `actors.runtime.isolation.isolating`."""
         self._out = out
         self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
+        self._made: dict[str, list[tuple[str, Trace]]] = {}
 
     def listed(self, robot: str) -> tuple[DecisionRow, ...]:
         """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
@@ -107,13 +108,16 @@ class Explainer:
                 yield _explanation(robot, in_seconds(made.instant), made, chain)
 
     def _traces(self, robot: str) -> list[tuple[str, Trace]]:
-        """Of the robot's processes, in the order in which they were started."""
+        """Of the robot's processes, in the order in which they were started; made once."""
+        if robot in self._made:
+            return self._made[robot]
         actors = processes(self._out, robot)
         found = {one.actor: one for one in self._trace(actors)}
         try:
-            return [(actor, found[actor].whole()) for actor in actors]
+            self._made[robot] = [(actor, found[actor].whole()) for actor in actors]
         except TraceError as error:
             raise ExplanationError(printable(str(error))) from None
+        return self._made[robot]
 
 
 def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:

@@ -1,6 +1,7 @@
 """Decisions whose causes are known: planted ones, and some that follow from the chapter's rules."""
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -103,6 +104,7 @@ DOORWAY = (
 )  # fmt: skip
 
 
+@cache
 def explainer(out: Path) -> Explainer:
     return Explainer(out, permit=Permit((REPOSITORY,)), isolate=False)
 

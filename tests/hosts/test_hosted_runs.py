@@ -106,20 +106,14 @@ def test_code_of_ones_own_goes_along_and_what_it_prints_and_records_comes_back(
     assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words, *code)
 
 
-@pytest.mark.parametrize("delay_ms", [pytest.param(1.0, marks=pytest.mark.nightly), 10.0])
-def test_delays_change_nothing(three: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float) -> None:
-    words = ("--robots", "3", "--duration", "2", "--json")
-    with relayed(three, delay_ms):
-        run = HostedRun(three, cluster, tmp_path / "hosted", *words, *LISTEN)
-        assert run.digest() == digest_here(tmp_path / "here", *words)
-
-
-@pytest.mark.parametrize("stall_s", [6, pytest.param(60, marks=pytest.mark.nightly)])
-def test_links_that_stall_change_nothing_and_are_told(
-    three: Hosts, cluster: TlsCluster, tmp_path: Path, stall_s: int
+@pytest.mark.parametrize(
+    ("delay_ms", "stall_s"), [(10.0, 6), pytest.param(1.0, 60, marks=pytest.mark.nightly)]
+)
+def test_links_that_are_late_and_stall_change_nothing_and_are_told(
+    three: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float, stall_s: int
 ) -> None:
-    words = ("--robots", "3", "--duration", "60", "--json")
-    with relayed(three, 0.0) as relays:
+    words = ("--robots", "3", "--duration", "20", "--json")
+    with relayed(three, delay_ms) as relays:
         run = HostedRun(three, cluster, tmp_path / "hosted", *words, *LISTEN)
         run.under_way()
         for order in ("stall", "go"):
