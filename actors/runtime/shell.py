@@ -79,8 +79,12 @@ class Shell:
 
     @property
     def awaited(self) -> Sequence[Address]:
-        """What the core is missing and has not arrived, next one first."""
-        return self._awaited[::-1]
+        """What the core is missing and has not arrived, next one first.
+
+        Of one family of keys: messages of another may have come, and are looked for only afterwards.
+        """
+        missing = [one for one in reversed(self._awaited) if not self._inbox.get(one.key)]
+        return [one for one in missing if one.topic is missing[0].topic]
 
     def deliver(self, delivery: Delivery) -> None:
         """Keep a message until the core wants it."""

@@ -1,16 +1,17 @@
 """Shells over the memory bus: the barrier, the counts, the digest, the recordings and their replay."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from actors.messages import DRIVE, SENSES, Drive
+from actors.messages import AIRED, DRIVE, SENSES, Drive
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
-from actors.runtime.core import at
+from actors.runtime.core import Address, Inputs, at
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (
@@ -70,6 +71,26 @@ def test_every_answer_reaches_the_caller_in_its_step() -> None:
     run_shells(shells)
     assert shells[0].core.speeds == [[k + 0.2, k + 0.3, k + 0.4] for k in range(5)]  # type: ignore[attr-defined]
     assert undelivered(shells) == 0
+
+
+class Mixed(Caller):
+    """Awaits another family of keys, too."""
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        return [*super().missing(have), at(AIRED)]
+
+
+def test_who_has_answered_is_awaited_no_more_though_one_before_has_not() -> None:
+    shell = Shell(Mixed(ROBOTS, 1), MemoryBus(), Unrecorded(), actor="world")
+    drives = {robot: encode(Drive(0, 0.1, 0.0, 0.0, 0), DRIVE.key(robot)) for robot in ROBOTS}
+    shell.pump()
+    awaited = []
+    for robot in (None, "r333", "r22", "r1"):
+        if robot is not None:
+            shell.deliver(Delivery(at(DRIVE, robot).topic, DRIVE.key(robot), drives[robot]))
+        shell.pump()
+        awaited.append([address.robot for address in shell.awaited])
+    assert awaited == [["r1", "r22", "r333"], ["r1", "r22"], ["r1"], [""]]
 
 
 def test_the_order_in_which_shells_run_does_not_matter() -> None:

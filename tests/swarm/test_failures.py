@@ -265,7 +265,7 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
 @pytest.mark.alone  # it is told by wall time
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
 def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:
-    words = ("--robots", 2, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
+    words = ("--robots", 3, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
     done = acrc("run", "--strategy", "tests.swarm.saboteur:naps", *words)
     assert done.returncode == 0, done.stderr
     held_up = json.loads((tmp_path / "out" / "run.json").read_text())["held_up"]
