@@ -10,7 +10,11 @@ from actors.runtime import regular_file, typed_json
 
 NAME: Final = "hosts.json"
 _LARGEST: Final = 16 << 20
-Words = Annotated[str, msgspec.Meta(max_length=4096)]
+Words = Annotated[str, msgspec.Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f-\x9f]*\Z")]
+"""What may be shown on a terminal, whoever wrote it."""
+Id = Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
+FileName = Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}/[A-Za-z0-9_.-]{1,64}\Z")]
+"""Below a run's folder."""
 Size = Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
 Sum = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 Share = Annotated[float, msgspec.Meta(ge=0)]
@@ -35,7 +39,7 @@ class HostPart(msgspec.Struct, frozen=True):
     address: Words
     """Of the computer, as its cluster knows it."""
     cores: Annotated[int, msgspec.Meta(ge=1)]
-    robots: tuple[Words, ...]
+    robots: tuple[Id, ...]
     folder: Words
     """Where they record there; it is removed at the run's end if nothing is left in it."""
     load: HostLoad = HostLoad()
@@ -44,7 +48,7 @@ class HostPart(msgspec.Struct, frozen=True):
 class LeftFile(msgspec.Struct, frozen=True):
     """A recording that stayed on its host when the run ended."""
 
-    host: Words
+    host: Id
     bytes: Size
     sha256: Sum
 
@@ -56,9 +60,9 @@ class HostsFile(msgspec.Struct, frozen=True):
     """Address of its scheduler."""
     run: Words
     """What the hosts know the run by, drawn for it."""
-    hosts: dict[str, HostPart]
-    left: dict[str, LeftFile] = {}
-    """By name below the run's folder; where such a file is by now is to be seen there."""
+    hosts: dict[Id, HostPart]
+    left: dict[FileName, LeftFile] = {}
+    """By name; where such a file is by now is to be seen there."""
 
 
 def write(out: Path, told: HostsFile) -> None:

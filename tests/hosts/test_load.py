@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from actors.runtime.errors import AcrcError
@@ -69,6 +70,11 @@ def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
         (tmp_path / f"r{number}").mkdir()
         (tmp_path / f"r{number}" / f"r{number}.mcap").touch()
     assert "r3/r3.mcap is still on host h1;" in hosts_file.where(tmp_path, hosts_file.elsewhere(tmp_path))
-    (tmp_path / hosts_file.NAME).write_text("[]")
-    with pytest.raises(AcrcError, match=r"hosts\.json: no list of a run's hosts"):
-        hosts_file.elsewhere(tmp_path)
+    for damage in (
+        b"[]",
+        msgspec.json.encode(told).replace(b"r3/r3", b"../r3"),
+        b'{"cluster": "\\u001b[2J"}',
+    ):
+        (tmp_path / hosts_file.NAME).write_bytes(damage)
+        with pytest.raises(AcrcError, match=r"hosts\.json: no list of a run's hosts"):
+            hosts_file.elsewhere(tmp_path)
