@@ -3,7 +3,6 @@
 import os
 import socket
 import sys
-import time
 from typing import Annotated
 
 import msgspec
@@ -33,8 +32,6 @@ class HostOffer(msgspec.Struct, frozen=True):
     """Their fingerprints."""
     isolation_fault: Words | None
     """Why robots cannot be isolated there; None if they can."""
-    clock_s: float
-    """Since the epoch."""
     repository: Words
     """Where this software lies there."""
 
@@ -49,7 +46,6 @@ def offer() -> HostOffer:
         versions=versions(),
         kernels=assembly.kernels(),
         isolation_fault=sandbox.available(),
-        clock_s=time.time(),
         repository=str(REPOSITORY),
     )
 

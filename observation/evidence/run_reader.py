@@ -107,8 +107,7 @@ class RunReader:
 
     def unread(self) -> int:
         """Steps that were recorded by now, and of which no piece has told; reads what the radio recorded."""
-        if "radio" in self._files:
-            self._take("radio", "", self._files["radio"])
+        self._take("radio", "", self._opened("radio", recordings(self.out)["radio"]))
         return len(self._truths)
 
     def recorded_s(self, actor: str) -> float:
@@ -126,9 +125,7 @@ class RunReader:
         Raises RecordingError for damaged files, EvidenceError where the robots change.
         """
         for actor, path in recordings(self.out).items():
-            if actor not in self._files:
-                self._files[actor] = self._stack.enter_context(Growing(path))
-            self._take(actor, path.parent.name, self._files[actor])
+            self._take(actor, path.parent.name, self._opened(actor, path))
         until = self._truths[-1].step if last and self._truths else self._complete()
         now = [truth for truth in self._truths if truth.step <= until]
         if self._over or not (now or last):
@@ -136,6 +133,11 @@ class RunReader:
         self._over = last
         self._truths = [truth for truth in self._truths if truth.step > until]
         return self._piece(now, last=last)
+
+    def _opened(self, actor: str, path: Path) -> Growing:
+        if actor not in self._files:
+            self._files[actor] = self._stack.enter_context(Growing(path))
+        return self._files[actor]
 
     def _take(self, actor: str, robot: str, growing: Growing) -> None:
         for one in growing.poll():

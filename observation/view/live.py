@@ -46,8 +46,8 @@ def follow(
     with Following(out, robots, permit=permit, isolate=isolate) as following:
         address = None if opened is None else opened.address
         with Sheet(path, following.arrangement, name="a run that goes on", send_to=address) as sheet:
-            following.begin(sheet)
             try:
+                following.begin(sheet)
                 _draw_all(out, following, sheet, opened, say)
             finally:
                 if not isinstance(sys.exception(), Interrupted):  # then nothing stays of the view

@@ -9,6 +9,7 @@ from pathlib import Path
 from benchmarks.hosts.cluster import ADDRESS, TlsCluster
 from benchmarks.hosts.namespaces import Hosts
 from tests.hosts.on_host import eventually
+from tests.swarm.command import run
 
 ROOT = Path(__file__).parents[2]
 
@@ -62,3 +63,8 @@ class HostedRun:
             )
             found += [name for name in listed.stdout.split() if name.startswith("acrc-")]
         return found
+
+
+def digest_here(out: Path, *words: str) -> str:
+    """Of the same run on one computer."""
+    return str(run(out, *words, "--bus", "memory")["digest"])

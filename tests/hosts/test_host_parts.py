@@ -96,7 +96,7 @@ def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
     }
 
 
-OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, None, 0.0, "/opt/acrc")
+OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, None, "/opt/acrc")
 
 
 @pytest.mark.parametrize(

@@ -39,9 +39,9 @@ def watched(tmp_path: Path) -> Iterator[tuple[Popen[str], Path, int]]:
 
 
 def grown(out: Path) -> bool:
-    """The world has taken some dozens of steps."""
-    record = out / "world" / "world.mcap"
-    return record.exists() and record.stat().st_size > 50_000
+    """The world has taken some dozens of steps, and the view has begun."""
+    record, view = out / "world" / "world.mcap", out / "view.rrd"
+    return record.exists() and record.stat().st_size > 50_000 and view.exists() and view.stat().st_size > 0
 
 
 def observer_of(out: Path) -> int:
