@@ -12,7 +12,7 @@ from tests.hosts.hosted_runs import HostedRun, digest_here
 @pytest.mark.timeout(400)
 def test_twenty_robots_on_three_hosts_have_the_digest_of_one_computer(tmp_path: Path) -> None:
     words = ("--robots", "20", "--duration", "4", "--seed", "2", "--json")
-    with Hosts(3) as three, TlsCluster(three, tmp_path / "cluster") as cluster:
+    with Hosts(3, disk_bytes=24 << 20) as three, TlsCluster(three, tmp_path / "cluster") as cluster:
         run = HostedRun(three, cluster, tmp_path / "hosted", *words)
         assert run.digest() == digest_here(tmp_path / "here", *words)
         assert run.nothing_left()

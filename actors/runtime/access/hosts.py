@@ -81,7 +81,8 @@ def host_config(issued: Credentials, keys: Keys, endpoint: str) -> zenoh.Config:
         for robot in issued.robots
     ]
     set_value(config, "access_control", access_section([*robots, Admitted("world", OVER_TLS, _WORLD)]))
-    set_value(config, "transport/link/tls", keys.connecting)
+    tls = keys.connecting | {"so_sndbuf": HostLinkParameters.send_buffer}
+    set_value(config, "transport/link/tls", tls)
     return config
 
 
