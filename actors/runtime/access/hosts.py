@@ -34,11 +34,11 @@ class HostLinkParameters:
     """
 
     send_buffer: int = 4 << 20
-    """Bytes that the socket is to take, for it to take a whole step; the system may give less. 60 robots are
-    sent 84 KB in a step."""
+    """Bytes that either end's socket is to take, for it to take a whole step; the system may give less. 60
+    robots are sent 84 KB in a step, and answer with less."""
     push_s: float = 0.05
-    """So often something is written all the same, s: a message of Zenoh's of some bytes, which takes along
-    what has stayed."""
+    """So often the world writes something all the same, s: a message of Zenoh's of some bytes, which takes
+    along what has stayed. A host does not, for it would wake each of its robots up as often."""
 
 
 _WORLD: Final = Grant(
