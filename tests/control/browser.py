@@ -7,7 +7,7 @@ import subprocess
 import time
 from base64 import b64decode
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -34,6 +34,10 @@ _KEYS: Final[dict[str, dict[str, Any]]] = {
     "Escape": {"code": "Escape", "windowsVirtualKeyCode": 27},
     "Tab": {"code": "Tab", "windowsVirtualKeyCode": 9},
 }
+
+
+class PageLeftError(AssertionError):
+    """The page was left while something was asked of it."""
 
 
 class Browser:
@@ -73,6 +77,8 @@ class Browser:
         while True:
             told = json.loads(self._socket.recv(20))
             if told.get("id") == self._number:
+                if "navigated" in told.get("error", {}).get("message", ""):
+                    raise PageLeftError(told)
                 assert "error" not in told, told
                 result: dict[str, Any] = told["result"]
                 return result
@@ -96,8 +102,14 @@ class Browser:
         until(lambda: self.value(f"location.href.startsWith({json.dumps(url)}) && {_WHOLE}"))
 
     def until(self, expression: str) -> None:
-        """Wait until an expression is true on the page."""
-        until(lambda: self.value(expression))
+        """Wait until an expression is true on the page, or on the one to which it leads meanwhile."""
+
+        def come() -> Any:
+            with suppress(PageLeftError):
+                return self.value(expression)
+            return None
+
+        until(come)
 
     def shot(self) -> bytes:
         """What can be seen of the page, as a PNG."""
