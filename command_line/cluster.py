@@ -85,7 +85,8 @@ def fetch(
     if not (out / "run.json").is_file() and goes_on(out):
         raise AcrcError(f"{out}: the run is going on; must have ended")
     fetched = fetch(out, address, _say)
-    answer([f"{fetched.files} files have come, {fetched.bytes} B"], asdict(fetched), json=json)
+    what = "1 file has come" if fetched.files == 1 else f"{fetched.files} files have come"
+    answer([f"{what}, {fetched.bytes} B"], asdict(fetched), json=json)
 
 
 def _say(sentence: str) -> None:

@@ -176,7 +176,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line(
             "cluster fetch runs/left --on {cluster} --json",
-            r'"files": 2, "bytes": \d+',
+            r'"files":2,"bytes":\d+',
             "runs/left/r2/r2.mcap",
         ),
     ),
