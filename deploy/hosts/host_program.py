@@ -12,17 +12,18 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from actors.processes.launch import Launcher, launcher
-from actors.runtime.access import credentials, hosts
+from actors.runtime.access import credentials, hosts, router_file
 from actors.runtime.access.credentials import Credentials, reveal
 from actors.runtime.access.tls import load_keys
 from actors.runtime.bus.host_router import HostRouter, open_host_router
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import own_folder
 from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
 from deploy.hosts.channel import Channel, ChannelClosedError, from_host
@@ -118,6 +119,7 @@ class HostProgram:
         for robot in begin.robots:
             own_folder(run / robot).mkdir(parents=True, exist_ok=True)
         self._issued = credentials.issue({robot: run / robot for robot in begin.robots}, run / _INFRA, ())
+        router_file.write(run / _INFRA / router_file.NAME, self._issued)
         for words in begin.share:
             launched.share("actors.robot.program", words, run)
 
@@ -216,7 +218,14 @@ def main(argv: Sequence[str]) -> int:
         return _failed(channel, error)
     finally:
         channel.close()
-        shutil.rmtree(folder / KEYS, ignore_errors=True)  # also where its worker is not there to do it
+        _remove_secrets(folder)
+
+
+def _remove_secrets(folder: Path) -> None:
+    """Leave neither keys nor passwords behind, also where the worker is not there to do it."""
+    shutil.rmtree(folder / KEYS, ignore_errors=True)
+    with suppress(AcrcError):  # what a robot has put in the place of one
+        router_file.remove(folder / RUN / _INFRA / router_file.NAME)
 
 
 def _failed(channel: Channel[ToHost], error: Exception) -> int:

@@ -54,6 +54,16 @@ class HostedRun:
         """On no host a process of the run is left."""
         return eventually(lambda: all(len(host.processes()) <= 1 for host in self.hosts.each))
 
+    def secrets_left(self) -> list[str]:
+        """What lies there of keys and passwords of a run."""
+        found: list[str] = []
+        for host in self.hosts.each:
+            names = ["(", "-name", "credentials", "-o", "-name", "key.pem", "-o", "-name", "users", ")"]
+            words = ["find", str(host.disk), "-path", "*/acrc-*/*", *names]
+            listed = subprocess.run(host.command(words), capture_output=True, text=True, check=True)
+            found += listed.stdout.split()
+        return found
+
     def folders_left(self) -> list[str]:
         """What lies on the hosts' disks, beside the cluster's own."""
         found = []

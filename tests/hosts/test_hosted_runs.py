@@ -118,6 +118,8 @@ def test_recordings_that_are_left_are_sealed_looked_at_from_here_and_fetched(
     assert result["deeco"] == json.loads((tmp_path / "here" / "run.json").read_text())["deeco"]
     assert list(out.glob("r[0-9]/*.mcap")) == []
     assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `acrc cluster fetch" in said
+    assert len(run.folders_left()) == 2
+    assert run.secrets_left() == []
     told = hosts_file.read(out)
     assert told is not None
     assert {name: part.robots for name, part in told.hosts.items()} == {
@@ -155,6 +157,7 @@ def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
     assert "; what robots have recorded is in " in said
     assert run.nothing_left()
     assert len(run.folders_left()) == 1
+    assert run.secrets_left() == []
     fetched = acrc(hosts, cluster, "cluster", "fetch", str(tmp_path / "out"))
     assert fetched.returncode == 0, fetched.stderr
     assert run.folders_left() == []
