@@ -29,7 +29,8 @@ def logs(out: Path, robot: str) -> list[Path]:
 
 def robots(out: Path) -> list[str]:
     """Those whose processes have begun in a run's folder."""
-    names = {path.parent.name for path in out.glob("*/*.log")} - {"world", "radio"}
+    files = (path for path in out.glob("*/*") if path.suffix in {".mcap", ".log"})
+    names = {path.parent.name for path in files} - {"world", "radio"}
     return sorted(names, key=lambda name: (len(name), name))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.robot_logs import EVERYBODY, LogTail, logs
+from actors.processes.robot_logs import EVERYBODY, LogTail, logs, robots
 from actors.runtime import prints
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -35,6 +35,13 @@ def talked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_each_robot_has_its_own_lines(talked: Path) -> None:
     assert (talked / "r1" / "r1.log").read_text() == R1
     assert (talked / "r2" / "r2.log").read_text().startswith(R1.replace("r1", "r2"))
+
+
+def test_a_robot_is_known_by_its_recording_or_where_that_is_on_a_host_by_its_log(tmp_path: Path) -> None:
+    for name in ("world/world.mcap", "radio/radio.log", "r1/r1.mcap", "r2/r2.log", "map/map.png"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    assert robots(tmp_path) == ["r1", "r2"]
 
 
 def test_a_flood_is_bounded_and_counted(talked: Path) -> None:
