@@ -4,6 +4,7 @@ What is no regular file would keep a reader waiting for ever, and a link leads a
 """
 
 import errno
+import hashlib
 import os
 import secrets
 import stat
@@ -43,6 +44,13 @@ def content(path: Path, most: int = LARGEST) -> bytes:
     if len(data) > most:
         raise OSError(errno.EFBIG, f"has more than {most} bytes", str(path))
     return data
+
+
+def summed(path: Path) -> tuple[int, str]:
+    """How many bytes a regular file has, and its SHA-256 in hexadecimal. OSError, also for a link."""
+    with opened(path, links=False) as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return file.tell(), digest
 
 
 @contextmanager

@@ -36,8 +36,8 @@ class TlsCluster:
     def __init__(self, hosts: Hosts, folder: Path, *, through: Mapping[str, str] | None = None) -> None:
         """`folder`: made for keys, temporary files and logs (here.log, h1.log, …), which stay there.
 
-        `through`: by a host's name, the scheduler's address as its
-        worker is told it, such as tls:// and that of a relay; the others are told ADDRESS.
+        `through`: by a host's name, the scheduler's address as its worker is told it, such as tls:// and that
+        of a relay; the others are told ADDRESS.
         """
         self.folder = folder.absolute()
         self.environment = os.environ | {"DASK_CONFIG": str(self.folder / "keys")}

@@ -1,11 +1,11 @@
 """Brings here what has stayed on the hosts of a run that is over."""
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 from distributed import Client
@@ -17,10 +17,7 @@ from deploy.clusters.connection import PATIENCE_S, connect, machines
 from deploy.hosts import left_files
 from deploy.hosts.left_files import MOST, PIECE, Listed
 from observation.results import hosts_file
-from observation.results.hosts_file import HostPart, HostsFile
-
-_LARGEST: Final = 1 << 40
-"""Bytes of a file that is begun."""
+from observation.results.hosts_file import HostPart, HostsFile, LeftFile
 
 
 @dataclass(frozen=True)
@@ -47,15 +44,10 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
         files = size = 0
         for host in found:
             came = [one.bytes for one in host.listed() if host.bring(out, one)]
+            host.lacks_nothing(hosts_file.elsewhere(out))
             host.remove()
             files, size = files + len(came), size + sum(came)
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
-        if left := hosts_file.elsewhere(out):
-            some, one = next(iter(left.items()))
-            raise AcrcError(
-                f"{out / some}: is gone, here and on host {one.host}"
-                + (f"; so are {len(left) - 1} more" if len(left) > 1 else "")
-            )
         return Fetched(files, size)
     finally:
         with suppress(Exception):  # whatever a lost cluster is to the library
@@ -89,8 +81,6 @@ class _Host:
             robot = one.name.partition("/")[0]
             if not left_files.is_name(one.name) or robot not in self._part.robots or len(files) > MOST:
                 raise self._lie(f"a file {one.name[:100]!r}, which is none of its own")
-            if not 0 <= one.bytes <= _LARGEST:
-                raise self._lie(f"a file {one.name} of {one.bytes} bytes")
             known = self._told.left.get(one.name)
             if known is not None and (known.bytes, known.sha256) != (one.bytes, one.sha256):
                 raise self._lie(f"another {one.name} than it had at the run's end")
@@ -99,9 +89,9 @@ class _Host:
     def bring(self, out: Path, one: Listed) -> bool:
         """Have the file here; False if it was. Raises ClusterError, and AcrcError where it cannot be kept."""
         path = out / one.name
-        if path.is_file() and not path.is_symlink() and _sum(path) == one.sha256:
-            return False
         try:
+            if path.is_file() and not path.is_symlink() and regular_file.summed(path)[1] == one.sha256:
+                return False
             path.parent.mkdir(exist_ok=True)
             regular_file.no_link(path.parent)
             with regular_file.replaced(path) as part, part.open("wb") as file:
@@ -120,6 +110,13 @@ class _Host:
                 f"{path}: cannot be written: {error.strerror}; it stays on host {self.name}"
             ) from None
         return True
+
+    def lacks_nothing(self, left: Mapping[str, LeftFile]) -> None:
+        """Raise ClusterError if a recording of this host is not here, once all that it has is."""
+        gone = [name for name, one in left.items() if one.host == self.name]
+        if gone:
+            more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""
+            raise ClusterError(f"host {self.name} no longer has {gone[0]}{more}; it is not here either")
 
     def remove(self) -> None:
         """Have it removed there. Raises ClusterError."""
@@ -140,8 +137,3 @@ class _Host:
 
     def _lie(self, what: str) -> ClusterError:
         return ClusterError(printable(f"{self._on}: host {self.name} has sent {what}"))
-
-
-def _sum(path: Path) -> str:
-    with regular_file.opened(path, links=False) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,10 +5,10 @@ from typing import Annotated, Final
 import msgspec
 
 from actors.runtime.isolation.resource_limits import ProcessLimits
+from observation.results.hosts_file import Id, Size, Sum
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 """Of a process that was asked for, counted over the run."""
-Id = Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
 Seconds = Annotated[float, msgspec.Meta(ge=0)]
 Words = Annotated[str, msgspec.Meta(max_length=2000)]
 PART: Final = 1 << 16
@@ -93,8 +93,8 @@ class LeftRecording(msgspec.Struct, frozen=True, tag=True):
     """From a host: the recording of a process that has ended, and stays there."""
 
     number: Number
-    bytes: Annotated[int, msgspec.Meta(ge=0, le=1 << 50)]
-    sha256: Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
+    bytes: Size
+    sha256: Sum
     notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
     """Of what its process has noted in it, the ends: `final`, `failure`."""
 

@@ -1,7 +1,6 @@
 """The robots' processes on a host: started as on one computer, and what they write is sent where the run was
 started."""
 
-import hashlib
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -161,10 +160,10 @@ class HostRobots:
         record = program.record
         if not self._begin.leave or record is None:
             return
-        with suppress(OSError), regular_file.opened(record, links=False) as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        with suppress(OSError):
+            size, digest = regular_file.summed(record)
             noted = {name: said for name, said in _notes(record).items() if name in _ENDS}
-            yield LeftRecording(number, file.tell(), digest, noted)
+            yield LeftRecording(number, size, digest, noted)
 
     def _growing(self, path: Path) -> GrowingFile:
         return self._files.setdefault(path, GrowingFile(self._folder, path))

@@ -4,7 +4,6 @@ The folder is one that `host_task.serve` has made for that run, or nothing is do
 somebody else has written names no other.
 """
 
-import hashlib
 import re
 import shutil
 import tempfile
@@ -17,6 +16,7 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from deploy.hosts.host_program import ERRAND, RUN, HostErrand
 from deploy.hosts.host_task import FOLDER
+from observation.results.hosts_file import Size, Sum
 
 PIECE: Final = 4 << 20
 """Bytes of a file that are read at once."""
@@ -30,8 +30,8 @@ class Listed(msgspec.Struct, frozen=True):
 
     name: str
     """Below the run's folder: a recording, or the log beside it."""
-    bytes: int
-    sha256: str
+    bytes: Size
+    sha256: Sum
 
 
 def listed(folder: str, run: str) -> bytes:
@@ -41,10 +41,10 @@ def listed(folder: str, run: str) -> bytes:
         return msgspec.json.encode(found)
     for path in sorted(place.glob("*/*")):
         name = path.relative_to(place).as_posix()
-        if is_name(name) and path.is_file() and len(found) < MOST:
-            with regular_file.opened(path, links=False) as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-                found.append(Listed(name, file.tell(), digest))
+        if is_name(name) and path.is_file() and not path.is_symlink():
+            found.append(Listed(name, *regular_file.summed(path)))
+    if len(found) > MOST:
+        raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MOST} are fetched")
     return msgspec.json.encode(found)
 
 

@@ -192,8 +192,8 @@ def _is_too_large(folder: Path) -> bool:
 
 def _sum(path: Path) -> str | None:
     """The file's SHA-256; None if it is none that can be read."""
-    with suppress(OSError), regular_file.opened(path, links=False) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with suppress(OSError):
+        return regular_file.summed(path)[1]
     return None
 
 

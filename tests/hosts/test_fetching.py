@@ -80,12 +80,25 @@ def test_recordings_and_logs_come_and_nothing_else_and_nothing_is_left(there: Pa
 
 
 def test_what_is_gone_there_and_not_here_is_said(there: Path, out: Path) -> None:
+    (there / "run" / "r1" / "r1.mcap").unlink()
+    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
+        fetch(out, "", quiet)
+    assert (there / "run" / "r2" / "r2.mcap").is_file()  # nothing is removed
     left_files.remove(str(there), RUN)
-    with pytest.raises(AcrcError, match=r"r1/r1.mcap: is gone, here and on host h"):
+    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
         fetch(out, "", quiet)
 
 
-@pytest.mark.parametrize("folder", ["/etc", "/root/acrc-x", "elsewhere/acrc-x", "acrc-y/../../acrc-x", "x"])
+def test_more_files_than_are_fetched_are_not_removed(
+    there: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(left_files, "MOST", 3)
+    with pytest.raises(AcrcError, match="has 4 recordings and logs; at most 3 are fetched"):
+        fetch(out, "", quiet)
+    assert there.exists()
+
+
+@pytest.mark.parametrize("folder", ["/etc", "/srv/acrc-x", "elsewhere/acrc-x", "acrc-y/../../acrc-x", "x"])
 def test_a_worker_gives_nothing_of_another_folder(there: Path, tmp_path: Path, folder: str) -> None:
     for ask in (left_files.listed, left_files.remove):
         with pytest.raises(AcrcError, match="is no folder of a run"):
@@ -118,8 +131,9 @@ LIES: list[tuple[Any, str]] = [
     (7, "no list of files"),
     ([Listed("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is none of its own"),
     ([Listed("r1/../../x.mcap", 1, SUM)], "which is none of its own"),
-    ([Listed("r2/r2.mcap", -1, SUM)], "of -1 bytes"),
-    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "a file r2/r2.mcap of 1152921504606846976 bytes"),
+    ([Listed("r2/r2.mcap", -1, SUM)], "no list of files: Expected `int` >= 0"),
+    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "no list of files: Expected `int` <= "),
+    ([Listed("r2/r2.mcap", 1, "0")], "no list of files: Expected `str` matching"),
     ([Listed("r1/r1.mcap", 1, SUM)], "another r1/r1.mcap than it had at the run's end"),
 ]
 
