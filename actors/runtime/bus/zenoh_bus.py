@@ -2,6 +2,7 @@
 
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +20,8 @@ _ONE_THREAD: Final = (
     "net: (handover: rx))"
 )
 """All of Zenoh's work on one thread: with a process per robot, more of them only wake one another."""
+_FAREWELL_S: Final = 2.0
+"""How long a session may take to close: own choice, less than a supervisor grants to a process."""
 
 
 class ZenohBus:
@@ -93,7 +96,25 @@ def open_session(
     try:
         yield session
     finally:
-        # Whoever has been stopped for good takes no farewell, and Zenoh gives up after 10 s. What all others
-        # were sent has been written by then, and each side counts what it sent and received.
-        with suppress(zenoh.ZError):
-            session.close()  # type: ignore[no-untyped-call]
+        _close(session)
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close it, or leave that to the end of the process where it takes long.
+
+    Whoever has been stopped for good takes no farewell, and where a router waits to tell it that somebody
+    else has left, it waits for ever (Zenoh 1.10.2; eclipse-zenoh/zenoh#1267 is open). What all others were
+    sent has been written by then, and each side counts what it sent and received.
+    """
+    closing = threading.Thread(target=_closed, args=(session,), daemon=True)
+    try:
+        closing.start()
+    except RuntimeError:  # of threads there may be no more
+        _closed(session)
+    else:
+        closing.join(_FAREWELL_S)
+
+
+def _closed(session: zenoh.Session) -> None:
+    with suppress(zenoh.ZError):
+        session.close()  # type: ignore[no-untyped-call]
