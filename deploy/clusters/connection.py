@@ -2,14 +2,16 @@
 
 import logging
 import sys
-from typing import Final
+from typing import Any, Final
 
-from distributed import Client
+from distributed import Client, Future, wait
 
 from deploy.clusters.address import PAGE, ClusterError, host_and_port, is_safe
 from deploy.clusters.tls import security
 
 PATIENCE_S: Final = 10.0
+_LOOK_S: Final = 5.0
+"""So often whoever waits for a worker looks what keeps it."""
 
 
 def connect(address: str) -> Client:
@@ -59,3 +61,25 @@ def machines(client: Client) -> list[str]:
     for worker in sorted(map(str, client.nthreads())):
         first.setdefault(host_and_port(worker)[0], worker)
     return list(first.values())
+
+
+def answer(client: Client, address: str, worker: str, future: Future[Any]) -> Any:
+    """What the worker has to say to the task, as long as that takes; after a while whoever waits is told why.
+
+    Raises ClusterError where the worker has left, and what the task raises.
+    """
+    told = False
+    while not future.done():
+        try:
+            wait(future, timeout=_LOOK_S)
+        except TimeoutError:
+            if worker not in client.nthreads():
+                raise ClusterError(
+                    f"--on {address}: the worker {worker} has left the cluster ({PAGE})"
+                ) from None
+            if not told:
+                told = True
+                others = {*client.processing([worker]).get(worker, ())} - {future.key}
+                busy = "; it is busy, as with another run or a campaign" if others else ""
+                sys.stderr.write(f"acrc: --on {address}: waiting for the worker {worker}{busy}\n")
+    return future.result()

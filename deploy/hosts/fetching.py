@@ -13,7 +13,7 @@ from distributed import Client
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 from deploy.clusters.address import PAGE, ClusterError, host_and_port
-from deploy.clusters.connection import PATIENCE_S, connect, machines
+from deploy.clusters.connection import PATIENCE_S, answer, connect, machines
 from deploy.hosts import left_files
 from deploy.hosts.left_files import MOST, PIECE, Listed
 from observation.results import hosts_file
@@ -62,7 +62,8 @@ class _Host:
     ) -> None:
         self.name = name
         self._client, self._part, self._told = client, part, told
-        self._on = f"--on {address or told.cluster}"
+        self._address = address or told.cluster
+        self._on = f"--on {self._address}"
         if part.address not in ways:
             raise ClusterError(
                 f"{self._on}: has no worker at {part.address}, where host {name} has recordings in "
@@ -129,7 +130,9 @@ class _Host:
             workers=[self._worker], allow_other_workers=False, pure=False,
         )  # fmt: skip
         try:
-            return future.result()
+            return answer(self._client, self._address, self._worker, future)
+        except ClusterError:
+            raise
         except Exception as error:  # whatever it raised there, or a lost worker is to the library
             told = str(error).splitlines()
             reason = printable(told[0][:300] if told else repr(error))

@@ -11,7 +11,7 @@ from distributed import Client, Future
 
 from actors.runtime.errors import printable
 from deploy.clusters.address import PAGE, ClusterError
-from deploy.clusters.connection import PATIENCE_S, connect, machines
+from deploy.clusters.connection import PATIENCE_S, answer, connect, machines
 from deploy.hosts import host_probe, host_task
 from deploy.hosts.host_probe import HostOffer
 from deploy.hosts.listening import own_address
@@ -78,7 +78,7 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
     ]
     found: dict[str, HostOffer] = {}
     for worker, future in zip(workers, asked, strict=True):
-        offer = _offer(address, worker, future)
+        offer = _offer(client, address, worker, future)
         stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
         number = next(n for n in range(1, len(workers) + 1) if _numbered(stem, n) not in found)
         found[_numbered(stem, number)] = offer
@@ -89,12 +89,14 @@ def _numbered(stem: str, number: int) -> str:
     return stem if number == 1 else f"{stem}-{number}"
 
 
-def _offer(address: str, worker: str, future: Future[Any]) -> HostOffer:
+def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
     try:
-        code, said, last = future.result()
+        code, said, last = answer(client, address, worker, future)
         if code == 0:
             return msgspec.json.decode(said, type=HostOffer)
         reason = (str(last).strip() or f"exit code {code}").splitlines()[-1]
+    except ClusterError:
+        raise
     except Exception as error:  # whatever it raised there, or a lost worker is to the library
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
     raise ClusterError(

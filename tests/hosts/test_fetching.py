@@ -58,7 +58,7 @@ def answers(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any]) -> None
 
     def submit(function: Callable[..., Any], *words: Any, **how: Any) -> SimpleNamespace:
         assert how["workers"] == ["tls://10.0.0.2:4000"]
-        return SimpleNamespace(result=lambda: answer(function, *words))
+        return SimpleNamespace(done=lambda: True, result=lambda: answer(function, *words))
 
     client = SimpleNamespace(submit=submit, close=lambda timeout: None)
     monkeypatch.setattr(fetching, "connect", lambda address: client)
