@@ -29,7 +29,7 @@ class Doom(msgspec.Struct, frozen=True):
 def sentence(doom: Doom) -> str:
     """With which the run ends; "" if it ends well. No process may be left that was not there before."""
     before = process_table.children(os.getpid(), process_table.table())
-    overrides = Overrides(strategy=f"tests.swarm.saboteur:{doom.behaviour}", robots=2, duration=3)
+    overrides = Overrides(strategy=f"tests.failures.saboteur:{doom.behaviour}", robots=2, duration=3)
     options = RunOptions(Path(doom.out), isolate=doom.bus == "isolated")
     plan = replace(swarm.plan(load_scenario(None, overrides), options), timeout=Timeout(**doom.limits))
     said = ""

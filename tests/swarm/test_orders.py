@@ -26,8 +26,8 @@ from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import orders
 from observation.replay.record_replay import replay_actor
+from tests.failures.failing import stepping, until
 from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of
-from tests.swarm.test_failures import stepping, until
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.failures.failing import stepping, until
 from tests.swarm.command import ROOT, begin, processes_of
-from tests.swarm.test_failures import stepping, until
 
 
 @pytest.mark.parametrize("isolation", ["--isolate", "--no-isolate"])

@@ -85,7 +85,7 @@ def _say_much() -> None:
 
 
 def raises(start: Start) -> Behaviour:
-    """Entry `tests.swarm.saboteur:raises`."""
+    """Entry `tests.failures.saboteur:raises`."""
     return Raises(start)
 
 

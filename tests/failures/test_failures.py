@@ -4,14 +4,11 @@ import json
 import os
 import re
 import signal
-import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypeVar
 
 import msgspec
 import pytest
@@ -19,51 +16,19 @@ from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
 from actors.processes.silence import Timeout
-from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_notes, read_recording
-from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.replay.record_replay import replay_actor
 from tests import warm
+from tests.failures import saboteur
+from tests.failures.failing import gone, last_step, process_of, until
 from tests.run.doomed import Doom, sentence
-from tests.swarm import saboteur
-from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of, run, start
+from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of, run
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 SPAWNS = ("forkserver", "exec")
-
-
-def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
-    """Wait for something that must come true."""
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
-
-
-def stepping(out: Path) -> bool:
-    """True once the run in `out` has taken a good number of steps."""
-    recording = out / "world" / "world.mcap"
-    return recording.exists() and recording.stat().st_size > 100_000
-
-
-def process_of(out: Path, actor: str) -> int:
-    """The process id of an actor, found by the log that it writes to."""
-    (found,) = [
-        pid
-        for pid in processes_of(out)
-        if str(Path(f"/proc/{pid}/fd/1").readlink()).endswith(f"/{actor}.log")
-    ]
-    return found
-
-
-def last_step(path: Path) -> int:
-    """Of the last message in a recording, but for Received, which belongs to the step after."""
-    entries = [item for item in read_recording(path) if isinstance(item, Entry)]
-    return max(item.step for item in entries if not item.key.endswith("/received"))
 
 
 def place(text: str, *, after: str = "") -> str:
@@ -73,88 +38,22 @@ def place(text: str, *, after: str = "") -> str:
     return f"saboteur.py:{next(n for n, line in enumerate(lines[below:], below + 1) if text in line)}"
 
 
-def gone(out: Path) -> bool:
-    return processes_of(out) == [] and leftovers(out) == []
-
-
-Acrc = TypeVar("Acrc", warm.Begun, subprocess.Popen[str])
-
-
-def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:
-    """A long run that has begun to step."""
-    corridor = ROOT / "scenarios" / "corridor.toml"
-    process = begins("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
-    until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
-    return process
-
-
-class Death(NamedTuple):
-    """A run that ended as one of its actors was killed."""
-
-    out: Path
-    code: int
-    said: str
-    lasted_s: float
-
-
-def killed(out: Path, actor: str, spawn: str) -> Death:
-    process = started(begin, out, "--spawn", spawn)
-    os.kill(process_of(out, actor), signal.SIGKILL)
-    died = time.monotonic()
-    _, said = process.communicate(timeout=20)
-    return Death(out, process.wait(), said, time.monotonic() - died)
-
-
-@pytest.fixture(scope="module")
-def r2_killed(tmp_path_factory: pytest.TempPathFactory) -> Death:
-    """For all who look at what it left."""
-    return killed(tmp_path_factory.mktemp("r2") / "out", "r2", "forkserver")
-
-
-@pytest.mark.parametrize(
-    ("actor", "spawn"),
-    [
-        ("r2", "exec"),
-        ("radio", "forkserver"),
-        ("world", "forkserver"),
-        *(pytest.param(actor, "exec", marks=pytest.mark.nightly) for actor in ("radio", "world")),
-    ],
-)
-def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, actor: str, spawn: str) -> None:
-    check_end(killed(tmp_path / "out", actor, spawn), actor)
-
-
-def test_a_killed_robot_ends_the_run_at_once(r2_killed: Death) -> None:
-    check_end(r2_killed, "r2")
-
-
-def check_end(death: Death, actor: str) -> None:
-    assert death.lasted_s < 10  # not the 30 s of a silent actor
-    assert death.code == 1
-    assert death.said.strip().splitlines()[-1] == f"acrc: {actor} was ended by signal SIGKILL"
-    assert gone(death.out)
-    steps = {path.stem: last_step(path) for path in death.out.glob("*/*.mcap")}
-    # its own last step may be sent and not yet in its file, while the world is in the one after
-    assert len(steps) == 4 and abs(max(steps.values()) - steps.pop(actor)) <= 2
-    assert max(steps.values()) - min(steps.values()) <= 1
-
-
 def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = acrc("run", "--strategy", "tests.swarm.saboteur:raises", "--out", out)
+    done = acrc("run", "--strategy", "tests.failures.saboteur:raises", "--out", out)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
         "acrc: r2 failed in step 20: ZeroDivisionError: my strategy divides by the number of its friends "
         f"({place('raise ZeroDivisionError')})"
     )
     log = (out / "r2" / "r2.log").read_text()
-    assert "Traceback" in log and "in step 20 (2 s): behaviour 'tests.swarm.saboteur:raises' of r2" in log
+    assert "Traceback" in log and "in step 20 (2 s): behaviour 'tests.failures.saboteur:raises' of r2" in log
     assert gone(out) and last_step(out / "r1" / "r1.mcap") in (19, 20)
 
 
 def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = acrc("run", "--strategy", "tests.swarm.saboteur:raises", "--out", out, "--bus", "memory")
+    done = acrc("run", "--strategy", "tests.failures.saboteur:raises", "--out", out, "--bus", "memory")
     assert done.returncode == 1
     assert "ZeroDivisionError: my strategy divides by the number of its friends" in done.stderr
     failures = {path.stem for path in out.glob("*/*.mcap") if "failure" in read_notes(path)}
@@ -186,13 +85,12 @@ def test_a_hang_is_named_after_the_timeout_with_step_actor_message_and_line(tmp_
 def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
     where = rf"({place('while True:', after='def _spin')}|{place('count += 1')}) \(_spin\)"
+    # a machine that takes the processor away for a moment makes the loop look as if it waited as well
+    used = r"(after 1 s of processor time|for 1 s, 1 s of them processor time)"
     if bus == "zenoh":
-        expected = rf"step 20 \(2 s\): no Drive from r2 after 1 s of processor time; r2 stands at {where}"
+        expected = rf"step 20 \(2 s\): no Drive from r2 {used}; r2 stands at {where}"
     else:
-        expected = (
-            r"step 20: r2 does not come to the step's end after 1 s of processor time; "
-            rf"it stands at {where}"
-        )
+        expected = rf"step 20: r2 does not come to the step's end {used}; it stands at {where}"
     assert re.fullmatch(expected, said)
 
 
@@ -213,7 +111,7 @@ def test_who_waits_in_the_kernel_for_a_process_of_its_own_is_named(tmp_path: Pat
 def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.Begun:
     """A run in memory whose r2 behaves like that after two seconds."""
     words = ("--bus", "memory", "--robots", 2, "--duration", 4, "--timeout", timeout_s)
-    return begin("run", "--strategy", f"tests.swarm.saboteur:{behaviour}", *words, "--out", out)
+    return begin("run", "--strategy", f"tests.failures.saboteur:{behaviour}", *words, "--out", out)
 
 
 def in_step_20(out: Path) -> bool:
@@ -266,7 +164,7 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
 def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:
     words = ("--robots", 3, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
-    done = acrc("run", "--strategy", "tests.swarm.saboteur:naps", *words)
+    done = acrc("run", "--strategy", "tests.failures.saboteur:naps", *words)
     assert done.returncode == 0, done.stderr
     held_up = json.loads((tmp_path / "out" / "run.json").read_text())["held_up"]
     assert held_up.keys() == {"r2"} and held_up["r2"]["steps"] == 3
@@ -350,38 +248,6 @@ def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.Cap
     assert "acrc: world stopped by a signal; the run waits for SIGCONT" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("spawn", ["forkserver", pytest.param("exec", marks=pytest.mark.nightly)])
-def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
-    out = tmp_path / "out"
-    process = started(start, out, "--spawn", spawn)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
-    assert process.returncode == 130
-    assert f"acrc: ended from outside; what was recorded is in {out}" in said
-    assert gone(out) and last_step(out / "r1" / "r1.mcap") > 0
-    assert acrc("record", "check", out).returncode == 0
-
-
-@pytest.mark.parametrize("spawn", SPAWNS)
-def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) -> None:
-    out = tmp_path / "out"
-    process = started(start, out, "--spawn", spawn)
-    process.kill()
-    process.wait()
-    until(lambda: gone(out), timeout_s=5.0)
-
-
-@pytest.mark.parametrize("spawn", SPAWNS)
-def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path, spawn: str) -> None:
-    out = tmp_path / "out"
-    process = started(begin, out, "--spawn", spawn)
-    process.send_signal(signal.SIGSTOP)  # else it might tidy up after the world
-    os.kill(process_of(out, "world"), signal.SIGKILL)
-    process.kill()
-    process.wait()
-    until(lambda: gone(out), timeout_s=10.0)
-
-
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     done = acrc("run", "--out", tmp_path)
@@ -390,13 +256,6 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
         done.stderr.strip() == f"acrc: --out: {tmp_path} exists and is not an empty folder; must be a new one"
     )
     assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
-
-
-def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(r2_killed: Death) -> None:
-    for actor in ("r1", "r2", "world", "radio"):
-        assert replay_actor(r2_killed.out, actor).outputs > 0
-    again = replay_swarm(r2_killed.out, permit=INSTALLED)
-    assert again.messages > 0 and not again.complete
 
 
 def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) 
 def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Path, pieces: str) -> None:
     out = tmp_path / "out"
     words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=2000", "--timeout", 60)
-    done = acrc("run", "--strategy", f"tests.swarm.saboteur:{pieces}", *words, "--out", out)
+    done = acrc("run", "--strategy", f"tests.failures.saboteur:{pieces}", *words, "--out", out)
     assert done.returncode == 1
     # without memory for the innermost frames an outer one is named (tests/run/test_reserve.py)
     place = r"saboteur.py:\d+" if pieces == "hoards" else r"\w+.py:\d+"
@@ -55,7 +55,7 @@ def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Pa
 def test_a_strategy_that_fills_the_disk_ends_the_run_and_is_named(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("--robots", 2, "--duration", 4, "--isolate", "--limit", "disk_mb=30")
-    done = acrc("run", "--strategy", "tests.swarm.saboteur:fills", *words, "--out", out)
+    done = acrc("run", "--strategy", "tests.failures.saboteur:fills", *words, "--out", out)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
         f"acrc: r2 has written more than 30 MB to {out}/r2; --limit disk_mb=N allows more"
