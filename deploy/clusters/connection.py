@@ -4,7 +4,7 @@ import logging
 import sys
 from typing import Any, Final
 
-from distributed import Client, Future, wait
+from distributed import CancelledError, Client, Future, wait
 
 from deploy.clusters.address import PAGE, ClusterError, host_and_port, is_safe
 from deploy.clusters.tls import security
@@ -19,7 +19,8 @@ def connect(address: str) -> Client:
 
     `address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer. Raises ClusterError.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says there is raised as well
+    for name in ("distributed", "distributed.client"):  # what they say there is raised as well
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         given = security(address, PATIENCE_S) if address.startswith("tls://") else None
         client = Client(address, timeout=PATIENCE_S, security=given)
@@ -66,20 +67,26 @@ def machines(client: Client) -> list[str]:
 def answer(client: Client, address: str, worker: str, future: Future[Any]) -> Any:
     """What the worker has to say to the task, as long as that takes; after a while whoever waits is told why.
 
-    Raises ClusterError where the worker has left, and what the task raises.
+    Raises ClusterError where the worker has left or the scheduler is lost, and what the task raises.
     """
     told = False
-    while not future.done():
-        try:
-            wait(future, timeout=_LOOK_S)
-        except TimeoutError:
-            if worker not in client.nthreads():
-                raise ClusterError(
-                    f"--on {address}: the worker {worker} has left the cluster ({PAGE})"
-                ) from None
-            if not told:
+    try:
+        while not future.done():
+            try:
+                wait(future, timeout=_LOOK_S)
+            except TimeoutError:
+                why = _why(client, address, worker, future)
+                if not told:
+                    sys.stderr.write(f"acrc: --on {address}: waiting for the worker {worker}{why}\n")
                 told = True
-                others = {*client.processing([worker]).get(worker, ())} - {future.key}
-                busy = "; it is busy, as with another run or a campaign" if others else ""
-                sys.stderr.write(f"acrc: --on {address}: waiting for the worker {worker}{busy}\n")
-    return future.result()
+        return future.result()
+    except CancelledError:
+        raise ClusterError(f"--on {address}: the scheduler does not answer any more ({PAGE})") from None
+
+
+def _why(client: Client, address: str, worker: str, future: Future[Any]) -> str:
+    """What keeps the worker, in words; empty if nothing is known. Raises ClusterError if it has left."""
+    if worker not in client.nthreads():
+        raise ClusterError(f"--on {address}: the worker {worker} has left the cluster ({PAGE})")
+    others = {*client.processing([worker]).get(worker, ())} - {future.key}
+    return "; it is busy, as with another run or a campaign" if others else ""

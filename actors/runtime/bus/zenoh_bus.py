@@ -96,25 +96,25 @@ def open_session(
     try:
         yield session
     finally:
-        _close(session)
+        _take_leave(session)
 
 
-def _close(session: zenoh.Session) -> None:
+def _take_leave(session: zenoh.Session) -> None:
     """Close it, or leave that to the end of the process where it takes long.
 
     Whoever has been stopped for good takes no farewell, and where a router waits to tell it that somebody
     else has left, it waits for ever (Zenoh 1.10.2; eclipse-zenoh/zenoh#1267 is open). What all others were
     sent has been written by then, and each side counts what it sent and received.
     """
-    closing = threading.Thread(target=_closed, args=(session,), daemon=True)
+    closing = threading.Thread(target=_close, args=(session,), daemon=True)
     try:
         closing.start()
     except RuntimeError:  # of threads there may be no more
-        _closed(session)
+        _close(session)
     else:
         closing.join(_FAREWELL_S)
 
 
-def _closed(session: zenoh.Session) -> None:
+def _close(session: zenoh.Session) -> None:
     with suppress(zenoh.ZError):
         session.close()  # type: ignore[no-untyped-call]
