@@ -1,9 +1,11 @@
 """Standard streams that are closed, full, or read by nobody, and signals that are to be ignored."""
 
+import ctypes
 import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -63,6 +65,23 @@ def test_a_signal_that_comes_while_a_class_is_made_is_one_all_the_same() -> None
     with pytest.raises(Interrupted) as caught, signals_as_interrupts():
         type("Made", (), {"attribute": Interrupting()})
     assert caught.value.exit_code == 128 + signal.SIGTERM
+
+
+def test_a_signal_that_comes_while_c_calls_python_is_not_lost() -> None:
+    calls: list[int] = []
+
+    def call() -> None:
+        calls.append(0)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    called = ctypes.CFUNCTYPE(None)(call)
+    before = sys.unraisablehook
+    with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+        called()
+        called()
+        time.sleep(10.0)
+    assert caught.value.exit_code == 128 + signal.SIGTERM
+    assert (len(calls), sys.unraisablehook) == (2, before)
 
 
 def test_python_that_closes_standard_output_before_what_stands_there_ends_without_a_word() -> None:
