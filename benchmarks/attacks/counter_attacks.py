@@ -4,7 +4,6 @@ import ctypes
 import mmap
 import os
 import resource
-import socket
 import subprocess
 import sys
 import time
@@ -17,6 +16,15 @@ from benchmarks.attacks.file_attacks import FILTER
 from benchmarks.attacks.member import Note, Stage, SwarmMember
 from benchmarks.attacks.memory_attacks import OTHER_PAGES, PAGES, clear_pages, read_pages, view
 from benchmarks.attacks.network_attacks import REPOSITORY, TREE, process
+from benchmarks.attacks.number_attacks import (
+    BATCH,
+    COOKIE_BATCH,
+    cookie_of_socket,
+    drawn,
+    inode_of_pipe,
+    make_files,
+    see_number,
+)
 from benchmarks.attacks.process_attacks import LIBC, PROCESSES, checked, who
 
 LIMITS = "limits of its own"
@@ -40,13 +48,6 @@ LIVE = (
     *("self/io", "self/sched", "self/oom_score", "self/net/unix", "1/stat", "thread-self/stat"),
 )
 SPACE = 64_000_000
-FILES = 500
-BATCH = 1024
-"""So many numbers a processor takes from the common counter at a time (fs/inode.c, LAST_INO_BATCH)."""
-MUCH = 8
-"""Batches that r1 takes to say 1."""
-COOKIE_BATCH = 4096
-SO_COOKIE = 57
 TIMERS = 60
 BARE = "from actors.runtime.lifecycle import linux\nlinux.drop_capabilities()\n"
 """Root's processes would be exempt from limits, and a robot is none."""
@@ -285,51 +286,6 @@ def fly(count: str) -> Callable[[SwarmMember, Note], Note]:
     return act
 
 
-def drawn(number: Callable[[], int], batch: int) -> tuple[Stage, ...]:
-    """r1 draws many numbers of a common counter, and r2 sees its own have become larger by that."""
-
-    def mine(_: SwarmMember, note: Note) -> Note:
-        # More than a processor has in store; the largest, for who moves may end with another store's.
-        last = max(number() for _times in range(2 * batch))
-        step = last - note.get("number", last)
-        return {"number": last, "reached": step > batch * MUCH // 2}
-
-    def many(_: SwarmMember, __: Note) -> None:
-        for _times in range(batch * MUCH):
-            number()
-
-    return (("r2", mine), ("r1", many), ("r2", mine))
-
-
-def inode_of_pipe() -> int:
-    """Of a new one."""
-    out, into = os.pipe()
-    number = os.fstat(out).st_ino
-    os.close(out)
-    os.close(into)
-    return number
-
-
-def cookie_of_socket() -> int:
-    """Of a new one."""
-    with socket.socket(socket.AF_UNIX) as one:
-        return int.from_bytes(one.getsockopt(socket.SOL_SOCKET, SO_COOKIE, 8), sys.byteorder)
-
-
-def make_files(count: int) -> Callable[[SwarmMember, Note], Note]:
-    """Make files in one's own folder, and see the number of the last one."""
-
-    def act(member: SwarmMember, note: Note) -> Note:
-        for number in range(count):
-            path = member.folder / f"{note['token']}-{time.monotonic_ns()}-{number}"
-            path.touch()
-        found = path.stat().st_ino
-        before = note.get(member.name, found)
-        return {member.name: found, "reached": found - before > FILES // 2}
-
-    return act
-
-
 def age(member: SwarmMember, _: Note) -> None:
     """Nobody has read the file for two days."""
     two_days_ago = time.time() - 2 * 86_400
@@ -389,7 +345,7 @@ COUNTER_ATTACKS = (
         "inode numbers of files on the common disk",
         Layer.REMAINS,
         "nothing",
-        (("r2", make_files(1)), ("r1", make_files(FILES)), ("r2", make_files(1))),
+        (("r2", see_number), *3 * (("r1", make_files), ("r2", see_number))),
     ),
     Attack(
         "all room in pipes of the user",
