@@ -41,40 +41,62 @@ def signals_as_interrupts() -> Iterator[None]:
     What one of them has set off is not cut short by the next, and none is lost. A signal that this process
     was started to ignore, as by nohup, stays ignored.
     """
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    raised_s = -math.inf
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal raised_s
-        if time.monotonic() > raised_s + _CLEARANCE_S:
-            raised_s = time.monotonic()
-            raise Interrupted(128 + number)
-
-    def lost(what: "UnraisableHookArgs") -> None:
-        """What is raised while C calls Python, as where a kernel is loaded, gets no further than there."""
-        nonlocal raised_s
-        if not isinstance(what.exc_value, Interrupted):
-            tell(what)
-            return
-        raised_s = -math.inf
-        again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), what.exc_value.exit_code - 128))
-        again.daemon = True
-        again.start()
-
-    tell = sys.unraisablehook
-    before = {number: signal.getsignal(number) for number in numbers}
+    heeding = _Heeding()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     try:
         for number in heeded:
-            signal.signal(number, interrupt)
-        sys.unraisablehook = lost
+            signal.signal(number, heeding.interrupt)
+        sys.unraisablehook = heeding.send_again
         yield
+        heeding.raise_lost()
     except RuntimeError as error:
         # Until Python 3.11, what comes while a class names its attributes, so in an import, comes as this.
         if isinstance(error.__cause__, Interrupted):
             raise error.__cause__ from None
         raise
     finally:
-        sys.unraisablehook = tell
+        heeding.send_no_more()
+        sys.unraisablehook = heeding.tell
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class _Heeding:
+    """What a signal raises, and raises again where that was lost."""
+
+    def __init__(self) -> None:
+        self.tell = sys.unraisablehook
+        self._raised_s = -math.inf
+        self._lost: Interrupted | None = None
+        self._sending: list[threading.Timer] = []
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """The signal has come: Interrupted, unless what an earlier one has set off is still under way."""
+        if time.monotonic() > self._raised_s + _CLEARANCE_S:
+            self._raised_s, self._lost = time.monotonic(), None
+            raise Interrupted(128 + number)
+
+    def send_again(self, what: "UnraisableHookArgs") -> None:
+        """What is raised while C calls Python, as where a kernel is loaded, gets no further than there."""
+        if not isinstance(what.exc_value, Interrupted):
+            self.tell(what)
+            return
+        self._raised_s, self._lost = -math.inf, what.exc_value
+        again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), self._lost.exit_code - 128))
+        again.daemon = True
+        again.start()
+        self._sending.append(again)
+
+    def raise_lost(self) -> None:
+        """Interrupted, if one was lost and has not come again by now."""
+        if self._lost is not None:
+            raise self._lost.with_traceback(None)
+
+    def send_no_more(self) -> None:
+        """What is on its way is called back, or ignored: later it would end the process without a word."""
+        if self._sending:
+            self._raised_s = time.monotonic()
+        for again in self._sending:
+            again.cancel()
+            again.join()

@@ -14,8 +14,10 @@ ALONE: Final = "alone"
 """The marker of tests that measure wall time or want every core."""
 NIGHTLY: Final = "nightly"
 """The marker of tests that show for more seeds what others of the suite show for some."""
-BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder")
-"""A file goes to one worker, where its fixtures are made once; tests/conftest.py says which begin."""
+BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "0")
+"""A file goes to one worker, where its fixtures are made once; tests/conftest.py says which begin. A worker
+that has crashed ends the half, with its test's name: replaced, it can leave the others waiting for ever
+(pytest-dev/pytest-xdist#1378)."""
 NO_TESTS: Final = 5
 """pytest's exit code where nothing was left to run; of one half of the suite it is no fault."""
 

@@ -84,6 +84,21 @@ def test_a_signal_that_comes_while_c_calls_python_is_not_lost() -> None:
     assert (len(calls), sys.unraisablehook) == (2, before)
 
 
+def test_a_signal_that_was_lost_comes_by_the_end_of_what_it_was_to_end_and_not_later() -> None:
+    called = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))
+    late: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, frame: late.append(number))
+    try:
+        for _ in range(3):
+            with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+                called()
+            assert caught.value.exit_code == 128 + signal.SIGTERM
+        time.sleep(0.3)  # six times as long as one that is lost takes to come again
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert late == []
+
+
 def test_python_that_closes_standard_output_before_what_stands_there_ends_without_a_word() -> None:
     program = (
         "import sys; from actors.runtime.prints import taken_by\n"

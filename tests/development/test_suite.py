@@ -13,6 +13,7 @@ from tests.conftest import LONGEST
 
 PASSES = "def test_passes(): pass\n"
 FAILS = "def test_fails(): assert 0\n"
+CRASHES = "import os\ndef test_crashes(): os._exit(3)\n"
 MARKED = "import pytest\npytestmark = pytest.mark.alone\n"
 MORE = "import pytest\npytestmark = pytest.mark.nightly\n"
 SETTINGS = """[pytest]
@@ -68,6 +69,15 @@ def test_both_halves_decide(
             ["-m", "alone and not nightly", *marked],
         ],
     )
+
+
+@pytest.mark.timeout(60)
+def test_a_worker_that_crashes_ends_its_half_and_keeps_nobody_waiting(
+    suite: Callable[..., tuple[int, list[list[str]]]],
+) -> None:
+    files = {f"test_{letter}": PASSES for letter in "bcdefgh"}
+    code, calls = suite(test_a=PASSES, test_i=CRASHES, **files)
+    assert (code, len(calls)) == (1, 2)
 
 
 def test_a_marker_from_another_file_is_refused(tmp_path: Path) -> None:
