@@ -84,6 +84,10 @@ class ProjectState:
         """The version of its Python, once it has run."""
         return spent([str(self.folder / ".venv" / "bin" / "python"), "-V"]).answer.strip()
 
+    def packages(self) -> int:
+        """How many its `.venv` has, once it has run."""
+        return len(list(self.folder.glob(".venv/lib/python*/site-packages/*.dist-info")))
+
 
 def here() -> ProjectState:
     """This one. Raises AcrcError outside of a clone."""
@@ -130,6 +134,12 @@ def unlike(mine: ProjectState, theirs: ProjectState, case: PairedCase) -> Iterat
     pythons = mine.python(), theirs.python()
     if pythons[0] != pythons[1]:
         yield f"{mine.name} has {pythons[0]}, {theirs.name} {pythons[1]}: they compare Pythons, too"
+    packages = mine.packages(), theirs.packages()
+    if packages[0] != packages[1]:
+        yield (
+            f"{mine.name} has {packages[0]} packages in its .venv, {theirs.name} {packages[1]}: with more of "
+            "them a command starts later; a new clone has what a run needs and no more"
+        )
     if case.scenario is None and (keys := _differing(*map(_keys, (mine.chapter, theirs.chapter)))):
         yield (
             f"their scenarios differ, so that their work may, too: {'; '.join(keys)}; "

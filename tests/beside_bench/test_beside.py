@@ -92,6 +92,20 @@ def test_unlike_work_is_told(mine: Path, tmp_path: Path, log: Path) -> None:
     assert "run.strategy" not in str(given.figures["unlike"])
 
 
+def test_where_more_is_installed_is_told(mine: Path, tmp_path: Path, log: Path) -> None:
+    theirs = clone(tmp_path / "theirs", log, "theirs", 1.0)
+    for folder, names in ((mine, ("one", "two")), (theirs, ("one",))):
+        for name in names:
+            place = folder / ".venv" / "lib" / "python3.11" / "site-packages" / f"{name}-1.0.dist-info"
+            place.mkdir(parents=True)
+    found = command.measure(str(theirs), robots=(4,), bus="memory", pairs=1)
+    assert found.figures["unlike"] == [
+        f"here has 2 packages in its .venv, {theirs} 1: with more of them a command starts later; "
+        "a new clone has what a run needs and no more"
+    ]
+    assert found.shown[-1] == found.figures["unlike"][0]
+
+
 def test_this_state_alone_has_another_navigation(mine: Path, tmp_path: Path, log: Path) -> None:
     theirs = clone(tmp_path / "theirs", log, "theirs", 1.5)
     for folder in (mine, theirs):
