@@ -14,6 +14,8 @@ from benchmarks.hosts.host import RigHost
 
 CLONE_NEWNET = 0x4000_0000
 PATIENCE = 10.0
+KINDS = ("uts", "net", "mnt")
+"""Of the namespaces that a host has of its own."""
 
 
 def eventually(holds: Callable[[], object]) -> bool:
@@ -78,7 +80,7 @@ def python_on(host: RigHost, code: str, *words: str) -> str:
 def alive_in(rooms: set[str]) -> list[int]:
     """The processes in these namespaces, of whatever kind."""
     found = []
-    for kind in ("uts", "net", "mnt"):
+    for kind in KINDS:
         for path in Path("/proc").glob(f"[0-9]*/ns/{kind}"):
             try:
                 if str(path.readlink()) in rooms:

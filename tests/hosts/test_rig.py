@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ from benchmarks.hosts.namespaces import Hosts
 from benchmarks.hosts.relay_process import RelayProcess
 from tests.hosts.conftest import DISK
 from tests.hosts.on_host import (
+    KINDS,
     PATIENCE,
     alive_in,
     connected_from,
@@ -42,9 +45,21 @@ with Hosts(1, disk_bytes=1 << 20) as hosts:
 """
 
 
-def rooms(holders: list[int]) -> set[str]:
-    kinds = ("uts", "net", "mnt")
-    return {str(Path(f"/proc/{pid}/ns/{kind}").readlink()) for pid in holders for kind in kinds}
+Rooms = Callable[[list[int]], set[str]]
+
+
+@pytest.fixture
+def rooms() -> Iterator[Rooms]:
+    """The namespaces of holders; kept to the test's end, lest a robot's sandbox gets their numbers."""
+    with ExitStack() as kept:
+
+        def of(holders: list[int]) -> set[str]:
+            paths = [Path(f"/proc/{pid}/ns/{kind}") for pid in holders for kind in KINDS]
+            for path in paths:
+                kept.enter_context(path.open("rb"))
+            return {str(path.readlink()) for path in paths}
+
+        yield of
 
 
 def links() -> str:
@@ -151,7 +166,7 @@ def test_a_signal_to_a_host_is_one_to_all_its_processes_and_to_no_other(hosts: H
     assert processes[1].wait(PATIENCE) == -signal.SIGKILL
 
 
-def test_nothing_is_left_behind_also_after_an_exception() -> None:
+def test_nothing_is_left_behind_also_after_an_exception(rooms: Rooms) -> None:
     before = links()
     with pytest.raises(ZeroDivisionError), Hosts(2, disk_bytes=1 << 20) as made:
         every = (made.here, *made.each)
@@ -169,7 +184,7 @@ def test_nothing_is_left_behind_also_after_an_exception() -> None:
     assert made.each[0].processes() == []
 
 
-def test_hosts_end_with_a_maker_that_is_killed() -> None:
+def test_hosts_end_with_a_maker_that_is_killed(rooms: Rooms) -> None:
     with subprocess.Popen([sys.executable, "-c", MAKER], stdout=subprocess.PIPE, text=True) as maker:
         assert maker.stdout is not None
         disk, *holders = maker.stdout.readline().split()
@@ -180,7 +195,9 @@ def test_hosts_end_with_a_maker_that_is_killed() -> None:
     assert not Path(disk).exists()
 
 
-def test_who_is_on_a_host_that_has_lost_its_holder_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+def test_who_is_on_a_host_that_has_lost_its_holder_is_told(
+    rooms: Rooms, capfd: pytest.CaptureFixture[str]
+) -> None:
     with subprocess.Popen([sys.executable, "-c", MAKER], stdout=subprocess.PIPE, text=True) as maker:
         assert maker.stdout is not None
         disk, *told = maker.stdout.readline().split()
