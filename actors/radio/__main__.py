@@ -23,7 +23,7 @@ def main(argv: Sequence[str]) -> int:
         if process.with_parent:
             die_with_parent(os.getppid())
         config = client_config(folder / process.credentials, process.endpoint(folder))
-        radio = part(told.actor, folder, process.commit, process.spans)
+        radio = part(told.actor, folder, process.commit)
         recorder = Recorder(folder / process.record, radio.run.step_us)
         return play(radio, recorder, config, patience_s=process.patience_s)
     except AcrcError as error:

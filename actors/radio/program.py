@@ -17,7 +17,6 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import read_setup
-from actors.runtime.spans import Window
 
 KERNELS = (foundations, arrays, portable_draws, indoor, medium, transceiver_truth)
 """Modules with numeric kernels that a radio computes with."""
@@ -53,7 +52,7 @@ def load_setup(path: Path) -> RadioProgram:
     return read_setup(path, RadioProgram, "a radio")
 
 
-def part(setup: RadioSetup, folder: Path, commit: str, spans: Window | None = None) -> ActorProcess:
+def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
     """The radio of a set-up that lies in `folder`, with its connections."""
     prints = fingerprints(KERNELS)
     core = build(setup.located(folder))
@@ -65,5 +64,4 @@ def part(setup: RadioSetup, folder: Path, commit: str, spans: Window | None = No
         bus=QuotaBus,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
         outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
-        spans=spans,
     )

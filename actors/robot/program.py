@@ -16,7 +16,6 @@ from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model, read_setup
-from actors.runtime.spans import Window
 
 
 class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
@@ -66,12 +65,10 @@ def part(told: RobotProgram, folder: Path) -> ActorProcess:
     """The robot of a set-up in `folder`, with its connections. Raises an AcrcError if anything is wrong."""
     process = told.process
     modules.look_in([folder / path for path in process.code])
-    return part_of(told.actor, folder, Path(process.record).stem, process.commit, process.spans)
+    return part_of(told.actor, folder, Path(process.record).stem, process.commit)
 
 
-def part_of(
-    setup: RobotSetup, folder: Path, name: str, commit: str, spans: Window | None = None
-) -> ActorProcess:
+def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorProcess:
     """As `part`, with a recording of that name; its code is looked for where this process looks."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
@@ -84,5 +81,4 @@ def part_of(
         ready=ready,
         outcome=core.outcome,
         code=modules.FOLDERS.hashes,
-        spans=spans,
     )

@@ -27,7 +27,6 @@ from actors.runtime.prints import Prints, taken_by
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
-from actors.runtime.spans import NOTE, WatchedShell, Window
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
@@ -118,8 +117,6 @@ class ActorProcess:
     outcome: Callable[[], dict[str, object]] = dict
     code: Callable[[], dict[str, str]] = dict
     """The modules that were loaded so far, as in RunNote."""
-    spans: Window | None = None
-    """Steps in which what the process does is noted, span by span; None: nothing is."""
     prints: Prints | None = None
     """Takes what the core's code prints; None: there is no such code."""
 
@@ -148,20 +145,18 @@ def play(
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
             on_listening()
-            shell, driven = _shell(part, bus, recorder)
+            shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
             shell.prints = part.prints
             if part.ready is not None:
                 shell.send(part.ready)
             settle()
             with taken_by(None):  # desks that stand need not be set up each step
-                part.drive(shell, driven)
+                part.drive(shell, bus)
             reserve.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()
             if threads is not None and (wrong := leftover_fault(has_strays(), threads)):
                 raise AcrcError(wrong)
-            if isinstance(shell, WatchedShell):
-                recorder.note(NOTE, shell.spans())
             recorder.note("final", final_note(shell, part, cpu_s()))
         except Ended:
             raise
@@ -185,15 +180,6 @@ def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> Non
     with suppress(OSError):
         sys.stderr.write(told)
         sys.stderr.flush()
-
-
-def _shell(part: ActorProcess, bus: Any, recorder: Recorder) -> tuple[Shell, Any]:
-    """The shell around the part's core, and the bus that it is driven on."""
-    actor, open_to = part.run.actor, part.open_to
-    if part.spans is None:
-        return Shell(part.core, bus, recorder, actor=actor, open_to=open_to), bus
-    shell = WatchedShell(part.spans, part.core, bus, recorder, actor=actor, open_to=open_to)
-    return shell, shell.beside(bus)
 
 
 def settle() -> None:

@@ -13,7 +13,6 @@ import msgspec
 
 from actors.runtime import typed_json
 from actors.runtime.access.credentials import unix_endpoint
-from actors.runtime.spans import Window
 
 SETUP: Final = "setup.json"
 """The file, in the actor's folder of the run."""
@@ -34,8 +33,6 @@ class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Version of the software, for the first record."""
     with_parent: bool = False
     """End as soon as the process that started this one has ended."""
-    spans: Window | None = None
-    """Steps in which what it does is noted, span by span."""
 
     @property
     def patience_s(self) -> float:

@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         note = world_note(told.actor, process.commit)
         router = folder / process.router
         issued = router_file.read(router)
-        world = part(core, note, conductor.drive, process.spans)
+        world = part(core, note, conductor.drive)
         recorder = Recorder(folder / process.record, told.actor.step_us)
         try:
             return play(world, recorder, world_config(issued), lambda: reveal(issued))

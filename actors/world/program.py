@@ -16,7 +16,6 @@ from actors.runtime.pace import Pace, ticking
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell, run_shell
-from actors.runtime.spans import Window
 from actors.task import visits
 from actors.task.referee import Referee
 from actors.world import drive, odometry_kernel, physics, rays
@@ -47,7 +46,6 @@ def part(
     core: WorldCore,
     run: RunNote,
     hold: Callable[[Shell, Bus], None] = run_shell,
-    spans: Window | None = None,
 ) -> ActorProcess:
     """The core and its connections."""
     return ActorProcess(
@@ -65,7 +63,6 @@ def part(
             "steps": core.step,
             "refused_orders": core.refused_orders,
         },
-        spans=spans,
     )
 
 

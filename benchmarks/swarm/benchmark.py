@@ -19,7 +19,6 @@ from benchmarks.swarm.part_clock import with_processes
 from benchmarks.swarm.ping_pong.players import played
 from benchmarks.swarm.tables import IdleFigures, SwarmFigures, judged, traffic
 from benchmarks.swarm.task import SwarmTask
-from benchmarks.swarm.timeline import command as timelines
 
 BEYOND: Final = "processes and mesh"
 """What an actor costs as a process of its own beyond its parts in one process with all others."""
@@ -32,14 +31,11 @@ def measure(
     robots: Sequence[int] | None = None,
     duration: float | None = None,
     repeat: int = SwarmTask.repeat,
-    timeline: Path | None = None,
 ) -> Measured:
     """Each number of robots for so many simulated s, and the median of so many runs over Zenoh.
 
-    `duration`: None: as long as fits into minutes. `timeline`: only draw some steps of one swarm there.
+    `duration`: None: as long as fits into minutes.
     """
-    if timeline is not None:
-        return timelines.draw(robots or (timelines.ROBOTS,), duration or timelines.SECONDS, timeline)
     task = SwarmTask(tuple(robots or SwarmTask.robots), repeat=repeat)
     if duration is not None:
         task = replace(task, seconds=duration, robot_seconds=None)

@@ -25,7 +25,7 @@ class Benchmark:
 BENCHMARKS: Final = {
     "swarm": Benchmark(
         "benchmarks.swarm.benchmark", "the whole stack: speed, CPU by part, traffic, memory",
-        ("robots", "duration", "repeat", "timeline"),
+        ("robots", "duration", "repeat"),
     ),
     "recordings": Benchmark(
         "benchmarks.recordings.recordings", "recording a swarm, and replaying a robot", ("robots", "duration")
@@ -96,10 +96,6 @@ def bench(
         int | None,
         typer.Option(metavar="N", min=1, max=100, help="swarm, start: number of runs whose median counts."),
     ] = None,
-    timeline: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="swarm: only write a timeline of some steps, as a Chrome trace."),
-    ] = None,
     below: Annotated[
         list[float] | None,
         typer.Option(metavar="DBM", min=-90, max=0, help="relays: try this threshold. Repeatable."),
@@ -163,7 +159,7 @@ def bench(
     if name not in BENCHMARKS:
         raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
     options = {
-        "commit": commit, "robots": robots, "duration": duration, "repeat": repeat, "timeline": timeline,
+        "commit": commit, "robots": robots, "duration": duration, "repeat": repeat,
         "below": below, "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data,
         "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
     }  # fmt: skip

@@ -22,7 +22,6 @@ from actors.runtime.access.credentials import Credentials, Gate, unix_endpoint
 from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, StrategyFolders, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
-from actors.runtime.spans import Window
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run import scenario_copy
@@ -61,8 +60,6 @@ class RunPlan(Swarm):
     """The robot at whose breakpoints the run stops; None: as Python has it."""
     timeout: Timeout = field(default=Timeout())
     """How long the run may take no step."""
-    spans: Window | None = None
-    """Steps in which every process notes what it does, span by span."""
 
     @property
     def out(self) -> Path:
@@ -152,7 +149,6 @@ def world_program(plan: RunPlan) -> Program:
         router=router_file.NAME,
         commit=plan.commit,
         with_parent=True,
-        spans=plan.spans,
         speed=None if plan.options.speed == "max" else float(plan.options.speed),
     )
     world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
@@ -187,7 +183,6 @@ def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
         credentials=f"{place}/{user}.credentials",
         commit=plan.commit,
         with_parent=True,
-        spans=plan.spans,
     )
 
 
@@ -215,7 +210,6 @@ def robot_program(
         credentials="credentials",
         commit=plan.commit,
         with_parent=True,
-        spans=plan.spans,
         code=tuple(str(path) for path in code),
         limits=plan.options.limits,
         isolate=isolated,

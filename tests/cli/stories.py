@@ -251,7 +251,6 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("bench swarm --robots 1 --duration 2 --repeat 1 --json", r'"forkserver"'),
         Line("bench start --robots 1 --repeat 1 --json", r'"first step"'),
         Line("bench hosts --robots 3 --duration 1 --json", r'"steps_per_s"'),
-        Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
         Line("bench recordings --robots 1 --duration 1 --json", r'"replayed"', codes=(0, 1)),
         Line(
             "bench relays --scenario scenarios/chapter.toml --robots 2 --below -80 --seeds 1 --seed 3 "

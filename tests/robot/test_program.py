@@ -26,7 +26,6 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
-from actors.runtime.spans import Window
 
 MAPS = Path(__file__).parents[2] / "maps"
 ROBOT = RobotSetup(
@@ -57,7 +56,7 @@ def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
     stack = Stack(localisation=PRESETS["robust"])
     told: RobotProgram = ActorSetup(
         msgspec.structs.replace(ROBOT, adaptation=adaptation, stack=stack, doubt=0.3),
-        msgspec.structs.replace(PLACE, code=("/code/1",), limits=ProcessLimits(), spans=Window(3, 5)),
+        msgspec.structs.replace(PLACE, code=("/code/1",), limits=ProcessLimits()),
     )
     (tmp_path / SETUP).write_bytes(setup_bytes(told))
     assert load_setup(tmp_path / SETUP) == told
