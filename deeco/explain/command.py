@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "and draw the adapted and the adaptation layer.",
         epilog="Example: python -m deeco.explain examples.convoy:Follower examples.convoy:Convoy",
     )
-    parser.add_argument("subject", nargs="+", help=f"{_FORM}: everything that is defined in it")
+    parser.add_argument("subject", nargs="+", help=f"{_FORM}: all that it defines, or else imports")
     parser.add_argument(
         "--mermaid", action="store_true", help="print the drawing only, as a Mermaid flowchart"
     )
@@ -125,15 +125,18 @@ def _module(name: str) -> ModuleType:
         ) from None
 
 
-def _own(module: ModuleType) -> tuple[list[type], list[type]]:
-    """Classes of components and of ensembles that a module defines."""
-    classes = [one for one in vars(module).values() if isinstance(one, type)]
-    own = list(dict.fromkeys(one for one in classes if one.__module__ == module.__name__))
-    return [one for one in own if is_component(one)], [one for one in own if ensemble_type(one)]
+def _subjects(module: ModuleType) -> tuple[list[type], list[type], str]:
+    """Return the component and ensemble classes that a module defines, or else imports; and which."""
+    classes = list(dict.fromkeys(one for one in vars(module).values() if isinstance(one, type)))
+    found = [one for one in classes if is_component(one) or ensemble_type(one)]
+    own = [one for one in found if one.__module__ == module.__name__]
+    chosen = own or found
+    components = [one for one in chosen if is_component(one)]
+    return components, [one for one in chosen if ensemble_type(one)], "defines" if own else "imports"
 
 
 def _add_all(module: ModuleType, subjects: Subjects) -> None:
-    components, ensembles = _own(module)
+    components, ensembles, _ = _subjects(module)
     if not components and not ensembles:
         raise UnexplainableError(f"{_offer(module)}; name another module, or one of its classes")
     for one in (*components, *ensembles):
@@ -141,11 +144,11 @@ def _add_all(module: ModuleType, subjects: Subjects) -> None:
 
 
 def _offer(module: ModuleType) -> str:
-    components, ensembles = _own(module)
+    components, ensembles, verb = _subjects(module)
     if not components and not ensembles:
-        return f"{module.__name__} defines no class with @component or @ensemble"
+        return f"{module.__name__} has no class with @component or @ensemble"
     found = names(one.__name__ for one in (*components, *ensembles))
-    return f"{module.__name__} defines {found}"
+    return f"{module.__name__} {verb} {found}"
 
 
 def _what(found: object) -> str:

@@ -15,9 +15,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+from deeco import replacing
 from deeco.explain import source
 
-_REPLACE: Final = (dataclasses.replace, getattr(copy, "replace", dataclasses.replace))
+_REPLACE: Final = (replacing.replace, dataclasses.replace, getattr(copy, "replace", dataclasses.replace))
 _READ_NOTHING: Final = (isinstance, type, id)
 _READ_ALL: Final = (repr, str, hash, dataclasses.asdict, dataclasses.astuple)
 
@@ -79,6 +80,8 @@ class _KnowledgeUse:
         self.strange: list[ast.Return] = []
         """What is returned beside knowledge."""
         self._known = known
+        self._classes: dict[str, type] = {}
+        """Classes of the objects that the function makes, by the objects' names."""
         self._found = found
         self._followed = followed
         self._given: Subject | None = None
@@ -139,6 +142,8 @@ class _KnowledgeUse:
         match target, value:
             case ast.Name(id=name), _:
                 self._bind(name, self._value(value))
+                if made := self._class_of(value):
+                    self._classes[name] = made
             case ast.Tuple(elts=names), ast.Tuple(elts=values) if len(names) == len(values):
                 for one, other in zip(names, values, strict=True):
                     self._assigned(one, other)
@@ -209,12 +214,23 @@ class _KnowledgeUse:
                 return self._super_call(call, call.func.attr)
             if receiver := self._value(call.func.value):
                 return self._method_call(call, receiver, call.func.attr)
+            made = self._class_of(call.func.value)
+            method = made and inspect.getattr_static(made, call.func.attr, None)
+            if source.can_follow(method):
+                return self._with_arguments(method, [None], call)
         elif not isinstance(call.func, ast.Name):
             self._value(call.func)
         target = source.meaning(call.func, self.function)
         if target in _REPLACE and call.args:
             return self._replaced(call)
         return self._function_call(call, target)
+
+    def _class_of(self, node: ast.expr) -> type | None:
+        """Return the class of an object that the function makes; None if it cannot be told."""
+        if isinstance(node, ast.Name):
+            return self._classes.get(node.id)
+        made = source.meaning(node.func, self.function) if isinstance(node, ast.Call) else None
+        return made if isinstance(made, type) else None
 
     def _replaced(self, call: ast.Call) -> Subject | None:
         subject = self._value(call.args[0])

@@ -113,11 +113,10 @@ WRONG = {
     ),
     f"{HERE}:START": f"{HERE}:START is of type int, neither a component nor an ensemble; {DEFINES}",
     "deeco.instant": (
-        "deeco.instant defines no class with @component or @ensemble; "
-        "name another module, or one of its classes"
+        "deeco.instant has no class with @component or @ensemble; name another module, or one of its classes"
     ),
     "deeco.instant:Robot": (
-        "there is no 'Robot' in deeco.instant; deeco.instant defines no class with @component or @ensemble"
+        "there is no 'Robot' in deeco.instant; deeco.instant has no class with @component or @ensemble"
     ),
     "examples.convoy:": (
         "'examples.convoy:' names nothing; it should be 'module:Component', 'module:Ensemble' or 'module'"
