@@ -2,13 +2,15 @@
 
 import warnings
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from acrc_testbed.errors import arguments_named
 from acrc_testbed.shipped import file_of
-from actors.installation.usage import extras_named, wrong_value
+from actors.installation.usage import wrong_value
 
 if TYPE_CHECKING:
     import pyarrow
@@ -23,7 +25,7 @@ class Campaign:
 
     folder: Path
 
-    @extras_named()
+    @arguments_named()
     def results(self) -> "pyarrow.Table":
         """Return a row for each run that has ended: strategy, seed, variant, and every metric."""
         import pyarrow
@@ -32,7 +34,7 @@ class Campaign:
 
         return pyarrow.table(results_table.columns(self._kept()))
 
-    @extras_named()
+    @arguments_named()
     def compare(self, metric: str | None = None) -> "list[Comparison]":
         """Estimate how much every pair of strategies differs, with intervals; the declared pairs first.
 
@@ -45,7 +47,7 @@ class Campaign:
             raise wrong_value("metric", metric, f"one of {', '.join(metrics.NAMES)}")
         return list(judge(self._kept(), metric).estimates)
 
-    @extras_named()
+    @arguments_named()
     def sentences(self) -> list[str]:
         """Say which runs failed, and what the declared comparisons come to: places decide, then time."""
         from experiments.comparison.judgement import judge
@@ -62,7 +64,7 @@ class Campaign:
         return kept
 
 
-@extras_named()
+@arguments_named()
 def campaign(
     study: str | PathLike[str],
     out: str | PathLike[str] | None = None,
@@ -72,13 +74,16 @@ def campaign(
     check_every: int = 20,
     modules: Sequence[str | PathLike[str]] = (),
     trust: bool = False,
+    overwrite: bool = False,
 ) -> Campaign:
     """Carry out a study, by its file or the name of a shipped one; a campaign that was begun goes on.
 
     Arguments mean what the options of `acrc campaign` mean. `out`: its folder; None: one in campaigns/.
+    `overwrite`: the campaign in that folder does not go on but is removed, and begins again.
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.isolation.isolating import choose
+    from deploy.run import out_folder
     from experiments.campaign import results_table, store
     from experiments.campaign.campaign import CampaignOptions, carry_out
     from experiments.study.study_wishes import StudyWishes, check, study_of
@@ -89,15 +94,18 @@ def campaign(
     if asked.isolated:
         choose(True)  # refused here, not run by run
     _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)
-    kept = store.create(Path(out or Path("campaigns", asked.name)).absolute(), asked)
-    try:
-        carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
-    finally:
-        results_table.write(kept)
-        seal(kept.folder)
+    folder = Path(out or Path("campaigns", asked.name)).absolute()
+    with out_folder.replacing(folder, "study.json") if overwrite else nullcontext():
+        kept = store.create(folder, asked)
+        try:
+            carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
+        finally:
+            results_table.write(kept)
+            seal(kept.folder)
     return Campaign(kept.folder)
 
 
+@arguments_named()
 def open_campaign(folder: str | PathLike[str]) -> Campaign:
     """Open the campaign in a folder. Raises AcrcError if there is none, or if it is not as it was left."""
     from experiments.campaign import store

@@ -1,22 +1,31 @@
 """Runs: made, opened, and looked at as tables and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
+from acrc_testbed.errors import arguments_named
 from acrc_testbed.shipped import file_of
-from actors.installation.usage import extras_named, wrong_value
+from actors.installation.usage import output_file
+from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
+    from actors.robot.behaviour.foreign import Permit
     from observation.accounting.time_spent import TimeSpent
     from observation.evidence.run_evidence import RunEvidence
     from observation.results.result import RunResult
+
+_MARK: Final = "world/world.mcap"
+"""A file that every run writes."""
+_PERMITS: Final = dict[Path, "Permit"]()
+"""Code that runs of this process were allowed to load, by the run's folder."""
 
 
 @dataclass(frozen=True)
@@ -37,28 +46,27 @@ class Run:
         """The content of run.json; None while the run goes on, or if it was cut off."""
         return self.evidence.result
 
-    @extras_named()
+    @arguments_named()
     def tables(
         self, *, modules: Sequence[str | PathLike[str]] = (), trust: bool = False
     ) -> "dict[str, pyarrow.Table]":
         """Return the tables of `acrc export`, by name (docs/tables.md says what is in them).
 
-        Radio and robots are replayed for it, in a sandbox where the machine has one. For a strategy that is
-        not installed: `modules` and `trust`, which mean the options `--modules` and `--trust`.
+        Radio and robots are replayed for it, in a sandbox where the machine has one. `modules` and `trust`
+        are for a strategy that is neither installed nor was allowed by `run` or `open_run` in this process.
         """
-        from actors.robot.behaviour.foreign import permit_of
         from actors.runtime.isolation.isolating import choose
         from observation.export import parquet_files, rows
         from observation.replay.run_recordings import all_recordings
         from observation.replay.trust import check_trust
 
-        permit = permit_of([Path(one) for one in modules], trust=trust)
+        permit = self._permit(modules, trust=trust)
         for actor in all_recordings(self.folder):
             check_trust(self.folder, actor, permit)
         found = rows.tables(self.folder, permit=permit, isolate=choose(None).isolate)
         return parquet_files.arrow(found)
 
-    @extras_named()
+    @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":
         """Draw the run on one page: floor, trails, who did what when, radio, progress.
 
@@ -68,15 +76,22 @@ class Run:
 
         return _drawn(lambda: run_page.draw(self.evidence), file)
 
-    @extras_named()
+    @arguments_named()
     def time_spent(self) -> "TimeSpent":
         """Return where the robots' time went, by cause, as `acrc causes` does."""
         from observation.accounting.account import account
 
         return account(self.folder)
 
+    def _permit(self, modules: Sequence[str | PathLike[str]], *, trust: bool) -> "Permit":
+        """Return what this process has allowed the run, and what `modules` and `trust` add."""
+        from actors.robot.behaviour.foreign import INSTALLED, permit_of
 
-@extras_named()
+        known = _PERMITS.get(self.folder.resolve(), INSTALLED)
+        return permit_of([*known.modules, *map(Path, modules)], trust=trust or known.trust)
+
+
+@arguments_named()
 def run(
     scenario: str | PathLike[str] = "chapter",
     out: str | PathLike[str] | None = None,
@@ -90,19 +105,22 @@ def run(
     bus: Literal["zenoh", "memory"] = "zenoh",
     modules: Sequence[str | PathLike[str]] = (),
     trust: bool = False,
+    overwrite: bool = False,
 ) -> Run:
     """Run a scenario, by its file or the name of a shipped one, and return the run.
 
     Arguments mean what the options of `acrc run` mean; `settings` maps keys of the scenario, such as
-    "deeco.publish", to values. `out`: a new or empty folder; None: a new one in runs/. A strategy of one's
-    own is a module in the working directory or in a folder of `modules`.
+    "deeco.publish", to values. `out`: a new or empty folder; None: a new one in runs/. `overwrite`: a run
+    that has ended in `out` is removed, with all that is in its folder, once the new one has begun. A strategy
+    of your own is a module in the working directory or in a folder of `modules`.
     """
     from actors.processes.kernels import compile_kernels
-    from actors.robot.behaviour.foreign import admitted, permit_of
+    from actors.robot.behaviour.foreign import Permit, admitted, permit_of
     from cleaning.strategies import entry
     from deploy.run import out_folder, swarm
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
+    from observation.recordings.writers import Standing, standing
 
     file = file_of("scenarios", scenario)
     own = tuple((settings or {}).items())
@@ -120,21 +138,33 @@ def run(
     options = checked(RunOptions(place, bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+    _PERMITS[options.out] = Permit(folders)
+    if overwrite and (options.out / _MARK).is_file() and standing(options.out) is Standing.GOING_ON:
+        raise AcrcError(f"--out: {options.out} is the folder of a run that is going on; must be another one")
+    replacing = out_folder.replacing(options.out, _MARK) if overwrite else nullcontext()
+    with replacing, out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
         compile_kernels()
         swarm.run(chosen, replace(options, modules=folders))
     return Run(options.out)
 
 
-def open_run(folder: str | PathLike[str]) -> Run:
-    """Open the run in a folder. Raises AcrcError if there is none."""
+@arguments_named()
+def open_run(
+    folder: str | PathLike[str], *, modules: Sequence[str | PathLike[str]] = (), trust: bool = False
+) -> Run:
+    """Open the run in a folder. Raises AcrcError if there is none.
+
+    `modules`, `trust`: allow the run's methods to load a strategy that is not installed, as in `run`.
+    """
     from observation.replay.run_recordings import all_recordings
 
     all_recordings(Path(folder))
-    return Run(Path(folder).absolute())
+    found = Run(Path(folder).absolute())
+    _PERMITS[found.folder.resolve()] = found._permit(modules, trust=trust)
+    return found
 
 
-@extras_named()
+@arguments_named()
 def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
     """Draw several runs side by side, such as one without and one with adaptation; `file` as for a run."""
     from observation.picture import side_by_side
@@ -146,9 +176,7 @@ def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "F
     from deploy.run import out_folder
     from observation.picture import look, style
 
-    path = None if file is None else Path(file)
-    if path is not None and path.suffix not in {".png", ".svg"}:
-        raise wrong_value("file", path, "a name that ends in .png or .svg")
+    path = None if file is None else output_file("file", Path(file), ".png", ".svg")
     with look.applied(style.LOOK):
         figure = draw()
         if path is not None:

@@ -1,17 +1,23 @@
 """`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
 
+import re
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from actors.console import screen
-from actors.installation.usage import OptionError, command
+from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
 from command_line import completion
 from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust, answer
+
+_BASELINES: Final = ("none", "none-original", "none-giving-up")
+"""Strategies without adaptation."""
 
 
 def run(
@@ -235,12 +241,25 @@ def run(
 
     summary.print_result(result, json=json)
     if not json:
-        summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")
+        adapted = chosen.run.strategy not in _BASELINES
+        summary.print_next(options.out, options.modules, [*_baseline(sys.argv[1:], out)] if adapted else ())
     if view:
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)
     if check:
         _check_again(options.out, options.modules)
+
+
+def _baseline(words: Iterable[str], out: Path | None) -> Iterator[str]:
+    """Yield the words of the same run without adaptation, in a folder beside `out` if that was given."""
+    rest = iter(words)
+    for word in rest:
+        found = (word, next(rest)) if word in {"--set", "--strategy", "--out"} else (word,)
+        if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(found)):
+            yield from found
+    yield from ("--strategy", "none")
+    if out is not None:
+        yield from ("--out", f"{out}-none")
 
 
 def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
@@ -323,7 +342,7 @@ def order(
 
     if str(out) in orders.VERBS and verb not in orders.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
-        raise OptionError(f"OUT: is missing; must be as in {command()} order {folder} {out} {verb}")
+        raise OptionError(f"OUT: is missing; must be as in {typed('order', folder, out, verb)}")
     given = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:

@@ -1,7 +1,7 @@
 """What is wrong with a command, before anything has run."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -36,6 +36,20 @@ def command() -> str:
     return "./acrc" if script.parent == Path.cwd() else shlex.quote(str(script))
 
 
+def typed(*words: object, modules: Iterable[Path] = ()) -> str:
+    """Return a command line that works when it is pasted into a shell in the current folder.
+
+    `modules`: folders for `--modules`. Paths below the current folder are relative.
+    """
+    own = (word for folder in modules for word in ("--modules", folder))
+    return f"{command()} {shlex.join(_near(word) for word in (*words, *own))}"
+
+
+def _near(word: object) -> str:
+    here = Path.cwd()
+    return str(word.relative_to(here) if isinstance(word, Path) and word.is_relative_to(here) else word)
+
+
 class OptionError(AcrcError):
     """An option of the command line that makes no sense.
 
@@ -56,6 +70,14 @@ def extras_named() -> Iterator[None]:
             f"the Python package {error.name} is not installed; to install it: pip install "
             f"'acrc-testbed[{extra}]'"
         ) from error
+
+
+def output_file(option: str, path: Path, *suffixes: str) -> Path:
+    """Return the file that an option names. Raises OptionError for another suffix or without its folder."""
+    if path.suffix not in suffixes or not path.absolute().parent.is_dir():
+        right = f"a file in a folder that exists, its name ending in {' or '.join(suffixes)}"
+        raise wrong_value(option, path, right)
+    return path
 
 
 def wrong_value(option: str, value: object, right: str) -> OptionError:

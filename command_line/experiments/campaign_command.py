@@ -12,6 +12,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from actors.console import screen
+from actors.installation.usage import typed
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
@@ -92,7 +93,7 @@ def _lines(
         yield from decision.told(watch.looked_at(), watch.rules)
     yield (
         f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
-        f" results.csv and results.parquet; acrc compare {folder} says what they show"
+        f" results.csv and results.parquet; {typed('compare', folder)} says what they show"
     )
 
 

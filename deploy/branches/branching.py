@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
+from actors.installation.usage import typed
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
 from actors.robot.behaviour.foreign import Permit, admitted
@@ -99,7 +100,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     if parted is not None and parted.step < first:
         raise AcrcError(
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
-            f"{parted.words}; `acrc replay {origin}` says more"
+            f"{parted.words}; `{typed('replay', origin, modules=permit.modules)}` says more"
         )
     control: BranchedControl | None = None
     if anew is not None:

@@ -12,6 +12,7 @@ from typing import Any, Final
 import msgspec
 from distributed import Future
 
+from actors.installation.usage import typed
 from actors.processes.launch import Launcher
 from actors.runtime.access.credentials import Gate
 from actors.runtime.errors import AcrcError
@@ -180,8 +181,8 @@ class RunHosts:
         if not lost:
             return ""
         return (
-            f"what has stayed on {', '.join(lost)} comes by `acrc cluster fetch {out}`, once the cluster has "
-            "a worker there again"
+            f"what has stayed on {', '.join(lost)} comes by `{typed('cluster', 'fetch', out)}`, once "
+            "the cluster has a worker there again"
         )
 
     def dismiss(self, wait: Callable[[float], None]) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -99,6 +100,29 @@ def check_new(out: Path) -> None:
             raise OptionError(f"--out: {out} exists and is not an empty folder; must be a new one")
     except OSError as error:
         raise _unusable(out, error) from None
+
+
+@contextmanager
+def replacing(out: Path, mark: str) -> Iterator[None]:
+    """Remove the folder `out` at the end, or leave it as it was if nothing was written in its place.
+
+    `mark`: a file that is in every folder of the kind. Raises OptionError for one that lacks it, unless it is
+    empty or does not exist.
+    """
+    if not out.is_dir() or not any(out.iterdir()):
+        yield
+        return
+    if not (out / mark).is_file():
+        raise OptionError(
+            f"--out: {out} has other content, and no {mark}; must be what can be replaced, or new"
+        )
+    with tempfile.TemporaryDirectory(prefix=f"{out.name}.replaced-", dir=out.parent) as name:
+        old = out.rename(Path(name) / out.name)
+        try:
+            yield
+        finally:
+            if not out.exists():
+                old.rename(out)
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
 import os
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 from actors import table_wording, toml_file, wording
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
-from actors.installation.usage import OptionError, command, wrong_value
+from actors.installation.usage import OptionError, typed, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
 from deploy.scenario import areas, events, kinds, map_choice, robot_tables
@@ -72,7 +71,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     """The scenario in the text of the file `path`, as load_scenario gives it."""
     content = toml_file.tables(text, path)
     if kinds.says_study(content):
-        carried_out = f"{command()} campaign {shlex.quote(str(path))}"
+        carried_out = typed("campaign", path)
         raise AcrcError(f"{path}: is a study, must be a scenario; to carry the study out: {carried_out}")
     own_map = content.get("map")
     options = _lay_over(content, overrides)

@@ -1,6 +1,5 @@
 """The file of a study, checked, and the study that it means."""
 
-import shlex
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -9,7 +8,7 @@ from pydantic import BeforeValidator, Field
 
 from actors import table_wording
 from actors.installation.repository import SHIPPED
-from actors.installation.usage import command
+from actors.installation.usage import typed
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.table import FileTable, Right, as_tuples
@@ -73,7 +72,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         return _written(path)
     check_there(path, SHIPPED / "studies")
     if is_scenario(path):
-        compared = f"{command()} campaign {shlex.quote(str(path))}"
+        compared = typed("campaign", path)
         raise AcrcError(f"{path}: is a scenario, must be a study; to compare strategies in it: {compared}")
     table = table_wording.load(path, StudyTable, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))

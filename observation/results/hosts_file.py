@@ -6,6 +6,7 @@ from typing import Annotated, Final
 
 import msgspec
 
+from actors.installation.usage import typed
 from actors.runtime import regular_file, typed_json
 
 NAME: Final = "hosts.json"
@@ -91,5 +92,5 @@ def where(out: Path, left: Mapping[str, LeftFile]) -> str:
     more = f" and {others}" if len(left) > 1 else " is"
     return (
         f"{out / some}{more} still on {'host' if len(hosts) == 1 else 'hosts'} {', '.join(hosts)}; "
-        f"`acrc cluster fetch {out}` brings what has stayed there"
+        f"`{typed('cluster', 'fetch', out)}` brings what has stayed there"
     )

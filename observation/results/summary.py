@@ -1,7 +1,6 @@
 """A run's result for people, or as JSON for programs."""
 
 import math
-import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ import msgspec
 from rich.table import Table
 
 from actors.console import print_table, screen
-from actors.installation.usage import command
+from actors.installation.usage import typed
 from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.processes import silence
 from actors.runtime.errors import printable
@@ -45,15 +44,16 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _driving(result)
 
 
-def print_next(out: Path, *, adapted: bool) -> None:
-    """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
+def print_next(out: Path, modules: Sequence[Path] = (), baseline: Sequence[str] = ()) -> None:
+    """Print commands that show the run, and one that runs the same without adaptation.
+
+    `modules`: folders with the run's own strategy. `baseline`: words of the last command; empty: none.
+    """
     console = screen()
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
-    acrc, folder = command(), shlex.quote(str(here))
-    console.print(f"See it on one page: {acrc} view {folder} --png")
-    console.print(f"See it with all that robots perceived: {acrc} view {folder}")
-    if adapted:
-        console.print(f"The same without adaptation: {acrc} run --strategy none")
+    console.print(f"See it on one page: {typed('view', out, '--png')}")
+    console.print(f"See it with all that robots perceived: {typed('view', out, modules=modules)}")
+    if baseline:
+        console.print(f"The same without adaptation: {typed(*baseline)}")
 
 
 def print_viewer(out: Path) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.version import release
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
+from command_line import run
 from command_line.development.checks import Check, run_checks
 from command_line.documentation.commands import tree
 from observation.results import summary
@@ -273,17 +275,34 @@ def test_a_run_says_what_shows_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
-    summary.print_next(Path("/o/my run"), adapted=True)
+    summary.print_next(Path("/o/my run"), [REPOSITORY, Path("/m")], ["run", "my.toml", "--strategy", "none"])
     assert capsys.readouterr().out.splitlines() == [
         "See it on one page: ./acrc view '/o/my run' --png",
-        "See it with all that robots perceived: ./acrc view '/o/my run'",
-        "The same without adaptation: ./acrc run --strategy none",
+        "See it with all that robots perceived: ./acrc view '/o/my run' --modules . --modules /m",
+        "The same without adaptation: ./acrc run my.toml --strategy none",
     ]
-    summary.print_next(REPOSITORY / "runs" / "a", adapted=False)
+    summary.print_next(REPOSITORY / "runs" / "a")
     assert capsys.readouterr().out.splitlines() == [
         "See it on one page: ./acrc view runs/a --png",
         "See it with all that robots perceived: ./acrc view runs/a",
     ]
+
+
+@pytest.mark.parametrize(
+    ("given", "out", "hint"),
+    [
+        (("run",), None, "run --strategy none"),
+        (("run", "a b.toml", "--seed=3", "--set", "deeco.publish=0.5"), None,
+         "run 'a b.toml' --seed=3 --set deeco.publish=0.5 --strategy none"),
+        (("run", "--strategy", "swap", "--set", "strategy.reach=1", "--set=strategy.n=2", "--modules", "."),
+         None, "run --modules . --strategy none"),
+        (("run", "--out", "x"), Path("x"), "run --strategy none --out x-none"),
+    ],
+)  # fmt: skip
+def test_the_same_without_adaptation_has_the_options_that_were_given(
+    given: tuple[str, ...], out: Path | None, hint: str
+) -> None:
+    assert shlex.join(run._baseline(given, out)) == hint
 
 
 def test_a_hint_names_the_command_as_it_can_be_typed_there(

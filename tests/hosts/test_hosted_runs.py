@@ -117,7 +117,7 @@ def test_recordings_that_are_left_are_sealed_looked_at_from_here_and_fetched(
     assert result["digest"] == digest_here(tmp_path / "here", *words)
     assert result["deeco"] == json.loads((tmp_path / "here" / "run.json").read_text())["deeco"]
     assert list(out.glob("r[0-9]/*.mcap")) == []
-    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `acrc cluster fetch" in said
+    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in said
     assert len(run.folders_left()) == 2
     assert run.secrets_left() == []
     told = hosts_file.read(out)
@@ -128,7 +128,7 @@ def test_recordings_that_are_left_are_sealed_looked_at_from_here_and_fetched(
     }
     assert all(0 < part.load.answer_s <= part.load.slowest_s for part in told.hosts.values())
     for wants_robots in (account, record_check.check, check_seal, recheck.recheck):
-        with pytest.raises(AcrcError, match="still on hosts h1, h2; `acrc cluster fetch"):
+        with pytest.raises(AcrcError, match=r"still on hosts h1, h2; `\S+ cluster fetch"):
             wants_robots(out)
     drawn = acrc(hosts, cluster, "view", str(out), "--png")
     assert drawn.returncode == 0, drawn.stderr

@@ -5,13 +5,20 @@ import os
 import re
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 import acrc_testbed as acrc
+from acrc_testbed import runs
+from acrc_testbed.errors import arguments_named
 from actors.installation.repository import REPOSITORY, SHIPPED
+from actors.installation.usage import OptionError
+from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.modules import look_in
 from command_line.documentation.markdown import MarkdownPage
+from observation.export import rows
 from tests import warm
 
 PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
@@ -110,18 +117,85 @@ def test_errors_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert str(caught.value) == "nowhere: the scenario file cannot be read: No such file or directory"
     with pytest.raises(acrc.AcrcError) as caught:
         acrc.run("head_on", bus="air")  # type: ignore[arg-type]
-    assert str(caught.value) == "--bus: air; must be zenoh or memory"
+    assert str(caught.value) == "bus: air; must be zenoh or memory"
     with pytest.raises(acrc.AcrcError) as caught:
         acrc.run("head_on", settings={"run.strategy": "mine:behaviour"})
     assert str(caught.value) == (
         f"{SHIPPED / 'scenarios' / 'head_on.toml'} names the strategy mine:behaviour, whose code "
         f"{tmp_path / 'mine.py'} is neither installed nor in a folder that you have named; read it, then say "
-        "--modules ., or --trust"
+        'modules=["."], or trust=True'
     )
     with pytest.raises(acrc.AcrcError) as caught:
         acrc.open_campaign(tmp_path)
     assert str(caught.value) == f"{tmp_path}: holds no campaign; must be a folder that acrc campaign has made"
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("sentence", "right"),
+    [
+        ("--seed: x; must be a whole number", "seed: x; must be a whole number"),
+        ("--set deeco.publish: x; must be above 0", 'settings["deeco.publish"]: x; must be above 0'),
+        ("say --modules '/my code', or --trust", 'say modules=["/my code"], or trust=True'),
+        ("runs with `--bus memory` and two robots", 'runs with `bus="memory"` and two robots'),
+        ("--limit disk_mb=N allows more", "acrc run --limit disk_mb=N allows more"),
+        ("`acrc run --debug r1` stops there", "`acrc run --debug r1` stops there"),
+    ],
+)  # fmt: skip
+def test_errors_name_arguments(sentence: str, right: str) -> None:
+    with pytest.raises(acrc.AcrcError) as caught, arguments_named():
+        raise OptionError(sentence)
+    assert str(caught.value) == right
+
+
+OWN = "from cleaning.strategies.none import behaviour as behaviour\n"
+
+
+def test_a_run_remembers_what_it_was_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    request.addfinalizer(lambda: look_in(()))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "my_library_strategy.py").write_text(OWN)
+    wished = {"run.strategy": "my_library_strategy:behaviour"}
+    made = acrc.run("head_on", "mine", duration=1, settings=wished, bus="memory", modules=["code"])
+    taken: list[Permit] = []
+
+    def tables(folder: Path, permit: Permit, isolate: bool) -> dict[str, list[object]]:
+        taken.append(permit)
+        return defaultdict(list)
+
+    monkeypatch.setattr(rows, "tables", tables)
+    assert made.tables() and acrc.open_run("mine").tables()
+    assert taken == [Permit((tmp_path / "code",))] * 2
+    monkeypatch.setattr(runs, "_PERMITS", {})
+    with pytest.raises(acrc.AcrcError, match=r'then say modules=\["/.*code"\], or trust=True'):
+        made.tables()
+    assert acrc.open_run("mine", modules=["code"]).tables()
+
+
+def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").touch()
+    with pytest.raises(acrc.AcrcError) as caught:
+        acrc.run("head_on", "mine", duration=1, bus="memory", overwrite=True)
+    there = tmp_path / "mine"
+    assert str(caught.value) == (
+        f"out: {there} has other content, and no world/world.mcap; must be what can be replaced, or new"
+    )
+    acrc.run("head_on", "runs/a", duration=1, bus="memory", overwrite=True)
+    with pytest.raises(acrc.AcrcError, match=r"out: .* is not an empty folder; must be a new one"):
+        acrc.run("head_on", "runs/a", duration=1, bus="memory")
+    (tmp_path / "runs" / "a" / "run.png").touch()
+    with pytest.raises(acrc.AcrcError, match=r'settings\["strategy.reach"\]|strategy.reach'):
+        acrc.run("head_on", "runs/a", settings={"strategy.reach": -1}, bus="memory", overwrite=True)
+    assert (tmp_path / "runs" / "a" / "run.png").exists()
+    again = acrc.run("head_on", "runs/a", seed=9, duration=2, bus="memory", overwrite=True)
+    assert again.result is not None and again.result.simulated_s == 2
+    assert not (tmp_path / "runs" / "a" / "run.png").exists()
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
 def test_the_import_is_light() -> None:

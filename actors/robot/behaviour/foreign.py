@@ -5,6 +5,7 @@ it says that the module lies is a hint for the user, and no reason to load it fr
 """
 
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -134,7 +135,7 @@ def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> No
             f"{source} names the strategy {name}, and there is no module {module!r} here, nor in {where}; "
             "must be installed or lie in a folder that --modules DIR names"
         )
-    word = "." if folder == Path.cwd() else str(folder)
+    word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(
         f"{source} names the strategy {name}, whose code {located(module, folder)} is neither installed nor "
         f"in a folder that you have named; read it, then say --modules {word}, or --trust"

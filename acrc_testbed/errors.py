@@ -1,0 +1,34 @@
+"""Errors of the library, which name its arguments where the command line has options."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from actors.installation.usage import extras_named
+from actors.runtime.errors import AcrcError
+
+_ARGUMENTS: Final = (
+    (r"--bus (zenoh|memory)", r'bus="\1"'),
+    (r"--set ([\w-]+\.[\w.-]+)", r'settings["\1"]'),
+    (r"--modules (?:'([^']*)'|([./][^\s,;]*|DIR))", r'modules=["\1\2"]'),
+    (r"--trust", "trust=True"),
+    (r"--set\b", "settings"),
+    (r"--(out|robots|seed|duration|strategy|navigation|bus|modules)\b", r"\1"),
+    (r"(?<!acrc run )--([a-z])", r"acrc run --\1"),
+)
+"""Options as sentences name them, and arguments; the last is for options that are none."""
+
+
+@contextmanager
+def arguments_named() -> Iterator[None]:
+    """Raise errors with arguments in place of options, and with the extra that brings a missing package."""
+    try:
+        with extras_named():
+            yield
+    except AcrcError as error:
+        sentence = str(error)
+        for option, argument in _ARGUMENTS:
+            sentence = re.sub(option, argument, sentence)
+        error.args = (sentence,)
+        raise
