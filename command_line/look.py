@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from actors.console import screen
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, output_file, typed
+from actors.runtime.errors import AcrcError
 from command_line import completion
 from command_line.options import Json, Modules, Robots, Seed, Setting, Trust, answer
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from actors.robot.behaviour.foreign import Permit
     from observation.evidence.run_evidence import RunEvidence
 
+_PAGES: Final = (".png", ".svg", ".html")
 _JUDGED_S: Final = 5.0
 """Simulated; before that no robot has stood or driven for long enough to say anything of it."""
 
@@ -56,17 +58,20 @@ def demo(
 
 
 def view(
-    out: Annotated[
-        Path | None,
+    paths: Annotated[
+        list[Path] | None,
         typer.Argument(
-            metavar="OUT",
-            help="A run's folder, or one with folders collected from robots.  [default: the newest in runs/]",
+            metavar="OUT|FILE",
+            help="OUT: a run's folder, or one with folders collected from robots.  [default: the newest in "
+            "runs/]  FILE: where a page goes, by its suffix, as in --html page.html.",
         ),
     ] = None,
-    png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
-    svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
+    png: Annotated[
+        bool, typer.Option("--png", help="Draw the run on one page: FILE.png.  [default: OUT/run.png]")
+    ] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.  [default: OUT/run.svg]")] = False,
     html: Annotated[
-        bool, typer.Option("--html", help="The same with sentences and tables: OUT/run.html.")
+        bool, typer.Option("--html", help="The same with sentences and tables.  [default: OUT/run.html]")
     ] = False,
     movie: Annotated[
         Path | None,
@@ -76,8 +81,8 @@ def view(
         list[Path] | None,
         typer.Option(
             metavar="DIR",
-            help="This run, too, beside it, at the same instant; with --png or --svg on one picture, "
-            "OUT/beside.png. Repeatable.",
+            help="This run, too, beside it, at the same instant; with --png or --svg on one picture.  "
+            "[default: OUT/beside.png] Repeatable.",
         ),
     ] = None,
     speed: Annotated[
@@ -118,29 +123,50 @@ def view(
 ) -> None:
     """Open a run in the viewer, or draw it.
 
-    The viewer shows the floor, each robot's own view, radio, lanes and plots over time.
+    The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
+    it lacks something, such as a robot whose strategy may not run.
 
     It replays the robots to compute what was not recorded. With --png, --svg, --html or
     --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
     """
-    out = out or _newest()
-    if beside and (html or movie or why):
+    folder, files = _folder_and_files(paths or ())
+    out = folder or _newest()
+    name = "beside" if beside else "run"
+    for wished, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
+        if wished:
+            files.setdefault(suffix, out / f"{name}{suffix}")
+    if beside and (".html" in files or movie or why):
         raise OptionError("--beside: cannot be combined with --html, --movie or --why")
-    if beside and (png or svg):
-        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished]
-        _answer_drawn(out, _draw_beside((out, *beside), kinds), json=json)
+    pages = list(files.values())
+    if beside and pages:
+        _answer_drawn(out, _draw_beside((out, *beside), pages), json=json)
         return
-    if png or svg or html or movie or (json and save is None and screenshot is None):
-        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
-        drawn = _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed) if kinds or movie else []
+    if pages or movie or (json and save is None and screenshot is None):
+        drawn = _draw_page(out, pages, movie, speed) if pages or movie else []
         _answer_drawn(out, drawn, json=json)
         return
+    if save is not None:
+        output_file("--save", save, ".rrd")
+    if screenshot is not None:
+        output_file("--screenshot", screenshot, ".png")
     from actors.robot.behaviour.foreign import permit_of
 
     wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
     _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
     if json:
         _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
+
+
+def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Path]]:
+    """Return the run's folder, and the files for its pages by suffix. Raises OptionError."""
+    files = {path.suffix: path for path in paths if path.suffix in _PAGES and not path.is_dir()}
+    folders = [path for path in paths if path not in files.values()]
+    for suffix, file in files.items():
+        output_file(f"--{suffix[1:]}", file, suffix)
+    if folders[1:]:
+        right = typed("view", folders[0], "--html", "page.html")
+        raise OptionError(f"view: has no use for {folders[1]}; must be as in {right}, or with --beside DIR")
+    return next(iter(folders), None), files
 
 
 def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
@@ -180,20 +206,24 @@ def _show(
     def say(sentence: str) -> None:
         console.print(sentence)
 
-    wished, one = Wishes(*wishes), folders[0]
+    wished, one, complete = Wishes(*wishes), folders[0], True
     with out_folder.writing((save or screenshot or one).absolute().parent):
-        if save is not None:
-            beside.save(folders, wished, save, say) if folders[1:] else command.save(one, wished, save, say)
+        if save is not None and folders[1:]:
+            complete = beside.save(folders, wished, save, say)
+        elif save is not None:
+            complete = command.save(one, wished, save, say)
         if screenshot is not None and folders[1:]:
-            beside.picture(folders, wished, screenshot, at, say)
+            complete &= beside.picture(folders, wished, screenshot, at, say)
         elif screenshot is not None:
-            command.picture(one, wished, screenshot, at, say)
+            complete &= command.picture(one, wished, screenshot, at, say)
         if save is None and screenshot is None:
-            beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
+            complete = beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
+    if not complete:
+        raise AcrcError(f"{one}: the view lacks what is named above")
 
 
-def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> list[Path]:
-    """Draw several runs beside one another, in the folder of the first, and give the files."""
+def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
+    """Draw several runs beside one another into each file; return the files."""
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
@@ -201,9 +231,8 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> list[Path]:
     runs = [read_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
         _warn_of_lack(folder, run)
-    pictures = [folders[0] / f"beside.{kind}" for kind in kinds]
-    with out_folder.writing(folders[0]):
-        for picture in pictures:
+    for picture in pictures:
+        with out_folder.writing(picture.parent):
             side_by_side.write(runs, picture)
     return pictures
 
@@ -219,8 +248,8 @@ def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
         sys.stderr.write(f"acrc: {out}: {short}\n")
 
 
-def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> list[Path]:
-    """Draw the run on one page, once into each file, and as a movie if one is wished; gives the files."""
+def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
+    """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
@@ -232,9 +261,8 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     if run.result is None:
         screen(stderr=True).print(drawn_until(out, run.end))
     _warn_of_lack(out, run)
-    pages = [out / name for name in names]
-    with out_folder.writing(out):
-        for page in pages:
+    for page in pages:
+        with out_folder.writing(page.parent):
             (run_html if page.suffix == ".html" else run_page).write(run, page)
     if movie is None:
         return pages
@@ -274,8 +302,8 @@ def scenario(
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
 
-    if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
-        raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
+    if png is not None:
+        output_file("--png", png, ".png", ".svg")
     if (is_map := file.suffix in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")

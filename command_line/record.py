@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, output_file
 from command_line.options import Json, answer
 
 if TYPE_CHECKING:
@@ -103,8 +103,7 @@ def plot(
     json: Json = False,
 ) -> None:
     """Draw a field over simulated time."""
-    if file.suffix not in {".png", ".svg"} or not file.absolute().parent.is_dir():
-        raise wrong_value("--out", file, "a file in a folder that exists, its name ending in .png or .svg")
+    output_file("--out", file, ".png", ".svg")
     from observation.recordings import lines
     from observation.recordings.topics import short
 

@@ -21,7 +21,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
 
-from actors.installation.usage import wrong_value
+from actors.installation.usage import output_file
 from actors.instant import in_seconds
 from actors.orders import Give
 from actors.runtime import regular_file
@@ -49,8 +49,7 @@ class MovieError(AcrcError):
 
 def check(path: Path) -> None:
     """Raises OptionError for a file that is no movie's, MovieError for an MP4 without ffmpeg."""
-    if path.suffix not in {_GIF, _MP4} or not path.absolute().parent.is_dir():
-        raise wrong_value("--movie", path, "a file in a folder that exists, its name ending in .gif or .mp4")
+    output_file("--movie", path, _GIF, _MP4)
     if path.suffix == _MP4 and shutil.which("ffmpeg") is None:
         raise MovieError(f"--movie {path}: needs the program ffmpeg, which is not here; a .gif needs nothing")
 

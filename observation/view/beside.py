@@ -13,42 +13,44 @@ from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
 from actors.runtime.isolation.isolating import choose, warn
 from observation.view.command import opened, rest, so_far
-from observation.view.drawn import Say, Wishes, compute, place
+from observation.view.drawn import Say, Wishes, all_drawn, compute, place
 from observation.view.painting import Painting, arrangement, looked_into
 from observation.view.story import Story
 
 FILE_NAME = "beside.rrd"
 
 
-def save(folders: Sequence[Path], wishes: Wishes, path: Path, say: Say) -> None:
-    """Draw the runs into a view file, and show it to nobody."""
-    _draw([so_far(folder, say) for folder in folders], path, wishes, None, say)
+def save(folders: Sequence[Path], wishes: Wishes, path: Path, say: Say) -> bool:
+    """Draw the runs into a view file; return whether it has everything, as all these functions do."""
+    return _draw([so_far(folder, say) for folder in folders], path, wishes, None, say)
 
 
-def picture(folders: Sequence[Path], wishes: Wishes, path: Path, second: float | None, say: Say) -> None:
+def picture(folders: Sequence[Path], wishes: Wishes, path: Path, second: float | None, say: Say) -> bool:
     """Draw the runs, and take a picture of the window at an instant, s; None: half-way through."""
     stories = [so_far(folder, say) for folder in folders]
     with scratch_folder() as folder:
         view = folder / FILE_NAME
-        _draw(stories, view, wishes, None, say)
+        complete = _draw(stories, view, wishes, None, say)
         shot = screenshot.take(view, _end(stories) / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
+    return complete
 
 
-def show(folders: Sequence[Path], wishes: Wishes, say: Say) -> None:
+def show(folders: Sequence[Path], wishes: Wishes, say: Say) -> bool:
     """Draw the runs into a file in the folder of the first, and show it while that happens."""
     stories, path = [so_far(folder, say) for folder in folders], place(folders[0], FILE_NAME)
     shown = opened(say)
     try:
-        _draw(stories, path, wishes, None if shown is None else shown.address, say)
+        complete = _draw(stories, path, wishes, None if shown is None else shown.address, say)
         rest(shown, path, say)
     finally:
         viewer.end(shown)
+    return complete
 
 
-def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | None, say: Say) -> None:
-    """Draw into `path`, which takes its name once it is whole, and to a viewer."""
+def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | None, say: Say) -> bool:
+    """Draw into `path`, which takes its name once it is whole, and to a viewer; return as `all_drawn`."""
     began, end = time.monotonic(), _end(stories)
     detailed = [looked_into(story.robots, wishes.robots) for story in stories]
     arranged = [
@@ -67,10 +69,12 @@ def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | N
         say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
         choice = choose(wishes.isolate)
         warn(choice.warning)
-        for story, painting in zip(stories, paintings, strict=True):
-            for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate):
-                say(f"{story.out.name}: {fault}")
-    say(f"all of it after {time.monotonic() - began:.1f} s")
+        faults = [
+            f"{story.out.name}: {fault}"
+            for story, painting in zip(stories, paintings, strict=True)
+            for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
+        ]
+    return all_drawn(faults, f"after {time.monotonic() - began:.1f} s", say)
 
 
 def _arranged(story: Story, robots: Sequence[str], number: int, end: float) -> Arrangement:

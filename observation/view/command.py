@@ -17,25 +17,26 @@ from observation.view.drawn import Say, Wishes, draw, place, read_story
 from observation.view.story import Story
 
 
-def save(out: Path, wishes: Wishes, path: Path, say: Say) -> None:
-    """Draw the run in `out` into a view file, and show it to nobody."""
+def save(out: Path, wishes: Wishes, path: Path, say: Say) -> bool:
+    """Draw the run in `out` into a view file; return whether it has everything, as all these functions do."""
     began = time.monotonic()
-    draw(so_far(out, say), path, wishes, send_to=None, say=say, began=began)
+    return draw(so_far(out, say), path, wishes, send_to=None, say=say, began=began)
 
 
-def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Say) -> None:
+def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Say) -> bool:
     """Draw the run, and take a picture of the window at an instant, s; None: in the middle of the run."""
     began = time.monotonic()
     story = so_far(out, say)
     with scratch_folder() as folder:
         view = folder / "view.rrd"
-        draw(story, view, wishes, send_to=None, say=say, began=began)
+        complete = draw(story, view, wishes, send_to=None, say=say, began=began)
         shot = screenshot.take(view, story.end / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
+    return complete
 
 
-def show(out: Path, wishes: Wishes, say: Say) -> None:
+def show(out: Path, wishes: Wishes, say: Say) -> bool:
     """Draw the run into its view file, and show it while that happens; one that goes on is followed.
 
     In a window if there is a display. Else it is served to a browser on this machine until Interrupted, which
@@ -44,15 +45,16 @@ def show(out: Path, wishes: Wishes, say: Say) -> None:
     began = time.monotonic()
     if standing(out) is Standing.GOING_ON:
         _follow(out, wishes, say)
-        return
+        return True
     story, path = so_far(out, say), place(out)
     shown = opened(say)
     try:
         address = None if shown is None else shown.address
-        draw(story, path, wishes, send_to=address, say=say, began=began)
+        complete = draw(story, path, wishes, send_to=address, say=say, began=began)
         rest(shown, path, say)
     finally:
         viewer.end(shown)
+    return complete
 
 
 def _follow(out: Path, wishes: Wishes, say: Say) -> None:

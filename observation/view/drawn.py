@@ -70,20 +70,29 @@ def read_story(out: Path) -> Story:
 
 def draw(
     story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say, began: float | None = None
-) -> None:
+) -> bool:
     """Draw into `path`, and to a viewer; `say` is told how it gets on. AcrcError if it cannot be written.
 
-    The file takes its name once it is whole. `began`: when somebody began to wait, by the monotonic clock.
+    Return as `all_drawn` does. The file takes its name once it is whole. `began`: when the user began to
+    wait, by the monotonic clock.
     """
     began = time.monotonic() if began is None else began
     with regular_file.replaced(path) as part:
         faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
-    for fault in faults:
-        say(fault)
-    inside = "" if elsewhere(story.out) else f", with what {_told(story)} perceived and meant"
-    say(f"all of it after {time.monotonic() - began:.1f} s{inside}")
+    away = bool(elsewhere(story.out))
+    inside = "" if away else f", with what {_told(story)} perceived and meant"
+    complete = all_drawn(faults, f"after {time.monotonic() - began:.1f} s", say, inside)
     if lost:
         say(f"the viewer was closed before that: the whole view is in {path}")
+    return complete or away
+
+
+def all_drawn(faults: Sequence[str], taken: str, say: Say, inside: str = "") -> bool:
+    """Say what could not be computed, or that all was drawn, and return whether it was."""
+    for fault in faults:
+        say(fault)
+    say(f"drawn {taken}, without what is named above" if faults else f"all of it {taken}{inside}")
+    return not faults
 
 
 def _draw(

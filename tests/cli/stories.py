@@ -68,7 +68,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "looks": (
         Line(f"run {HEAD_ON} --duration 4 --strategy mine:behaviour --out runs/a", "", "runs/a/run.json"),
         Line(f"run {HEAD_ON} --duration 4 --strategy none --out runs/b", "", "runs/b/run.json"),
-        Line("view runs/a --png --svg --html", r"run.png", "runs/a/run.svg"),
+        Line("view runs/a --png --svg --html page.html", r"runs/a/run.png", "page.html"),
         Line("view runs/a --json", r'"stands":"ended","files":\[\]'),
         Line("view runs/a --movie a.gif --speed 100", r"a.gif", "a.gif"),
         Line("view runs/a --beside runs/b --png", r"beside.png", "runs/a/beside.png"),
@@ -172,7 +172,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line(
             f"run {HEAD_ON} --duration 2 --on {{cluster}} --listen 127.0.0.1 --leave --out runs/left",
-            r"runs/left/r1/r1\.mcap and 1 more is still on host \S+; `acrc cluster fetch",
+            r"runs/left/r1/r1\.mcap and 1 more is still on host \S+; `\S+ cluster fetch",
         ),
         Line(
             "cluster fetch runs/left --on {cluster} --json",

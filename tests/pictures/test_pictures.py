@@ -21,6 +21,7 @@ from actors.installation.usage import OptionError
 from actors.observer.colours import contrast, hexadecimal
 from actors.observer.glyphs import MARKS, SEEN_STATES
 from actors.runtime.errors import AcrcError
+from command_line import look as look_commands
 from command_line.documentation import trials
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -98,6 +99,32 @@ def test_view_draws_beside_the_run(folder: Path, tmp_path: Path) -> None:
         *(str(out / f"run.{kind}") for kind in ("png", "svg", "html")), str(tmp_path / "m.gif")
     ]  # fmt: skip
     assert (out / "run.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("words", "folder", "files"),
+    [
+        ("runs/a", "runs/a", {}),
+        ("runs/a page.html", "runs/a", {".html": "page.html"}),
+        ("x.svg", None, {".svg": "x.svg"}),
+        ("x.png runs/a y.html", "runs/a", {".png": "x.png", ".html": "y.html"}),
+    ],
+)
+def test_pages_go_to_files_that_are_named(words: str, folder: str | None, files: dict[str, str]) -> None:
+    found = look_commands._folder_and_files([Path(word) for word in words.split()])
+    assert found == (folder and Path(folder), {suffix: Path(file) for suffix, file in files.items()})
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("runs/a page.jpg", "view: has no use for page.jpg; must be as in .* view runs/a --html page.html"),
+        ("runs/a nowhere/a.png", "--png: nowhere/a.png; must be a file in a folder that exists"),
+    ],
+)
+def test_a_file_that_cannot_be_a_page_is_one_sentence(words: str, sentence: str) -> None:
+    with pytest.raises(OptionError, match=sentence):
+        look_commands._folder_and_files([Path(word) for word in words.split()])
 
 
 def test_a_run_too_short_to_judge_is_drawn_with_a_warning(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from actors.observer.glyphs import OWN_STATES
 from actors.observer.sheet import APPLICATION
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
+from command_line import look
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
@@ -101,6 +102,20 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     )
     assert any("| takes over" in text[0] or "r2 takes over" in text[0] for _, text in reasons)
     assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
+
+
+def test_a_view_that_lacks_something_says_so_and_fails(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(drawn, "compute", lambda *_, **__: ["r1: may not run"])
+    wishes, path = ((), INSTALLED, False, False), tmp_path / "run.rrd"
+    for folders in ([folder], [folder, folder]):
+        monkeypatch.setattr(beside, "compute", drawn.compute)
+        with pytest.raises(AcrcError, match="the view lacks what is named above"):
+            look._show(folders, wishes, save=path, screenshot=None, at=None)
+        *_, fault, last = capsys.readouterr().err.splitlines()
+        assert fault.endswith("r1: may not run") and last.endswith(" s, without what is named above")
+    assert path.is_file()
 
 
 def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
