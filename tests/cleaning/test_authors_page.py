@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -22,19 +23,23 @@ from actors.robot.behaviour import (
     View,
 )
 from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalStatus
-from actors.task.words import PlaceKey
+from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from deeco import Knowledge, in_seconds, role
 from deeco.immutability import fault
 from deeco.process import Periodic, processes_of
 from deeco.replication.schema import RoleBook
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
 
 
 def said() -> set[str]:
-    """Every name that begins what stands in backticks."""
-    return {word for quoted in re.findall(r"`([^`]+)`", PAGE) for word in re.findall(r"\w+", quoted)}
+    """Every name in backticks, without the blocks of code."""
+    text = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
+    return {word for quoted in re.findall(r"`([^`]+)`", text) for word in re.findall(r"\w+", quoted)}
 
 
 @pytest.mark.parametrize("port", [Positioning, Navigation, PlaceMonitor, FloorPlan, Plan, Door])
@@ -47,7 +52,8 @@ def test_every_name_of_a_port_is_on_the_page(port: type) -> None:
 
 def test_every_field_and_every_public_name_is_on_the_page() -> None:
     wanted = {one.name for kind in (Start, Decision, ExchangeSettings) for one in fields(kind)}
-    wanted |= {*View._fields, *Goal._fields, *behaviour.__all__}
+    wanted |= {one for kind in (PlaceKey, PlaceReport, PlaceGivenUp) for one in kind.__struct_fields__}
+    wanted |= {"PlaceReport", "PlaceGivenUp", *View._fields, *Goal._fields, *behaviour.__all__}
     wanted |= {one.name for kind in (GoalStatus, AbortReason, GoalPhase) for one in kind}
     assert wanted - {GoalOrder.__name__, "BehaviourError"} - said() == set()
 
@@ -80,3 +86,19 @@ def test_a_place_key_travels_in_knowledge_and_a_struct_that_can_change_does_not(
         place: int
 
     assert "not among the types" in (fault(Loose) or "")
+
+
+def test_a_behaviour_without_the_component_model_cleans_its_places(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert f"at most {REASON_LIMIT} characters" in PAGE
+    text = re.findall(r"^```python\n(# my_study/in_order.py\n.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
+    (tmp_path / "authors_in_order.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    scenario = load_scenario(
+        REPOSITORY / "scenarios" / "head_on.toml",
+        Overrides(robots=1, duration=45.0, strategy="authors_in_order:behaviour"),
+    )
+    result = swarm.run(scenario, RunOptions(tmp_path / "out", bus="memory", json=True))
+    assert result.places_done == result.places_claimed > 0
+    assert result.places_lost == 0
