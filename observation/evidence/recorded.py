@@ -8,21 +8,23 @@ import msgspec
 
 from actors.runtime.codec import decode
 from actors.runtime.process import FinalNote
-from actors.runtime.recording import Note, decoded, read_notes, read_recording
+from actors.runtime.recording import Direction, Note, decoded, read_notes, read_recording
 from actors.topic import M, Message, Topic
 from observation.results.outcome import told
 
 T = TypeVar("T")
 
 
-def taken(path: Path, topic: Topic[M]) -> Iterator[tuple[str, M]]:
-    """The messages of a topic that the process took in, in order, each with the robot in its key, or "".
+def taken(path: Path, topic: Topic[M], direction: Direction = "in") -> Iterator[tuple[str, M]]:
+    """Yield the messages of a topic that the process received, each with the robot in its key, or "".
+
+    `direction`: "out" for the messages that it sent.
 
     Raises RecordingError for a damaged file, WireError for a message that is none of the topic.
     """
     prefix, hole, suffix = topic.pattern.partition("{id}")
     for item in read_recording(path):
-        if isinstance(item, Note) or item.direction != "in" or item.payload is None:
+        if isinstance(item, Note) or item.direction != direction or item.payload is None:
             continue
         if item.key.startswith(prefix) and item.key.endswith(suffix):
             message = decode(cast(Topic[Message], topic), item.key, item.payload)

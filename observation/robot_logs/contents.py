@@ -54,6 +54,14 @@ class PlacedMotion(NamedTuple):
     omega: float
 
 
+class LoggedCommand(NamedTuple):
+    """A commanded velocity in the frame of the base, m/s and rad/s."""
+
+    vx: float
+    vy: float
+    omega: float
+
+
 @dataclass(frozen=True, eq=False)
 class LoggedScan:
     """One scan."""
@@ -144,6 +152,7 @@ Content = (
     Transforms
     | PlacedPose
     | PlacedMotion
+    | LoggedCommand
     | LoggedScan
     | LoggedPlan
     | PointSet
@@ -165,6 +174,7 @@ KINDS: Final[dict[str, type[Content]]] = {
     "pose": PlacedPose,
     "goal": PlacedPose,
     "odom": PlacedMotion,
+    "cmd_vel": LoggedCommand,
     "scan": LoggedScan,
     "plan": LoggedPlan,
     "particles": PointSet,

@@ -29,6 +29,7 @@ from observation.robot_logs.floor_entries import (
     thing_entries,
 )
 from observation.robot_logs.robot_entries import (
+    command_entries,
     held_entries,
     sensed_entries,
     static_frames,
@@ -95,7 +96,10 @@ def log_run(
     with Spool(form) as spool, regular_file.replaced(path) as part:
         faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
         on_actor("")
-        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        # Foxglove has no schema of a velocity alone.
+        commands = [command_entries(files[actor], one) for actor, one in sources.items() if form.profile]
+        streams = _streams(story, files, sources, models, spool, left_out)
+        entries = merge(*streams, *commands, key=attrgetter("logged"))
         counts = log_file.write(part, form, entries, left_out)
     absent = [
         f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.message_limits import senses_fault
-from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
+from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Scan, Senses
 from actors.robot_model import RobotModel
 from observation.evidence.recorded import taken
 from observation.robot_logs.contents import (
@@ -19,6 +19,7 @@ from observation.robot_logs.contents import (
     UNKNOWN_CELL,
     Grid,
     LogEntry,
+    LoggedCommand,
     LoggedPlan,
     LoggedScan,
     PlacedMotion,
@@ -85,6 +86,15 @@ def sensed_entries(
         for scan, stamp in zip(scans, stamps, strict=True):
             sweep = LoggedScan(f"{robot}/laser", model.sensor, _ranges(scan))
             yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, round(stamp * 1e6))
+
+
+def command_entries(path: Path, source: Source) -> Iterator[LogEntry]:
+    """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
+    for (_, senses), (_, drive) in zip(taken(path, SENSES), taken(path, DRIVE, "out"), strict=False):
+        if abs(senses.instant) <= _FAR:
+            second = source.clock(np.array([senses.instant])).item()
+            velocity = LoggedCommand(drive.vx, drive.vy, drive.omega)
+            yield entry(second * 1e6, f"/{source.robot}/cmd_vel", velocity)
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:

@@ -18,6 +18,7 @@ from observation.robot_logs.contents import (
     Grid,
     Label,
     LineList,
+    LoggedCommand,
     LoggedPlan,
     LoggedScan,
     MarkedScene,
@@ -36,6 +37,7 @@ _TYPES: Final[dict[type[Content], str]] = {
     Transforms: "tf2_msgs/msg/TFMessage",
     PlacedPose: "geometry_msgs/msg/PoseStamped",
     PlacedMotion: "nav_msgs/msg/Odometry",
+    LoggedCommand: "geometry_msgs/msg/Twist",
     LoggedScan: "sensor_msgs/msg/LaserScan",
     LoggedPlan: "nav_msgs/msg/Path",
     PointSet: "sensor_msgs/msg/PointCloud2",
@@ -105,13 +107,17 @@ class Ros2Form:
     def _(self, content: PlacedMotion, stamp: int) -> Any:
         unknown = np.zeros(36)  # as bases publish it that estimate none
         pose = self._of("geometry_msgs/PoseWithCovariance", pose=self._pose(content.pose), covariance=unknown)
-        linear = self._vector(content.vx, content.vy)
-        twist = self._of("geometry_msgs/Twist", linear=linear, angular=self._vector(0.0, 0.0, content.omega))
-        uncertain = self._of("geometry_msgs/TwistWithCovariance", twist=twist, covariance=unknown)
+        uncertain = self._of(
+            "geometry_msgs/TwistWithCovariance", twist=self._twist(content), covariance=unknown
+        )
         return self._of(
             "nav_msgs/Odometry", header=self._header(content.frame, stamp), child_frame_id=content.child,
             pose=pose, twist=uncertain,
         )  # fmt: skip
+
+    @_message.register
+    def _(self, content: LoggedCommand, stamp: int) -> Any:
+        return self._twist(content)
 
     @_message.register
     def _(self, content: LoggedScan, stamp: int) -> Any:
@@ -198,6 +204,10 @@ class Ros2Form:
         return self._of(
             "geometry_msgs/TransformStamped", header=header, child_frame_id=one.child, transform=placed
         )
+
+    def _twist(self, content: PlacedMotion | LoggedCommand) -> Any:
+        linear, angular = self._vector(content.vx, content.vy), self._vector(0.0, 0.0, content.omega)
+        return self._of("geometry_msgs/Twist", linear=linear, angular=angular)
 
     def _stamped(self, frame: str, pose: Pose, stamp: int) -> Any:
         return self._of("geometry_msgs/PoseStamped", header=self._header(frame, stamp), pose=self._pose(pose))

@@ -8,9 +8,9 @@ from tests.robot_logs.test_ros2 import pose
 
 
 def test_topics_and_instants_are_those_of_the_other_form(foxglove: Log, ros2: Log) -> None:
-    assert foxglove.keys() == ros2.keys()
-    for topic, messages in ros2.items():
-        assert [logged for logged, _ in foxglove[topic]] == [logged for logged, _ in messages]
+    assert foxglove.keys() == ros2.keys() - {"/r1/cmd_vel", "/r2/cmd_vel"}
+    for topic, messages in foxglove.items():
+        assert [logged for logged, _ in messages] == [logged for logged, _ in ros2[topic]]
 
 
 def test_every_topic_has_its_schema(foxglove: Log) -> None:

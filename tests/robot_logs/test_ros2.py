@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
-from actors.messages import SENSES
+from actors.messages import DRIVE, SENSES
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence
 from observation.robot_logs.robot_entries import occupancy
@@ -82,6 +82,7 @@ def test_every_topic_has_its_type(ros2_file: Path) -> None:
         "pose": "geometry_msgs/msg/PoseStamped",
         "goal": "geometry_msgs/msg/PoseStamped",
         "odom": "nav_msgs/msg/Odometry",
+        "cmd_vel": "geometry_msgs/msg/Twist",
         "scan": "sensor_msgs/msg/LaserScan",
         "plan": "nav_msgs/msg/Path",
         "local_costmap": "nav_msgs/msg/OccupancyGrid",
@@ -97,6 +98,15 @@ def test_every_topic_has_its_type(ros2_file: Path) -> None:
         "/links": "visualization_msgs/msg/MarkerArray",
         "/rosout": "rcl_interfaces/msg/Log",
     }
+
+
+def test_commanded_velocities_are_those_that_the_world_received(ros2: Log, out: Path) -> None:
+    sent = [(robot, drive.vx, drive.omega) for robot, drive in taken(out / "world" / "world.mcap", DRIVE)]
+    for robot in ("r1", "r2"):
+        told = [(message.linear.x, message.angular.z) for _, message in ros2[f"/{robot}/cmd_vel"]]
+        assert told == [tuple(velocity) for one, *velocity in sent if one == robot]
+        assert any(forward for forward, _ in told)
+    assert [at for at, _ in ros2["/r2/cmd_vel"]] == [at for at, _ in ros2["/r2/odom"]]
 
 
 def test_true_and_estimated_poses_are_those_of_every_step(ros2: Log, evidence: RunEvidence) -> None:
