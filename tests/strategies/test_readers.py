@@ -1,0 +1,77 @@
+"""Every command that reads a run reads one of each shipped strategy and example; files are read alike.
+
+By day one strategy, by night all.
+"""
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from actors.installation.repository import REPOSITORY, SHIPPED
+from actors.robot.behaviour.modules import look_in
+from cleaning.strategies import STRATEGIES
+from command_line.app import app
+
+EXAMPLE = "examples.courteous:behaviour"
+RUN = "run scenarios/head_on.toml --strategy {strategy} --duration {seconds} --bus memory --out {out}"
+READERS = (
+    "explain {out} r1 --modules .", "causes {out}", "record check {out}", "record info {out}",
+    "branch {out}@0.5 --modules . --out {out}/../branch",
+)  # fmt: skip
+SLOW_READERS = (
+    "view {out} --png --html --svg", "view {out} --json", "replay {out} --modules .",
+    "replay {out} --robot r2 --modules . --no-isolate", "export {out} --modules .",
+    "export {out} --mcap ros2 --modules .", "export {out} --mcap foxglove --modules .",
+    "report {out}", "causes {out} --what-if --modules .", "record echo {out} r1/drive",
+    "record plot {out} r1/drive vx --out {out}/vx.png", "record merge {out} --out {out}/all.mcap",
+)  # fmt: skip
+SHIPPED_FILES = {
+    "scenario {file} --png {out}.png --modules .": [
+        *sorted((SHIPPED / "scenarios").glob("*.toml")),
+        *sorted((SHIPPED / "maps").glob("*.yaml")),
+        *sorted((REPOSITORY / "actors" / "models").glob("*.toml")),
+    ],
+    "run {file} --duration 1 --bus memory --out {out}": sorted((SHIPPED / "scenarios").glob("*.toml")),
+}
+
+
+def call(words: str) -> None:
+    """Run a command in this process; it must succeed."""
+    try:
+        app(shlex.split(words), prog_name="acrc", standalone_mode=False)
+    except SystemExit as end:
+        assert not end.code, words
+
+
+def read(strategy: str, folder: Path, seconds: int, readers: tuple[str, ...]) -> None:
+    out = folder / "run"
+    for words in (RUN, *readers):
+        call(words.format(strategy=strategy, seconds=seconds, out=out))
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(REPOSITORY)
+    yield
+    look_in(())
+
+
+def test_a_run_is_read_by_every_cheap_command(tmp_path: Path) -> None:
+    read(EXAMPLE, tmp_path, 1, READERS)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("strategy", [*STRATEGIES, EXAMPLE])
+def test_a_run_of_every_strategy_is_read_by_every_command(strategy: str, tmp_path: Path) -> None:
+    read(strategy, tmp_path, 3, (*READERS, *SLOW_READERS))
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("command", SHIPPED_FILES)
+def test_every_shipped_file_is_read(command: str, tmp_path: Path) -> None:
+    for file in SHIPPED_FILES[command]:
+        call(command.format(file=file, out=tmp_path / file.stem))
