@@ -44,6 +44,7 @@ SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
         "closed door": StateGlyph((88, 84, 83), "--"),
         "unreachable": StateGlyph((2, 21, 125), "oo"),
         "no plan": StateGlyph((3, 75, 44), ".."),
+        "waits on purpose": StateGlyph((157, 89, 0), "///"),
         "no progress": StateGlyph((231, 216, 9), ""),
         "lost": StateGlyph((189, 121, 249), "**"),
         "strategy idle": StateGlyph((235, 217, 191), "---"),

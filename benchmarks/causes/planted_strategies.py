@@ -1,7 +1,7 @@
-"""Strategies with a planted fault: one sleeps with places left, one cannot make up its mind."""
+"""Strategies with planted behaviour: one sleeps with places left, one pauses, one changes goals too often."""
 
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from actors.instant import Instant, seconds
 from actors.robot.behaviour import Behaviour, Start
@@ -14,10 +14,10 @@ DITHERING: Final = "benchmarks.causes.planted_strategies:dithering"
 
 
 class _Sleeper:
-    """Does as `none`, until it falls asleep."""
+    """Acts as `none` until it falls asleep, with one last decision."""
 
-    def __init__(self, awake: Behaviour, at: Instant) -> None:
-        self._awake, self._at = awake, at
+    def __init__(self, awake: Behaviour, at: Instant, last: dict[str, Any]) -> None:
+        self._awake, self._at, self._last = awake, at, last
         self._asleep = False
 
     def advance(self, view: View, until: Instant) -> Decision:
@@ -26,7 +26,7 @@ class _Sleeper:
             return Decision()
         decided = self._awake.advance(view, until)
         self._asleep = view.instant >= self._at
-        return replace(decided, goal=GoalOrder.CANCEL) if self._asleep else decided
+        return replace(decided, **self._last) if self._asleep else decided
 
 
 class _Ditherer:
@@ -46,11 +46,12 @@ class _Ditherer:
 
 
 def sleeping(start: Start) -> Behaviour:
-    """Settings: `who` falls asleep, and when, `asleep_s`."""
+    """Settings: `who` falls asleep, when, `asleep_s`, and whether `paused`, so that it keeps its goal."""
     awake = none.behaviour(replace(start, settings={}))
     if start.robot != start.settings["who"]:
         return awake
-    return _Sleeper(awake, Instant(_lasting(start, "asleep_s")))
+    last: dict[str, Any] = {"paused": True} if start.settings["paused"] else {"goal": GoalOrder.CANCEL}
+    return _Sleeper(awake, Instant(_lasting(start, "asleep_s")), last)
 
 
 def dithering(start: Start) -> Behaviour:

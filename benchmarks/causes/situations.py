@@ -102,20 +102,24 @@ def done(seed: int) -> Situation:
 
 def asleep(seed: int) -> Situation:
     """The same with a robot whose strategy sleeps, with places left."""
+    return _asleep(seed, "sleeping", Cause.STRATEGY_IDLE)
+
+
+def pauses(seed: int) -> Situation:
+    """The same with a robot whose strategy pauses navigation and keeps its goal."""
+    return _asleep(seed, "pausing", Cause.ON_PURPOSE)
+
+
+def _asleep(seed: int, kind: str, cause: Cause) -> Situation:
     draw = generator(seed, "causes", "asleep")
     queue, stander = _queue(draw)
     sleeper = f"r{len(queue) + 1}"
-    settings = {"who": sleeper, "asleep_s": round(draw.uniform(0.0, 0.5), 1)}
-    expected = dict.fromkeys([*_names(queue), sleeper], Cause.STRATEGY_IDLE)
-    return Situation(
-        "sleeping strategy, queue",
-        seed,
-        (*queue, stander),
-        25.0,
-        SLEEPING,
-        settings=settings,
-        expected=expected,
-    )
+    at, paused = round(draw.uniform(0.0, 0.5), 1), cause is Cause.ON_PURPOSE
+    settings = {"who": sleeper, "asleep_s": at, "paused": paused}
+    expected = dict.fromkeys([*_names(queue), sleeper], cause)
+    robots = (*queue, stander)
+    name = f"{kind} strategy, queue"
+    return Situation(name, seed, robots, 25.0, SLEEPING, settings=settings, expected=expected)
 
 
 def head_on(seed: int) -> Situation:
@@ -237,8 +241,8 @@ def quiet(seed: int) -> Situation:
 
 Plant = Callable[[int], Situation]
 PLANTED: Final[Sequence[Plant]] = (
-    dead_robot, done, asleep, head_on, head_on_floor, closed_door, thing_on_place, unreachable, dithers,
-    carried, jammed, all_jammed,
+    dead_robot, done, asleep, pauses, head_on, head_on_floor, closed_door, thing_on_place, unreachable,
+    dithers, carried, jammed, all_jammed,
 )  # fmt: skip
 
 

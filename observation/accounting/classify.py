@@ -40,7 +40,7 @@ class Classified:
     ring: Flags
     """(steps, robots): it is in a ring of robots that wait for one another."""
     stood: Flags
-    """(steps, robots): it stood although it wanted to be elsewhere, whatever the cause."""
+    """(steps, robots): it stood, not on purpose, although it wanted to be elsewhere, whatever the cause."""
     at_door: Flags
     """(steps, robots): it waited for a robot, and one of the two was in or at a door."""
 
@@ -65,7 +65,7 @@ def classify(
     near = waiting.beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
     causes, found = _followed(states, own, before, barred, _doors(tracks, before, floor.passages, parameters))
-    stood = (states.waits & (before != NOBODY)) | states.long_waits
+    stood = ((states.waits & (before != NOBODY)) | states.long_waits) & ~states.paused
     return Classified(causes, before, found.root, found.ring, stood, found.at_door)
 
 
@@ -74,6 +74,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
     own = np.full(states.on.shape, _NONE, np.uint8)
     for cause, where in (
         (Cause.NO_PLAN, walled & states.wants),
+        (Cause.ON_PURPOSE, states.paused),
         (Cause.STRATEGY_IDLE, states.asleep),
         (Cause.LOST, states.lost),
         (Cause.IDLE, states.done),

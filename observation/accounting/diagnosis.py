@@ -13,7 +13,8 @@ from observation.accounting.tracks import Tracks
 def score(tracks: Tracks, said: Mapping[str, Said], classified: Classified) -> DiagnosisScore | None:
     """Over all robots that ask themselves whether they are blocked; None if none does.
 
-    Blocked in truth is who stands although it wants to be elsewhere, whatever the cause.
+    A robot is truly blocked while it stands although it wants to be elsewhere, whatever the cause; a robot
+    that waits on purpose is not.
     """
     both = told = true = count = noticed = false_alarms = 0
     delays: list[float] = []

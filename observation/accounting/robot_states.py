@@ -54,6 +54,8 @@ class RobotStates:
         )
         """It stands with something left to do, and has no goal."""
         self.planless = _columns(spells(one.planless, tracks) for one in self.said) & self.wants
+        self.paused = _columns(spells(one.paused, tracks) for one in self.said) & self.wants
+        """Its strategy has paused navigation; it keeps its goal."""
         self.lost = _columns(_lost(error, p) for error in errors(tracks).T)
         self._turns = _turns(tracks)
         turning = np.abs(self._turns) > p.turning * in_seconds(tracks.step_us)

@@ -29,6 +29,8 @@ class Said:
     """None if none of its processes left a last record, as of a run that was cut."""
     planless: tuple[tuple[int, int], ...] = ()
     """Spells in which navigation found no way."""
+    paused: tuple[tuple[int, int | None], ...] = ()
+    """Spells in which its strategy had paused navigation; None: to the end of the run."""
     blocked: tuple[tuple[int, int | None], ...] | None = None
     """Spells in which it held itself to be blocked; None if it never asks."""
     decisions: tuple[SaidDecision, ...] = ()
@@ -43,6 +45,7 @@ def said_by(records: Sequence[Path]) -> Said:
     """
     goals: list[GivenGoal] | None = None
     planless: list[tuple[int, int]] = []
+    paused: list[tuple[int, int | None]] = []
     blocked: list[tuple[int, int | None]] | None = None
     decisions: list[SaidDecision] = []
     left_out = 0
@@ -51,6 +54,7 @@ def said_by(records: Sequence[Path]) -> Said:
         if (navigation := navigation_outcome(record, outcome)) is not None:
             goals = [*(goals or []), *navigation.given]
             planless += navigation.without_plan
+            paused += navigation.paused
         told = adaptation(record, outcome)
         if told is not None:
             decisions += told.decisions
@@ -58,7 +62,8 @@ def said_by(records: Sequence[Path]) -> Said:
             if told.blocked is not None:
                 blocked = [*(blocked or []), *told.blocked]
     said = None if blocked is None else tuple(blocked)
-    return Said(None if goals is None else tuple(goals), tuple(planless), said, tuple(decisions), left_out)
+    wanted = None if goals is None else tuple(goals)
+    return Said(wanted, tuple(planless), tuple(paused), said, tuple(decisions), left_out)
 
 
 def pursued(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.int64]:

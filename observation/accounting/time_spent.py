@@ -23,6 +23,8 @@ class Cause(Enum):
     """It holds itself to be somewhere else."""
     STRATEGY_IDLE = "strategy idle"
     """It stands with places left, and its strategy asks for no goal."""
+    ON_PURPOSE = "waits on purpose"
+    """Its strategy has paused navigation and keeps the goal, whether or not anything is in the way."""
     DEADLOCK = "deadlock"
     """Robots that stand wait for one another in a ring."""
     BY_DEAD = "blocked by dead robot"
@@ -97,6 +99,11 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     """How long it truly had stood by then, s; 0 if it got on."""
     free_after_s: float | None
     """From the decision until the robot truly got on, s; None if it did not, or had not stood."""
+
+    @property
+    def adopts(self) -> bool:
+        """True if the robot takes over a place of another one, in the words of `CleaningRobot`."""
+        return "takes over" in self.words
 
 
 class DiagnosisScore(msgspec.Struct, frozen=True):

@@ -52,6 +52,8 @@ class NavigationOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """Further ones."""
     without_plan: _Listed[tuple[Count, Count]] = ()
     """Spells in which no way was found to one goal after the other: begin and end, µs."""
+    paused: _Listed[tuple[Count, Count | None]] = ()
+    """Spells in which the behaviour had paused navigation: begin and end, µs; None: to the end of the run."""
 
 
 class NavigationResult(msgspec.Struct, frozen=True):
@@ -102,6 +104,7 @@ def _contradictions(said: NavigationOutcome, steps: int, last_us: int) -> Iterat
         *((goal.begin, goal.begin if goal.end is None else goal.end) for goal in said.given),
         *((begin, end) for begin, end, _ in said.no_valid_trajectory),
         *said.without_plan,
+        *((begin, begin if end is None else end) for begin, end in said.paused),
     ]
     for begin, end in spells:
         if not begin <= end <= last_us:

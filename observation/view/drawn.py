@@ -32,7 +32,9 @@ from observation.view.story import Source, Story
 
 FILE_NAME: Final = "view.rrd"
 SEEN_FROM_OUTSIDE: Final = {
-    **dict.fromkeys((*BY_ROBOTS, Cause.CLOSED_DOOR, Cause.UNREACHABLE, Cause.NO_PROGRESS), "standing"),
+    **dict.fromkeys(
+        (*BY_ROBOTS, Cause.ON_PURPOSE, Cause.CLOSED_DOOR, Cause.UNREACHABLE, Cause.NO_PROGRESS), "standing"
+    ),
     **dict.fromkeys((Cause.LOST, Cause.NO_PLAN, Cause.LIVELOCK, Cause.DRIVING), "driving"),
     **dict.fromkeys((Cause.IDLE, Cause.STRATEGY_IDLE), "idle"),
     Cause.OFF: "off",

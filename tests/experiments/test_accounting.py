@@ -183,6 +183,20 @@ def test_what_comes_first_decides() -> None:
     assert causes(settled, WANTS) == [{Cause.IDLE}]
 
 
+def test_a_robot_whose_strategy_pauses_waits_on_purpose_whatever_is_in_its_way() -> None:
+    pauses = Said(goals=GOAL, paused=((seconds(10), seconds(20)), (seconds(29), None)))
+    pair = tracks(at(2.0, 1.0), at(2.43, 1.0))
+    found = classified(pair, pauses, WANTS)
+    assert found.is_(Cause.ON_PURPOSE).sum(axis=0).tolist() == [110, 110], "also who waits for it"
+    assert found.is_(Cause.DEADLOCK).sum(axis=0).tolist() == [190, 190]
+    assert not found.stood[100:200, 0].any() and found.stood[:100, 0].all()
+    short = Said(goals=GOAL, paused=((seconds(1), seconds(2)),))
+    assert classified(tracks(driving(2.0, 1.0)), short).is_(Cause.ON_PURPOSE).sum() == 10
+    assert causes(tracks(at(2.0, 1.0)), replace(pauses, goals=())) == [{Cause.STRATEGY_IDLE}], (
+        "without a goal"
+    )
+
+
 def test_a_turn_on_the_spot_is_driving_and_so_is_a_short_pause() -> None:
     alone = driving(2.0, 1.0)
     alone[50:129] = alone[50]

@@ -135,6 +135,8 @@ def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> Non
     trip.navigation.take(GoalOrder.KEEP, False)
     assert trip.take_step() == AHEAD
     assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(503))
+    trip.navigation.take(GoalOrder.KEEP, True)
+    assert trip.count("paused") == [[at_step(2), at_step(502)], [at_step(503), None]]
 
 
 def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothing() -> None:

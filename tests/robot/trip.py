@@ -100,6 +100,7 @@ class Trip:
     def take_step(self, bumped: bool = False) -> Twist:
         estimate = Pose(self.place.x, self.place.y, 0.5)
         here = SHIFT.compose(estimate)
+        self.navigation.sense(at_step(self.step), here, None)
         twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
         if self.drifts and twist == AHEAD:
             way = self.local_planner.ways[-1]

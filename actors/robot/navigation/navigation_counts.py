@@ -53,6 +53,7 @@ class NavigationCounts:
         self._given_unlisted = 0
         self._planless: list[tuple[Instant, Instant]] = []
         self._planless_since: Instant | None = None
+        self._pauses: list[list[Instant | None]] = []
         self.now = Instant(0)
         """The start of the step; whoever keeps the journal sets it."""
 
@@ -75,6 +76,13 @@ class NavigationCounts:
             if len(self._planless) < _KEPT:
                 self._planless.append((self._planless_since, self.now))
             self._planless_since = None
+
+    def pauses(self, paused: bool) -> None:
+        """Record that the behaviour pauses navigation or resumes it."""
+        if not paused and self._pauses[-1][1] is None:
+            self._pauses[-1][1] = self.now
+        elif paused and len(self._pauses) < _KEPT:
+            self._pauses.append([self.now, None])
 
     def enters(self, phase: GoalPhase) -> None:
         """The active goal has come into another phase."""
@@ -117,6 +125,7 @@ class NavigationCounts:
             "given": [asdict(goal) for goal in self._given],
             "given_unlisted": self._given_unlisted,
             "without_plan": self._without_plan(),
+            "paused": self._pauses,
         }
 
     def _without_plan(self) -> list[tuple[Instant, Instant]]:

@@ -193,6 +193,7 @@ class Navigator:
         """Go to a new point, or have no goal, or go on; stand, or do not; back out by so much, m."""
         if paused is not None and paused is not self._paused:
             self._paused = paused
+            self._journal.pauses(paused)
             self._begin_anew()
         if order is GoalOrder.CANCEL:
             self._withdrawal = None
@@ -209,6 +210,7 @@ class Navigator:
         """Take in where the odometry holds the robot to be, and what it sees."""
         self._local.take(instant, here, sweep)
         self._here, self._now = made(Point, here[:2]), instant
+        self._journal.now = instant
         if self._withdrawal is None:
             self._trail.take(self._here)
 
@@ -220,7 +222,6 @@ class Navigator:
         `here`: the robot's pose in the odometry frame; `estimate`: on the map; `velocity`: the base's own;
         `bumped`: its bumper touches something.
         """
-        self._journal.now = instant
         if self._withdrawal is not None and not self._paused:
             twist = self._back_out(self._withdrawal, instant, here)
             if twist is not None:
