@@ -13,6 +13,7 @@ from deploy.scenario.toml_text import inline
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep_bytes
 from experiments.study.study import Study
+from observation.results.outcome import means
 
 Row = dict[str, bool | int | float | str | None]
 _NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
@@ -69,6 +70,7 @@ def rows(store: Store) -> Iterator[Row]:
             "versions": _json(origin.versions) if origin is not None else None,
             "digest": result.digest if result is not None else None,
             **(_metrics(msgspec.to_builtins(result)) if result is not None else {}),
+            **{f"outcome.{name}": mean for name, mean in means(result.outcome if result else {}).items()},
         }
         yield row | _checked(checks.get(_key(record)))
 
@@ -87,7 +89,7 @@ def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
     for name, value in result.items():
         if isinstance(value, Mapping) and name not in {"per_robot", "frames_by_robot", "origin", "processor"}:
             found |= _metrics(value, f"{prefix}{name}.")
-        elif isinstance(value, bool | int | float | None) and (prefix or name not in _NO_METRICS):
+        elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NO_METRICS):
             found[prefix + name] = value
     return found
 

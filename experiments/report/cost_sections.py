@@ -39,10 +39,21 @@ def _decisions(case: Case) -> float | None:
     return None if case.time is None else float(len(case.time.decisions) + case.time.decisions_left_out)
 
 
+def _adoptions(case: Case) -> float | None:
+    """Return how many decisions took a place over; None if decisions are unknown or not all listed."""
+    if (
+        case.time is None
+        or case.time.decisions_left_out
+        or not (case.outcome and case.outcome.deeco.counters)
+    ):
+        return None
+    return float(sum(one.adopts for one in case.time.decisions))
+
+
 COSTS: Final = (
     Cost("octets on the air per robot and s", _of_outcome(quantities.octets)),
     Cost("air time of a robot, % of the time", _of_outcome(quantities.airtime_percent)),
-    Cost("adoptions in a run", _of_outcome(quantities.adoptions)),
+    Cost("adoptions in a run", _adoptions),
     Cost("decisions of the adaptation in a run", _decisions),
     Cost("from blocked to free, s", _freed),
     Cost("CPU, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
@@ -50,6 +61,11 @@ COSTS: Final = (
     Cost("contacts in a run", _of_outcome(quantities.contacts)),
     Cost("age of what robots know of one another, s", _of_outcome(quantities.age_s)),
 )
+
+
+def _own(name: str) -> Cost:
+    """Return a number of a strategy's own outcome."""
+    return Cost(f"outcome.{name}", _of_outcome(lambda run: quantities.own_means(run).get(name)))
 
 
 def radio(view: ReportView) -> Section:
@@ -91,7 +107,10 @@ def _frames(group: Group) -> list[tuple[Cell, ...]]:
 
 def costs(view: ReportView) -> Section:
     """Every cost that is known of some run, side by side."""
-    known = [cost for cost in COSTS if any(_values(group, cost) for group in view.groups)]
+    own = dict.fromkeys(
+        name for group in view.groups for one in group.outcomes for name in quantities.own_means(one)
+    )
+    known = [cost for cost in (*COSTS, *map(_own, own)) if any(_values(group, cost) for group in view.groups)]
     drawn = [cost for cost in known if any(any(_values(group, cost)) for group in view.groups)]
     dots = {
         cost.says: [
@@ -100,12 +119,16 @@ def costs(view: ReportView) -> Section:
         for cost in drawn
     }
     text = [
-        "Means over runs with Student's 95 % intervals. An adoption is an exchange of knowledge that changed "
-        "what a robot knows. CPU is that of the whole simulation: physics, scans and navigation are in it.",
+        "Means over runs with Student's 95 % intervals. An adoption is a decision to take over what another "
+        "robot had to do. CPU is that of the whole simulation: physics, scans and navigation are in it.",
     ]
     zero = [cost.says for cost in known if cost not in drawn]
     if zero:
         text.append(f"Zero in every run: {'; '.join(zero)}.")
+    if own:
+        text.append(
+            "outcome.NAME is what the strategy's own outcome() returned, the mean over robots; unchecked."
+        )
     missing = [cost.says for cost in COSTS if cost not in known]
     if missing:
         text.append(f"Not recorded in these runs: {'; '.join(missing)}.")

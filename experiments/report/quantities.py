@@ -4,6 +4,7 @@ from actors.ieee802154 import airtime_ns
 from experiments.report.cases import Outcome
 from experiments.statistics.survival import Completion
 from observation.field_trial.trial_result import RobotTrial, TrialResult
+from observation.results.outcome import means
 from observation.results.result import RobotResult, RunResult
 
 
@@ -51,9 +52,9 @@ def airtime_percent(outcome: Outcome) -> float:
     return 100.0 * frames * mean_ns / 1e9 / _robot_seconds(outcome)
 
 
-def adoptions(outcome: Outcome) -> float:
-    """Exchanges of knowledge that changed what a robot knows, in the whole run."""
-    return float(sum(outcome.deeco.exchanges.values()))
+def own_means(outcome: Outcome) -> dict[str, float]:
+    """Return the numbers of the strategy's own outcome by name, each the mean over robots."""
+    return {} if isinstance(outcome, TrialResult) else means(outcome.outcome)
 
 
 def cpu_ms(outcome: Outcome) -> float | None:

@@ -40,8 +40,8 @@ class DeecoResult(msgspec.Struct, frozen=True):
     counters: dict[str, int]
     """What the nodes did, dropped or refused, by name."""
     exchanges: dict[str, int]
-    """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: with
-    the shipped strategies, how often a robot adopted something."""
+    """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: any
+    change, also one by which a robot leaves a place to another one."""
     replica_age_mean_s: float | None
     """Mean time since a replica had been heard, over every replica at each publication of its holder; each
     sample stands in the middle of its bin, 50 ms wide. None without samples."""

@@ -22,6 +22,7 @@ from observation.results.deeco_result import DeecoResult
 from observation.results.deliveries import gaps
 from observation.results.navigation_result import NavigationResult
 from observation.results.origin import UNKNOWN, Origin
+from observation.results.outcome import Outcomes
 from observation.results.place_table import counted
 from observation.results.robot_reports import OWN_WORD, OthersCounts, robot_reports
 
@@ -122,6 +123,8 @@ class RunResult(msgspec.Struct, frozen=True):
     written it there. World, radio and parent count all else. Empty in results from before this was said."""
     refused_reports: tuple[str, ...] = ()
     """What robots said of themselves that cannot be, a sentence each; it is not counted."""
+    outcome: Outcomes = {}
+    """What behaviours' `outcome()` returned, by name and robot; of a restarted robot, in its last process."""
     held_up: dict[str, HoldUp] = {}
     """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
 
@@ -221,6 +224,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         origin=about.origin,
         processor=processor(),
         driven_m=round(sum(outcome.driven.values()), 3),
+        outcome=said.outcomes,
         held_up=dict(about.held_up),
     )
     return Gathered(result, outcome.places)

@@ -15,9 +15,9 @@ from actors.runtime.process import FinalNote
 from observation.results import deeco_result, navigation_result
 from observation.results.deeco_result import DeecoResult, NodeOutcome, node_outcome
 from observation.results.navigation_result import NavigationOutcome, NavigationResult, navigation_outcome
-from observation.results.outcome import OutcomeError
+from observation.results.outcome import OutcomeError, Outcomes, own_outcome
 
-OWN_WORD: Final = ("deeco", "navigation", "unread")
+OWN_WORD: Final = ("deeco", "navigation", "outcome", "unread")
 """Keys of a run's result that are what robots say of themselves."""
 _LONGEST: Final = 300
 """Characters of a sentence's reason."""
@@ -37,6 +37,7 @@ class RobotReports(NamedTuple):
 
     deeco: DeecoResult
     navigation: NavigationResult
+    outcomes: Outcomes
     unread: int
     refused: tuple[str, ...]
     """A sentence for each thing that cannot be."""
@@ -47,6 +48,7 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]], seen: OthersCou
     refused: list[str] = []
     nodes: dict[str, list[NodeOutcome]] = defaultdict(list)
     navigations: list[NavigationOutcome] = []
+    outcomes: Outcomes = defaultdict(dict)
     unread = 0
     for robot, record, final in finals:
         with _refusing(refused, robot, "node"):
@@ -59,6 +61,9 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]], seen: OthersCou
             if navigation is not None:
                 _hold(navigation_result.impossible(navigation, seen.steps, seen.step_us))
                 navigations.append(navigation)
+        with _refusing(refused, robot, "outcome"):
+            for name, value in own_outcome(record, final.outcome).items():
+                outcomes[name][robot] = value
         with _refusing(refused, robot, "messages"):
             arrived = sum(final.arrived.values())
             _hold(f"{final.unread} unread of {arrived}" if final.unread > arrived else None)
@@ -71,6 +76,7 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]], seen: OthersCou
     return RobotReports(
         deeco_result.deeco_result(believed),
         navigation_result.navigation_result(navigations),
+        dict(sorted(outcomes.items())),
         unread,
         tuple(refused),
     )

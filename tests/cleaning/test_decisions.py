@@ -3,13 +3,17 @@
 from dataclasses import replace
 from typing import Any
 
-from actors.geometry import Point
+import numpy as np
+
+from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
+from actors.robot.behaviour import Start, host
 from actors.robot.behaviour.decision_log import DecisionLog
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State
-from cleaning.place import Assignment
+from cleaning.place import Assignment, assignments
 from cleaning.robot import CleaningRobot
+from deeco import component
 from deeco.local import Commit
 
 HERE, THERE = Point(1.0, 2.0), Point(5.0, 2.0)
@@ -84,3 +88,17 @@ def test_the_list_is_bounded_and_says_what_it_leaves_out() -> None:
     for _ in range(1002):
         log.take(commit(ROBOT.sent_to(THERE)))
     assert len(told(log)) == 1000 and log.outcome()["decisions_unlisted"] == 2
+
+
+@component
+class _Reporting(CleaningRobot):
+    def outcome(self) -> dict[str, object]:
+        return {"held": len(self.route), "deeco": "not mine"}
+
+
+def test_a_component_may_have_results_of_its_own() -> None:
+    start = Start("r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(3.0, 1.0),), np.random.default_rng(1))
+    made = host(start, _Reporting(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
+    told = made.outcome()  # type: ignore[attr-defined]
+    assert told["held"] == 1 and list(told) == ["held", "deeco", "adaptation"]
+    assert "counters" in told["deeco"]

@@ -17,6 +17,7 @@ from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import differing, protection
 from experiments.comparison.coincidence import coincidences, told
 from experiments.study.study import Factor, Study
+from observation.results.outcome import Outcomes
 
 ROOT = Path(__file__).parents[2]
 SHORT = (("robots.count", 2), ("run.duration", 3.0))
@@ -57,6 +58,19 @@ def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -
     assert [row["digest"] for row in same] == [row["digest"] for row in table]
     assert list(same[0]) == list(table[0])
     assert not list(done.folder.glob("*.new"))
+
+
+def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, done: Store) -> None:
+    kept = store.create(tmp_path / "out", STUDY)
+    for seed, trial in enumerate(STUDY.trials()):
+        record = done.record(trial)
+        assert record.result is not None
+        own: Outcomes = {"turns": {"r1": seed, "r2": 4.5}, "mode": {"r1": "slow"}}
+        result = msgspec.structs.replace(record.result, outcome=own if seed else {})
+        keep(kept.path(trial), msgspec.structs.replace(record, result=result))
+    table = results_table.columns(kept)
+    assert table["outcome.turns"] == [None, 2.75, 3.25, 3.75]
+    assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
 
 
 def test_runs_are_repeated_over_zenoh(done: Store) -> None:

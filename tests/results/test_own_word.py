@@ -1,6 +1,7 @@
 """What a robot says of itself is marked, held to what others have counted, and named where it cannot be."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from actors.runtime.message_counts import MessageHash
 from actors.runtime.process import FinalNote
 from deeco.replication.fragments import Fragmenter
+from observation.results.outcome import Outcomes, means
 from observation.results.robot_reports import OthersCounts, RobotReports, robot_reports
 from tests.swarm.command import acrc
 
@@ -27,6 +29,7 @@ NAVIGATION: dict[str, Any] = {
     "given": [{"begin": 0, "x": 1.0, "y": 2.0, "end": 100_000, "how": "replaced"}],
     "given_unlisted": 0,
     "without_plan": [[0, 100_000]],
+    "paused": [[0, 100_000], [200_000, None]],
 }
 NODE: dict[str, Any] = {
     "counters": {"published": 20, "frames_sent": 20, "packets": 30},
@@ -35,8 +38,10 @@ NODE: dict[str, Any] = {
 }
 
 
-def reports(navigation: object = None, node: object = None, unread: int = 0) -> RobotReports:
-    said = {"navigation": navigation or NAVIGATION, "deeco": node or NODE}
+def reports(
+    navigation: object = None, node: object = None, unread: int = 0, own: dict[str, Any] | None = None
+) -> RobotReports:
+    said = {"navigation": navigation or NAVIGATION, "deeco": node or NODE, "adaptation": {}, **(own or {})}
     final = FinalNote(
         MessageHash().digest("r1"), 0, 5, unread, 1.0, 0.5, 0.0, 1.0, {}, {"swarm/down/r1/senses": 5},
         {name: msgspec.Raw(json.dumps(value).encode()) for name, value in said.items()},
@@ -69,6 +74,7 @@ NAVIGATION_LIES = {
     "no_valid_trajectory": (
         [[0, 10_000_001, "run"]], "something from 0 to 10000001 µs, in a run of 10000000 µs",
     ),
+    "paused": ([[10_000_001, None]], "something from 10000001 to 10000001 µs, in a run of 10000000 µs"),
     "without_plan": ([[2, 1]], "something from 2 to 1 µs, in a run of 10000000 µs"),
 }  # fmt: skip
 
@@ -135,6 +141,39 @@ def test_messages_that_never_came_cannot_be_unread() -> None:
     assert told.refused == ("r1: what it says of its messages cannot be, and is not counted: 6 unread of 5",)
 
 
+def test_numbers_texts_and_booleans_of_a_behaviour_are_its_own_outcome() -> None:
+    own = {
+        "tokens": {"taken": 3, "share": 0.5, "list": [1]}, "done": True, "note": "=1", "nothing": None,
+    }  # fmt: skip
+    told = reports(own=own)
+    assert told.refused == ()
+    kept = {"done": True, "note": "=1", "tokens.share": 0.5, "tokens.taken": 3}
+    assert told.outcomes == {name: {"r1": value} for name, value in kept.items()}
+    two: Outcomes = {"a": {"r1": 1, "r2": 2.0}, "b": {"r1": True, "r2": False}, "c": {"r1": "x"}}
+    assert means(two) == {"a": 1.5, "b": 0.5}
+
+
+OUT_OF_BOUNDS: dict[str, dict[str, Any]] = {
+    "an outcome has 21 values; must have at most 20": {f"n{number}": 1 for number in range(21)},
+    "an outcome has 1 values; must have at most 20, with names of at most 100": {"x" * 101: 1},
+    "the outcome 'note' is not that of a behaviour: it is": {"note": "x" * 201},
+    "the outcome 'count' is not that of a behaviour: it is": {"count": 1 << 60},
+    "the outcome 'deep' is not that of a behaviour: [": {"deep": {"x": {"y": 1}}},
+    "the outcome 'gap' is not that of a behaviour: JSON is malformed": {"gap": math.nan},
+}
+
+
+@pytest.mark.parametrize("why", OUT_OF_BOUNDS)
+def test_an_outcome_out_of_bounds_is_named_and_not_counted(why: str) -> None:
+    told = reports(own=OUT_OF_BOUNDS[why])
+    (refused,) = told.refused
+    assert (
+        refused.startswith("r1: what it says of its outcome cannot be, and is not counted: ")
+        and why in refused
+    )
+    assert told.outcomes == {} and told.navigation.goals == 3
+
+
 def test_robots_that_lie_of_themselves_are_named_by_the_run(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("scenarios/head_on.toml", "--duration", 4, "--strategy", "tests.results.liar:behaviour")
@@ -150,7 +189,7 @@ def test_robots_that_lie_of_themselves_are_named_by_the_run(tmp_path: Path) -> N
     ]
     assert result["refused_reports"] == lies
     assert [line for line in done.stdout.splitlines() if "cannot be" in line] == lies
-    assert result["reported_by_robots"] == ["deeco", "navigation", "unread"]
+    assert result["reported_by_robots"] == ["deeco", "navigation", "outcome", "unread"]
     assert result["navigation"]["goals"] == 1, "the honest one's"
     assert result["deeco"]["counters"]["frames_sent"] == result["frames_by_robot"]["r1"]["frames_sent"]
     assert 0 < result["cpu_s"] < 100, "charged by the system, whatever r2 says"

@@ -164,10 +164,12 @@ class _Hosted:
         )
 
     def outcome(self) -> dict[str, object]:
-        """What node and link have counted, and what the adaptation has decided."""
+        """Return what node and link counted, what the adaptation decided, and the component's own outcome."""
         outcome = self._node.outcome()
         outcome["counters"] |= dict(sorted(self._counted.items()))
-        return {"deeco": outcome, SUBJECT: self._log.outcome()}
+        say = getattr(self._node.knowledge(self._component.id), "outcome", None)
+        own = say() if callable(say) else {}
+        return {**own, "deeco": outcome, SUBJECT: self._log.outcome()}
 
     def _deploy(self, first: Instant) -> Node:
         start = self._start

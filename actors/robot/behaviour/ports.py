@@ -169,10 +169,11 @@ class Decision:
 class Behaviour(Protocol):
     """The user's part of a robot; keeps its own state between steps.
 
-    It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: what it
-    has to say about its run, by subject, in values that JSON can hold. It goes into the last record of the
-    robot's file and takes no part in the run's digest. The subjects "deeco" and "adaptation" belong to the
-    component model, "localisation" and "navigation" belong to the robot.
+    It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: its own
+    results by name, in values that JSON can hold. They go into the last record of the robot's file and are no
+    part of the run's digest. Numbers, texts and booleans, also within dicts, appear in the run's result and
+    in tables. The names "deeco" and "adaptation" belong to the component model, "localisation" and
+    "navigation" to the robot.
     """
 
     def advance(self, view: View, until: Instant) -> Decision:

@@ -66,15 +66,13 @@ def _result(
         settled_s=completion, per_robot=robots, frames=frames,
         radio_bytes_per_robot_s=frames["bytes_sent"] / 4 / LENGTH,
         contacts=int(rng.poisson(2)), cpu_s=20.0 + float(rng.normal()), out="",
-        deeco=msgspec.structs.replace(
-            plain.deeco, exchanges={"Adoption": int(rng.poisson(7))},
-            replica_age_mean_s=float(rng.normal(1.5, 0.1)),
-        ),
+        deeco=msgspec.structs.replace(plain.deeco, replica_age_mean_s=float(rng.normal(1.5, 0.1))),
+        outcome={"turns": {"r1": trial.seed, "r2": 2.0}},
     )  # fmt: skip
 
 
 def _time(rng: np.random.Generator) -> TimeSpent:
-    weights = np.array([0.1, 0.1, 3, 0.3, 0.1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
+    weights = np.array([0.1, 0.1, 3, 0.3, 0.1, 1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
     robots = {
         f"r{robot}": dict(
             zip([cause.value for cause in Cause], (rng.dirichlet(weights) * LENGTH).tolist(), strict=True)
