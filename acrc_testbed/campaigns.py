@@ -43,8 +43,8 @@ class Campaign:
         from experiments.comparison import metrics
         from experiments.comparison.judgement import judge
 
-        if metric is not None and metric not in metrics.NAMES:
-            raise wrong_value("metric", metric, f"one of {', '.join(metrics.NAMES)}")
+        if metric is not None and not metrics.is_metric(metric):
+            raise wrong_value("metric", metric, metrics.CHOICE)
         return list(judge(self._kept(), metric).estimates)
 
     @arguments_named()

@@ -26,6 +26,7 @@ from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.family import foreseen
 from experiments.comparison.sentences import summaries
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
 from observation.results.seal import seal
 
@@ -58,7 +59,8 @@ def run(
         kept.declare_looks()
     frozen = plan_taken.take_in(kept, plan_file, source, looks=until_decided)
     say = screen(stderr=True)
-    for line in [] if json_output else (*taken_for, *hints, *foreseen(study), *frozen):
+    least = LEAST_PAIRS if watch is None else watch.rules.least
+    for line in [] if json_output else (*taken_for, *hints, *foreseen(study, least), *frozen):
         say.print(line)
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)

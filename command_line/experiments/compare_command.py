@@ -28,8 +28,8 @@ def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
 
     Exit code 1 if a repeated run was another one in memory: then it says so before and after all else.
     """
-    if metric is not None and metric not in metrics.NAMES:
-        raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
+    if metric is not None and not metrics.is_metric(metric):
+        raise wrong_value("--metric", metric, metrics.CHOICE)
     kept = store.load(folder)
     found = judge(kept, metric)
     different = differing(kept)

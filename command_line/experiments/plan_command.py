@@ -41,8 +41,8 @@ def run_pilot(folder: Path, metric: str | None, power: float, comparisons: int, 
     if comparisons > 1:
         raise OptionError("--comparisons: cannot be combined with --pilot, whose study declares them")
     kept = store.load(folder)
-    if metric is not None and metric not in metrics.NAMES:
-        raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
+    if metric is not None and not metrics.is_metric(metric):
+        raise wrong_value("--metric", metric, metrics.CHOICE)
     study = msgspec.structs.replace(kept.study, primary_metric=metric or kept.study.primary_metric)
     records = list(kept.records())
     found = primary(samples(records, study), study)

@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import StrategyRuns, runs_by_variant
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.statistics.random_effects import FEWEST_CELLS, RandomEffectsFit, fit
 from experiments.study.study import Study, Variant
 
@@ -27,7 +28,7 @@ class AcrossCells(NamedTuple):
     one: str
     other: str
     fitted: RandomEffectsFit | None
-    """None with fewer than three cells that have runs of both."""
+    """None with fewer than three cells that have runs of both, or too few pairs."""
     cells: int
     without: tuple[WithoutMap, ...] = ()
     """Without each map in turn; empty if there is but one."""
@@ -79,7 +80,7 @@ def _map(variant: Variant, study: Study) -> str:
 
 def _across(one: str, other: str, found: Sequence[_CellDifference]) -> AcrossCells:
     cells = len({each.cell for each in found})
-    if cells < FEWEST_CELLS:
+    if cells < FEWEST_CELLS or len(found) < LEAST_PAIRS:
         return AcrossCells(one, other, None, cells)
     maps = dict.fromkeys(each.map for each in found)
     without = [
@@ -107,8 +108,8 @@ def told(found: AcrossCells) -> list[str]:
     fitted = found.fitted
     if fitted is None:
         return [
-            f"{name} over all cells: {found.cells} have runs of both; at least {FEWEST_CELLS} are needed "
-            "before anything is said of cells."
+            f"{name} over all cells: {found.cells} have runs of both; at least {FEWEST_CELLS} with "
+            f"{LEAST_PAIRS} pairs of runs are needed before anything is said of cells."
         ]
     mean, new = fitted.mean, fitted.new_cell
     return [

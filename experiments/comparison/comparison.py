@@ -12,13 +12,12 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.metrics import JudgedRun, Metric, TimeMetric, horizon, judged
 from experiments.statistics.effect_size import Interval, a12_interval, mean_interval
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import Study, Variant
 
 Floats = NDArray[np.float64]
 StrategyRuns = dict[str, dict[int, JudgedRun]]
 """By strategy and seed."""
-LEAST: int = 6
-"""Pairs below which no estimate is shown."""
 _LEXICOGRAPHIC_SAYS = "places done, then running time"
 
 
@@ -124,12 +123,22 @@ def _sample(one: str, other: str, variant: Variant, cells: Sequence[StrategyRuns
     return PairedSample(one, other, variant, tuple(pairs), len(cells))
 
 
-def compare(found: Sequence[PairedSample], only: str | None = None) -> list[Comparison]:
-    """All estimates of samples with at least LEAST pairs; `only`: of the metric of that name alone."""
+def too_few_pairs(pairs: int, least: int = LEAST_PAIRS) -> str:
+    """Return why nothing is said of so few pairs."""
+    return (
+        f"{pairs} pairs of runs are too few: the exact test needs {least} to reach 5 %, whatever the runs "
+        "show. Nothing is tested or estimated."
+    )
+
+
+def compare(
+    found: Sequence[PairedSample], only: str | None = None, least: int = LEAST_PAIRS
+) -> list[Comparison]:
+    """Return all estimates of samples with so many pairs; `only`: of the metric of that name alone."""
     return [
         one
         for sample in found
-        if len(sample.pairs) >= LEAST
+        if len(sample.pairs) >= least
         for one in _comparisons(sample, [only] if only is not None else metrics.ORDER)
     ]
 
@@ -152,41 +161,29 @@ def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[JudgedRun, JudgedR
 
 
 def estimate(sample: PairedSample, name: str) -> Comparison | None:
-    """One metric of a sample; None if it is known of fewer than two pairs."""
-    about = sample.one, sample.other, sample.variant
-    if name == metrics.LEXICOGRAPHIC:
-        order = metrics.ranks([run for pair in sample.pairs for run in pair])
-        ones, others = np.array(order[::2]), np.array(order[1::2])
-        better, worse = int((ones > others).sum()), int((ones < others).sum())
-        effect = a12_interval(ones, others)
-        return Comparison(
-            *about,
-            metric=name,
-            says=_LEXICOGRAPHIC_SAYS,
-            unit="",
-            pairs=len(ones),
-            better=better,
-            worse=worse,
-            ones=None,
-            others=None,
-            difference=None,
-            effect=effect,
-        )
-    metric = metrics.BY_NAME[name]
-    found = scores(metric, sample.pairs)
-    if found.ones.size < 2:
+    """Return one metric of a sample, or None if it is known of fewer than LEAST_PAIRS."""
+    says, unit, in_order = _LEXICOGRAPHIC_SAYS, "", name == metrics.LEXICOGRAPHIC
+    if in_order:
+        order = np.array(metrics.ranks([run for pair in sample.pairs for run in pair]))
+        found = Scores(order[::2], order[1::2], 1, True)
+    else:
+        metric = metrics.named(name)
+        says, unit, found = metric.says, metric.unit, scores(metric, sample.pairs)
+    if found.ones.size < LEAST_PAIRS:
         return None
     return Comparison(
-        *about,
+        one=sample.one,
+        other=sample.other,
+        variant=sample.variant,
         metric=name,
-        says=metric.says,
-        unit=metric.unit,
+        says=says,
+        unit=unit,
         pairs=found.ones.size,
         better=int((found.gains > 0).sum()),
         worse=int((found.gains < 0).sum()),
-        ones=float(found.ones.mean()),
-        others=float(found.others.mean()),
-        difference=mean_interval(found.ones - found.others),
+        ones=None if in_order else float(found.ones.mean()),
+        others=None if in_order else float(found.others.mean()),
+        difference=None if in_order else mean_interval(found.ones - found.others),
         effect=a12_interval(found.sign * found.ones, found.sign * found.others),
     )
 

@@ -17,7 +17,7 @@ from experiments.comparison.family import (
     step_names,
     tests_of,
 )
-from experiments.statistics.paired_tests import ALPHA
+from experiments.statistics.paired_tests import ALPHA, fewest_differing
 from experiments.statistics.sequential import SequentialPlan, plan
 from experiments.study.study import Study, Trial
 
@@ -50,6 +50,11 @@ class LookRules:
     """For a difference, two-sided; each test of the family has its part of the 5 %."""
     equivalent: SequentialPlan
     """For equivalence, one-sided."""
+
+    @property
+    def least(self) -> int:
+        """Pairs that a verdict needs at the last look."""
+        return fewest_differing(1, self.differ.thresholds[-1])
 
 
 def rules_for(study: Study) -> LookRules:

@@ -8,10 +8,11 @@ import numpy as np
 
 from actors.runtime.errors import AcrcError
 from experiments.comparison import metrics
-from experiments.comparison.comparison import Comparison, PairedSample, estimate, scores
+from experiments.comparison.comparison import Comparison, PairedSample, estimate, scores, too_few_pairs
 from experiments.comparison.metrics import SETTLED, TimeMetric
 from experiments.statistics.paired_tests import (
     ALPHA,
+    LEAST_PAIRS,
     PairedTest,
     decidable,
     equivalence_p,
@@ -53,10 +54,10 @@ class ComparedMetric:
     @property
     def fewest(self) -> int:
         """Pairs that must differ before this step can show anything."""
-        return fewest_differing(self.tests)
+        return fewest_differing(self.tests) if self.threshold is None else fewest_differing(1, self.threshold)
 
     def estimated(self) -> Comparison | None:
-        """What the step is about in numbers; None if it is known of fewer than two pairs."""
+        """Return the step's numbers, or None if too few pairs have them."""
         return estimate(self.sample, self.metric)
 
 
@@ -91,8 +92,8 @@ class PairVerdict:
 def step_names(study: Study) -> tuple[str, ...]:
     """The metrics by which primary comparisons are decided, in order. AcrcError for one that there is not."""
     name = study.primary_metric
-    if name not in metrics.NAMES:
-        raise AcrcError(f"primary_metric is {name!r}; must be one of {', '.join(metrics.NAMES)}")
+    if not metrics.is_metric(name):
+        raise AcrcError(f"primary_metric is {name!r}; must be {metrics.CHOICE}")
     return (metrics.PLACES.name, SETTLED.name) if name == metrics.LEXICOGRAPHIC else (name,)
 
 
@@ -142,7 +143,7 @@ def step(sample: PairedSample, name: str, study: Study) -> ComparedMetric:
     """The test of one metric of a sample, before anything is made of it."""
     if name == metrics.LEXICOGRAPHIC:
         raise ValueError("the order is asked step by step")
-    metric = metrics.BY_NAME[name]
+    metric = metrics.named(name)
     found = scores(metric, sample.pairs)
     is_time = isinstance(metric, TimeMetric)
     margin = study.margin_s if is_time else study.margin_places if metric is metrics.PLACES else None
@@ -151,12 +152,16 @@ def step(sample: PairedSample, name: str, study: Study) -> ComparedMetric:
     gains = np.round(found.gains, 9)  # equal decimals are equal, whatever floats make of their difference
     test = mean_test(gains) if is_time else signed_rank(gains)
     return ComparedMetric(
-        sample, name, test, True, margin, 1.0 if margin is None else equivalence_p(gains, margin)
-    )
+        sample, name, test, True, margin,
+        1.0 if margin is None or gains.size < LEAST_PAIRS else equivalence_p(gains, margin),
+    )  # fmt: skip
 
 
-def foreseen(study: Study) -> list[str]:
-    """What can be said before the first run of a study: which comparisons could never show anything."""
+def foreseen(study: Study, least: int = LEAST_PAIRS) -> list[str]:
+    """Return what is known before a study's first run: that its comparisons can never show anything.
+
+    `least`: pairs that a verdict needs.
+    """
     if len(study.strategies) < 2:
         return []
     if not study.primary_pairs:
@@ -164,13 +169,9 @@ def foreseen(study: Study) -> list[str]:
             "The study declares no comparison, so acrc compare will estimate and test nothing; "
             "to test, declare primary = [[ONE, OTHER]]"
         ]
-    tests = tests_of(study)
-    fewest = fewest_differing(tests)
-    if pairs_of(study) >= fewest:
-        return []
-    cells = f" in {len(study.cells)} cells" if study.cells else ""
-    shared = f" shared by {tests} tests" if tests > 1 else ""
-    return [
-        f"{study.seeds} seeds{cells} are too few: at least {fewest} pairs must differ before any test can "
-        f"reach 5 %{shared}. Whatever the runs show, acrc compare will tell no strategies apart."
-    ]
+    pairs = pairs_of(study)
+    return (
+        []
+        if pairs >= least
+        else [f"acrc compare will say nothing of strategies: {too_few_pairs(pairs, least)}"]
+    )

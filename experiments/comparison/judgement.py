@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from actors.runtime.errors import AcrcError
 from experiments.campaign import plan_taken
 from experiments.campaign.store import Store
 from experiments.comparison import sentences
@@ -10,6 +11,7 @@ from experiments.comparison.across_cells import AcrossCells, across_cells, told
 from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.decision import LookedAt, Watch
 from experiments.comparison.family import PairVerdict, verdicts
+from experiments.statistics.paired_tests import LEAST_PAIRS
 
 
 @dataclass(frozen=True)
@@ -53,16 +55,22 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
     """
     study, records = kept.study, list(kept.records())
     found = samples(records, study)
-    looks = Watch(kept).looked_at() if kept.looks is not None else []
-    decided = [one.verdict for one in looks] if kept.looks is not None else verdicts(found, study)
+    watch = Watch(kept) if kept.looks is not None else None
+    looks = [] if watch is None else watch.looked_at()
+    least = LEAST_PAIRS if watch is None else watch.rules.least
+    decided = verdicts(found, study) if watch is None else [one.verdict for one in looks]
+    decided = [one for one in decided if len(one.sample.pairs) >= least]
+    estimates, too_few = compare(found, only, least), sentences.too_few(found, least)
+    if only is not None and found and not estimates and not too_few:
+        raise AcrcError(f"metric {only!r}: known of fewer than {least} pairs of runs; choose another")
     return CampaignJudgement(
         failures=sentences.failures(records, study),
         declared=plan_taken.told(kept),
-        too_few=sentences.too_few(found),
+        too_few=too_few,
         family=sentences.family(decided, study) if len(study.strategies) > 1 else [],
-        verdicts=[one for one in decided if len(one.sample.pairs)],
+        verdicts=decided,
         looks=looks,
         across=across_cells(records, study),
         samples=found,
-        estimates=compare(found, only),
+        estimates=estimates,
     )

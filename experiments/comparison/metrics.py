@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 
+from observation.results.outcome import means
 from observation.results.result import RunResult
 
 
@@ -25,6 +26,8 @@ class JudgedRun(msgspec.Struct, frozen=True):
     driven_m: float = math.nan
     """By all robots."""
     failed: bool = False
+    outcomes: dict[str, float] = {}
+    """The strategy's own results, each the mean over robots."""
 
 
 FAILED: Final = JudgedRun(failed=True)
@@ -34,16 +37,17 @@ def judged(run: RunResult | None) -> JudgedRun:
     """What a run came to; None: it failed."""
     if run is None:
         return FAILED
-    return JudgedRun(
-        places_done=run.places_done,
-        places_total=run.places_total,
-        completion_s=run.completion_s,
-        settled_s=run.settled_s,
-        simulated_s=run.simulated_s,
-        contacts=float(run.contacts),
-        radio=run.radio_bytes_per_robot_s,
-        driven_m=math.nan if run.driven_m is None else run.driven_m,
+    names = (
+        "places_done",
+        "places_total",
+        "completion_s",
+        "settled_s",
+        "simulated_s",
+        "contacts",
+        "driven_m",
     )
+    known = {name: value for name in names if (value := getattr(run, name)) is not None}
+    return JudgedRun(**known, radio=run.radio_bytes_per_robot_s, outcomes=means(run.outcome))
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,23 @@ LEXICOGRAPHIC: Final = "lexicographic"
 NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
 ORDER: Final = (PLACES.name, *(one.name for one in TIMES), LEXICOGRAPHIC, *(one.name for one in METRICS[1:]))
 """In which metrics are shown: the chapter's first, then what it costs."""
-BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
+_BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
+_OWN: Final = "outcome."
+"""Prefix of a result of the strategy's own."""
+CHOICE: Final = f"one of {', '.join(NAMES)} or {_OWN}NAME, of a strategy's own result"
+
+
+def is_metric(name: str) -> bool:
+    """Return whether runs can be compared by the metric of this name."""
+    return name in NAMES or (name.startswith(_OWN) and name != _OWN)
+
+
+def named(name: str) -> Metric | TimeMetric:
+    """Return the metric of this name; of a strategy's own result, `outcome.NAME`, more counts as better."""
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    own = name.removeprefix(_OWN)
+    return Metric(name, name, "", lambda run: run.outcomes.get(own, math.nan), more_is_better=True)
 
 
 def horizon(runs: Sequence[JudgedRun]) -> float:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import PairedSample
 from experiments.comparison.family import primary, verdicts
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import Study
 from observation.results.result import RunResult
 
 _CAMPAIGNS: Final = 200
 """Drawn for each size."""
-_SIZES: Final = (6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
+_SIZES: Final = (LEAST_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
 """Numbers of pairs that somebody might run."""
 _HARDER_ROBOTS: Final = 8
 _HARDER_S: Final = (300.0, 400.0)

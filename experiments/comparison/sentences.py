@@ -7,10 +7,11 @@ import numpy as np
 
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
-from experiments.comparison.comparison import LEAST, Comparison, PairedSample, scores
+from experiments.comparison.comparison import Comparison, PairedSample, scores, too_few_pairs
 from experiments.comparison.family import ComparedMetric, PairVerdict, tests_of
 from experiments.comparison.metrics import TimeMetric, horizon
 from experiments.statistics.effect_size import most
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import Study
 from observation.results.result import RunResult
 
@@ -70,20 +71,21 @@ def _seeds(seeds: Sequence[int]) -> str:
     return f"seed{'s' if len(several) > 1 else ''} {', '.join(map(str, several[:_MOST_SEEDS]))}{more}"
 
 
-def too_few(samples: Sequence[PairedSample]) -> list[str]:
-    """One sentence for each pair of strategies of which no estimate is shown."""
+def too_few(samples: Sequence[PairedSample], least: int = LEAST_PAIRS) -> list[str]:
+    """Return what to say of each pair of strategies of which nothing is tested or estimated."""
     return [
-        f"{one.one} and {one.other}{one.where}: {len(one.pairs)} pairs of runs; "
-        f"at least {LEAST} are needed before anything is estimated."
+        f"{one.one} and {one.other}{one.where}: {too_few_pairs(len(one.pairs), least)}"
         for one in samples
-        if len(one.pairs) < LEAST
+        if len(one.pairs) < least
     ]
 
 
 def family(verdicts: Sequence[PairVerdict], study: Study) -> list[str]:
     """How the primary comparisons are tested; nothing where there is none."""
-    if not verdicts:
+    if not study.primary_pairs:
         return ["No comparison was declared, so nothing is tested; all that follows is exploration."]
+    if not verdicts:
+        return []
     if any(step.threshold is not None for one in verdicts for step in one.steps):
         return [
             f"Declared: {_counted(len(verdicts), 'comparison')}, looked at on the way; "
@@ -126,12 +128,12 @@ def verdict(one: PairVerdict) -> str:
 
 
 def _amount(value: float, step: ComparedMetric) -> str:
-    unit = metrics.BY_NAME[step.metric].unit
+    unit = metrics.named(step.metric).unit
     return f"{value:.4g} {'place' if value == 1 and unit == 'places' else unit}"
 
 
 def _step(step: ComparedMetric) -> str:
-    sample, metric = step.sample, metrics.BY_NAME[step.metric]
+    sample, metric = step.sample, metrics.named(step.metric)
     by = f"by {metric.says}{sample.where}"
     if not step.happened:
         return f"{sample.one} and {sample.other} cannot be compared {by}: {_nothing(step)}."
@@ -154,14 +156,14 @@ def _step(step: ComparedMetric) -> str:
 
 def _beyond(step: ComparedMetric) -> str:
     """In how many pairs the strategies are not equal, which equal means can hide."""
-    gains = scores(metrics.BY_NAME[step.metric], step.sample.pairs).gains
+    gains = scores(metrics.named(step.metric), step.sample.pairs).gains
     beyond = int((np.abs(gains) > (step.margin or 0.0)).sum())
     bound = most(beyond, gains.size)
     return f"{beyond} of {gains.size} seeds differ by more, so that of all up to {100 * bound:.0f} % may"
 
 
 def _nothing(step: ComparedMetric) -> str:
-    metric = metrics.BY_NAME[step.metric]
+    metric = metrics.named(step.metric)
     if not isinstance(metric, TimeMetric):
         return "it is unknown of every pair"
     until = horizon([run for pair in step.sample.pairs for run in pair])
@@ -173,7 +175,7 @@ def _difference(step: ComparedMetric, by: str) -> str:
     sample, side = step.sample, step.test.direction
     found = step.estimated()
     assert found is not None and found.difference is not None
-    gains = side * scores(metrics.BY_NAME[step.metric], sample.pairs).gains
+    gains = side * scores(metrics.named(step.metric), sample.pairs).gains
     for_it, against = gains[gains > 0], -gains[gains < 0]
     better, worse = ("better", "worse") if side > 0 else ("worse", "better")
     if gains.mean() > 0 and side * (found.effect.value - 0.5) > 0:

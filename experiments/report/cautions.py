@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from experiments.comparison.comparison import LEAST
 from experiments.report import quantities
 from experiments.report.cases import CaseSource
 from experiments.report.findings import Findings
 from experiments.report.section import UPPER_BOUNDS, Group, ReportView
 from experiments.report.time_sections import deadlocks
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from observation.field_trial.trial_result import TrialResult
 from observation.results.result import RunResult
 
@@ -66,7 +66,7 @@ def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Itera
     if singles:
         yield (
             f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
-            f"a comparison needs at least {LEAST} pairs of runs from one campaign."
+            f"a comparison needs at least {LEAST_PAIRS} pairs of runs from one campaign."
         )
     campaigns = len(findings)
     if campaigns > 1:

@@ -8,7 +8,7 @@ from experiments.comparison.across_cells import AcrossCells
 from experiments.comparison.comparison import Comparison, PairedSample
 from experiments.comparison.family import ComparedMetric, PairVerdict
 from experiments.comparison.judgement import CampaignJudgement
-from experiments.comparison.metrics import BY_NAME
+from experiments.comparison.metrics import named
 from experiments.report.cases import REAL, CaseSource
 from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import label
@@ -132,7 +132,7 @@ def _condition(variant: Variant, where: Sequence[str]) -> tuple[Cell, ...]:
 def _test(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
     sample, test = step.sample, step.test
     return (
-        *(sample.one, sample.other, *_condition(sample.variant, where), BY_NAME[step.metric].says),
+        *(sample.one, sample.other, *_condition(sample.variant, where), named(step.metric).says),
         *(len(sample.pairs), test.differing, test.p, step.adjusted if step.tested else None),
         *(step.margin, step.equivalence_p),
     )

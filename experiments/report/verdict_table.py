@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from experiments.comparison.family import ComparedMetric, PairVerdict
-from experiments.comparison.metrics import BY_NAME
+from experiments.comparison.metrics import named
 from experiments.report.numbers import Cell, NumberTable
 
 _TOLD = ("better", "worse", "as good", "not told apart")
@@ -50,4 +50,4 @@ def _row(one: PairVerdict) -> tuple[Cell, ...]:
         estimates = (found.ones, found.others, found.difference, found.better, found.worse, found.effect)
     condition = ", ".join(f"{key} = {value}" for key, value in sample.variant)
     p = step.adjusted if step.tested else None
-    return (sample.one, sample.other, condition, _word(one), BY_NAME[step.metric].says, *estimates, p)
+    return (sample.one, sample.other, condition, _word(one), named(step.metric).says, *estimates, p)

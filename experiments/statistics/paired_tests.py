@@ -93,6 +93,11 @@ def fewest_differing(tests: int, alpha: float = ALPHA) -> int:
     return math.ceil(math.log2(2 * tests / alpha))
 
 
+LEAST_PAIRS: Final = fewest_differing(1)
+"""With fewer pairs no exact two-sided test reaches ALPHA, whatever the runs show. Further tests of the family
+do not raise it: those whose pairs do not differ take no part (see `decidable`)."""
+
+
 def decidable(differing: Sequence[int], alpha: float = ALPHA) -> list[bool]:
     """Which of several tests, by their numbers of differing pairs, could reach `alpha`; only these count.
 

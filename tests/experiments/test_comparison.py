@@ -5,15 +5,25 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from actors.runtime.errors import AcrcError
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import compare, samples
+from experiments.comparison.comparison import compare, estimate, samples
+from experiments.comparison.decision import rules_for
 from experiments.comparison.family import foreseen, verdicts
+from experiments.comparison.metrics import JudgedRun
 from experiments.comparison.sentences import failures, family, too_few, verdict
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import Factor, Study
 from observation.results.result import RunResult
-from tests.experiments.made_runs import judged, run, sample, study, trials, verdict_of
+from tests.experiments.made_runs import Outcome, judged, run, sample, study, trials, verdict_of
+
+TOO_FEW = (
+    "5 pairs of runs are too few: the exact test needs 6 to reach 5 %, whatever the runs show. Nothing is "
+    "tested or estimated."
+)
 
 
 def test_more_places_are_better_whatever_the_time() -> None:
@@ -110,21 +120,19 @@ def test_holm_is_over_the_declared_tests_alone() -> None:
         "Declared: 2 comparisons, 4 tests; 2 can decide, with 5 % in all by Holm's correction; "
         "2 cannot, because too few pairs differ."
     ]
-    assert family([], three) == [
+    assert family([], three) == []
+    assert family([], Study("s", "/s.toml", ("a", "b", "c"), 40)) == [
         "No comparison was declared, so nothing is tested; all that follows is exploration."
     ]
 
 
 def test_what_no_run_can_show_is_said_before_the_first() -> None:
-    made = study(seeds=6)
-    assert foreseen(made) == [
-        "6 seeds are too few: at least 7 pairs must differ before any test can reach 5 % shared by 2 tests. "
-        "Whatever the runs show, acrc compare will tell no strategies apart."
-    ]
-    assert foreseen(study(seeds=7)) == []
-    assert foreseen(msgspec.structs.replace(study(seeds=6), primary_metric="places")) == []
-    varied = study(seeds=7, factors=(Factor("robots.count", (4, 8)),))
-    assert "at least 8 pairs must differ" in foreseen(varied)[0]
+    assert foreseen(study(seeds=5)) == [f"acrc compare will say nothing of strategies: {TOO_FEW}"]
+    assert foreseen(study(seeds=6)) == foreseen(study(seeds=6, primary_metric="places")) == []
+    assert foreseen(study(seeds=6, factors=(Factor("robots.count", (4, 8)),))) == []
+    assert foreseen(study(seeds=3), rules_for(study(seeds=3)).least)[0].startswith(
+        "acrc compare will say nothing of strategies: 3 pairs of runs are too few: the exact test needs 7 to"
+    )
     undeclared = Study("s", "/s.toml", ("a", "b", "c"), 40)
     assert foreseen(undeclared)[0].startswith(
         "The study declares no comparison, so acrc compare will estimate"
@@ -179,7 +187,39 @@ def test_too_few_pairs_are_said_to_be_too_few(plain: RunResult) -> None:
     records = [*trials(plain, "a", lambda seed: (1, 1.0), 5), *trials(plain, "b", lambda seed: (2, 1.0), 5)]
     found = samples(records)
     assert compare(found) == []
-    assert too_few(found) == ["a and b: 5 pairs of runs; at least 6 are needed before anything is estimated."]
+    assert too_few(found) == [f"a and b: {TOO_FEW}"]
+
+
+Runs = st.tuples(st.integers(0, 40), st.none() | st.floats(1, 600))
+
+
+@given(st.lists(st.tuples(Runs, Runs), min_size=1, max_size=LEAST_PAIRS - 1), st.floats(0.1, 50))
+def test_below_the_least_pairs_no_verdict_is_possible(
+    pairs: list[tuple[Outcome, Outcome]], margin: float
+) -> None:
+    ones, others = ([run(*pair[side]) for pair in pairs] for side in (0, 1))
+    for metric in ("lexicographic", "places", "settled"):
+        made = study(primary_metric=metric, margin_places=margin, margin_s=margin)
+        found = verdict_of(ones, others, made)
+        assert not found.settled and not any(one.tested or one.differs for one in found.steps)
+        assert not any(one.estimated() for one in found.steps)
+
+
+def test_with_the_least_pairs_a_verdict_is_possible() -> None:
+    found = verdict_of([run(2)] * LEAST_PAIRS, [run(1)] * LEAST_PAIRS)
+    assert found.deciding is not None and found.deciding.tests == 1, "time, which never came, takes no part"
+    assert not verdict_of([run(2)] * (LEAST_PAIRS - 1), [run(1)] * (LEAST_PAIRS - 1)).settled
+
+
+def test_an_own_result_is_compared_and_more_is_better() -> None:
+    def runs(more: float) -> list[JudgedRun]:
+        return [JudgedRun(outcomes={"turns": seed + more}) for seed in range(8)]
+
+    found = estimate(sample(runs(1.0), runs(0.0)), "outcome.turns")
+    assert found is not None and found.difference is not None
+    assert (found.better, found.difference.value, found.unit) == (8, 1.0, "")
+    assert estimate(sample(runs(1.0), runs(0.0)), "outcome.other") is None
+    assert verdict_of(runs(1.0), runs(0.0), study(primary_metric="outcome.turns")).deciding is not None
 
 
 def test_variants_are_compared_apart(plain: RunResult) -> None:

@@ -165,5 +165,5 @@ def test_fewer_than_three_cells_say_nothing_or_why(plain: RunResult) -> None:
     (found,) = across_cells(campaign(plain)[:4], STUDY)
     assert told(found) == [
         "a less b over all cells: 2 have runs of both; "
-        "at least 3 are needed before anything is said of cells."
+        "at least 3 with 6 pairs of runs are needed before anything is said of cells."
     ]

@@ -14,7 +14,7 @@ from benchmarks.verdicts.verdicts import check as verdicts_check
 from experiments.comparison import metrics
 from experiments.comparison.comparison import Scores, estimate, scores
 from experiments.comparison.family import ComparedMetric, verdicts
-from experiments.comparison.metrics import BY_NAME
+from experiments.comparison.metrics import named
 from experiments.statistics.effect_size import mean_interval
 from experiments.statistics.survival import Completion, restricted_mean
 
@@ -104,7 +104,7 @@ def test_p_values_are_those_of_scipy_s_permutations_and_holm_s_those_of_statsmod
     steps = [step for one in VERDICTS for step in one.steps]
     for step in steps:
         if step.happened:
-            p = flipped(step, scores(BY_NAME[step.metric], step.sample.pairs))
+            p = flipped(step, scores(named(step.metric), step.sample.pairs))
             assert step.test.p == pytest.approx(p, abs=5 * np.sqrt(p * (1 - p) / 200_000) + 2e-5)
     tested = [step for step in steps if step.tested]
     adjusted = multipletests([step.test.p for step in tested], method="holm")[1]
@@ -116,7 +116,7 @@ def test_equivalence_is_near_to_that_of_two_t_tests() -> None:
     """The same null hypothesis and another test: near to one another for 40 pairs."""
     for verdict in VERDICTS:
         for step in verdict.steps:
-            found = scores(BY_NAME[step.metric], step.sample.pairs)
+            found = scores(named(step.metric), step.sample.pairs)
             if step.happened and step.margin is not None and found.gains.std() > 0:
                 p, *_ = ttost_paired(found.ones, found.others, -step.margin, step.margin)
                 assert step.equivalence_p == pytest.approx(p, abs=0.1)
