@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from actors import order_limits
+from actors.geometry import GREATEST_COORDINATE
 from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
 from actors.orders import StartJam
 from actors.task.word_limits import TaskLimits, words_fault
 from actors.wording import brief
 
-GREATEST_COORDINATE: Final = 1e5
-"""Of a pose, either way, m, as of a velocity, m/s, and of angles, rad. Far beyond any floor."""
 _TAGS: Final = 2**63
 
 

@@ -13,6 +13,8 @@ from pydantic import (
     model_validator,
 )
 
+from actors.geometry import GREATEST_COORDINATE
+
 
 @dataclass(frozen=True)
 class Right:
@@ -58,7 +60,7 @@ def _without_zero(value: str) -> str:
     return value
 
 
-Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Coordinate = Annotated[float, Field(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINATE)]
 Pose = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(as_tuples)]
 Point = Annotated[tuple[Coordinate, Coordinate], BeforeValidator(as_tuples)]
 Span = Annotated[

@@ -9,6 +9,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from actors import toml_file, wording
+from actors.geometry import GREATEST_COORDINATE
 from actors.runtime.errors import AcrcError
 from actors.table import Right
 from actors.wording import shown
@@ -67,6 +68,12 @@ def sentence(one: ErrorDetails, model: type[BaseModel], content: object) -> str:
         return wording.unknown_key(key(location[:-1]), str(location[-1]), place.table.model_fields)
     if one["type"] == "value_error" and place.table is not None and (reason := str(one["ctx"]["error"])):
         return f"{key(location) or 'the file'} must {reason}"
+    context = one.get("ctx", {})
+    if GREATEST_COORDINATE in (context.get("le"), -context.get("ge", 0)) and isinstance(location[-1], int):
+        axis = "" if location[-2] in {"x", "y"} else (" x", " y", " heading")[location[-1]]
+        wrong = f"{key(location[:-1])}{axis} is {shown(_value_at(content, location))}"
+        unit = "rad" if location[-1] == 2 else "m"
+        return f"{wrong}, but coordinates must be within ±{GREATEST_COORDINATE:.0f} {unit}"
     return _wrong(place, one["type"], location, content)
 
 

@@ -18,6 +18,7 @@ SETTING = (
     "but must be true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
     " 1000 of these"
 )
+WITHIN = "but coordinates must be within ±100000"
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 CHANNEL = "but must be an IEEE 802.15.4 channel, a whole number from 11 to 26"
 MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
@@ -48,9 +49,20 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, lose, obstacle, give, close, 
             '[robots]\nstart = [[1, 2, 3], [1, "two", 3]]',
             f'robots.start[1] is [1, "two", 3], but must be a pose {POSES}',
         ),
+        ("[robots]\nstart = [[1, 388097.5, 3]]", f"robots.start[0] y is 388097.5, {WITHIN} m"),
+        ("[robots]\nstart = [[1, 2, -1e6]]", f"robots.start[0] heading is -1000000.0, {WITHIN} rad"),
+        ("[robots]\nstart = [[1, 2e5]]", f"robots.start[0] y is 200000.0, {WITHIN} m"),
+        ("[[robot]]\nid = 'r1'\nstart = [388097, 2, 3]", f"robot[0].start x is 388097, {WITHIN} m"),
         (
-            "[robots]\nstart = [[1e6, 2, 3]]",
-            f"robots.start[0] is [1000000.0, 2, 3], but must be a pose {POSES}",
+            "[[robot]]\nid = 'r1'\nplaces = [[1, 2], [-3e5, 2]]",
+            f"robot[0].places[1] x is -300000.0, {WITHIN} m",
+        ),
+        ("[[wifi]]\nat = [1e6, 2]\nchannel = 1\nduty = 0.5", f"wifi[0].at x is 1000000.0, {WITHIN} m"),
+        ("[[wall]]\nmaterial = 'brick'\nx = [1, 1e6]\ny = [1, 2]", f"wall[0].x is 1000000.0, {WITHIN} m"),
+        ("[[event]]\nat = 1\nmove = 'r1'\nto = [1, 1e6, 0]", f"event[0].to y is 1000000.0, {WITHIN} m"),
+        (
+            "[[event]]\nat = 1\nobstacle = [1, 1e6]\nradius = 1",
+            f"event[0].obstacle y is 1000000.0, {WITHIN} m",
         ),
         ('[places]\npreset = "x"', 'places.preset is "x", but must be "golden", "areas", "free" or "listed"'),
         (
@@ -167,10 +179,12 @@ def test_an_unknown_key(text: str, sentence: str) -> None:
     assert fault(text) == f"some.toml: {sentence}"
 
 
-def test_a_missing_map_and_text_that_is_no_toml() -> None:
-    assert fault("", head="") == (
-        "some.toml: map is missing, but must be the path of a map's YAML file, relative to the scenario file"
-    )
+def test_a_missing_map_several_maps_and_text_that_is_no_toml() -> None:
+    for head, is_wrong in (("", "missing"), ('map = ["a.yaml", "b.yaml"]', '["a.yaml", "b.yaml"]')):
+        assert fault("", head=head) == (
+            f"some.toml: map is {is_wrong}, but must be the path of a map's YAML file,"
+            " relative to the scenario file"
+        )
     assert fault("[run", head="") == (
         "some.toml: this is no TOML: Expected ']' at the end of a table declaration (at end of document)"
     )
