@@ -304,7 +304,7 @@ def scenario(
 
     if png is not None:
         output_file("--png", png, ".png", ".svg")
-    if (is_map := file.suffix in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
+    if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
         _part(file, png, is_map=is_map, json=json)

@@ -2,41 +2,46 @@
 
 import hashlib
 import io
-import reprlib
+import math
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from actors.floor import offices
 from actors.floor.drawing import RESOLUTION
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.map_header import YAML_BYTES, MapError, MapHeader, read_header
 from actors.floor.sharing import Shared
-from actors.geometry import Point
+from actors.geometry import GREATEST_COORDINATE, Point
 from actors.runtime import regular_file
-from actors.runtime.errors import AcrcError
 
-KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-"""What the YAML must hold; `mode: trinary` may stand beside it."""
-_BRIEF: Final = reprlib.Repr()
-"""YAML can refer to one list a million times, so its whole text may be without end."""
-_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 80, 80
+_BRIGHTNESS: Final = np.arange(3 * 255 + 1, dtype=np.float64) / 3
+"""The brightness, 0 to 255, of a pixel whose red, green and blue add up to the index."""
+_FORMATS: Final = ("PNG", "PPM", "BMP", "GIF", "TIFF", "WEBP", "JPEG")
+_GREY_SPREAD: Final = 32
+"""Difference of a pixel's channels above which it is a colour: JPEG and scanners make smaller ones."""
+_YAW_TOLERANCE: Final = 0.0025
+"""How far a yaw may be from a multiple of π/2, rad: people write 1.57 for π/2 and 4.71 for 3π/2."""
+_UNKNOWN: Final = 0.196
+"""How occupied the grey 205 is that map_saver writes for unknown, rounded down; brighter is floor."""
+_POCKETS: Final = 0.01
+"""Share of an image above which such grey within walls is warned of."""
 
-
-class MapError(AcrcError):
-    """A map file that cannot be used."""
+_Pixels = tuple[NDArray[np.uint16], NDArray[np.bool_], list[str]]
+"""(rows, columns) of red, green and blue added up, row 0 the top; which are transparent; and warnings."""
 
 
 @dataclass(frozen=True)
 class MapLimits:
     """How much of a map file is read at most."""
 
-    yaml_bytes: int = 65_536
+    yaml_bytes: int = YAML_BYTES
     """Size of the YAML; real ones have under 300 bytes."""
     cells: int = 16_000_000
     """Pixels of the image: 200 m by 200 m at 5 cm, about 0.5 GB while distances are computed."""
@@ -44,38 +49,42 @@ class MapLimits:
     """Size of the image's file: 8 bytes for each of so many pixels, more than any format takes."""
 
 
-@dataclass(frozen=True)
-class _Header:
-    """The checked content of the YAML."""
-
-    image: Path
-    resolution: float
-    origin: Point
-    negate: bool
-    occupied: float
-    free: float
-
-
 _MAPS: Final = Shared[OccupancyGrid]()
+_WARNINGS: Final = WeakKeyDictionary[OccupancyGrid, tuple[str, ...]]()
 
 
 def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid:
-    """The floor plan in the YAML file `path` and the image it names, which lies beside it; or a drawn one.
+    """Return the floor plan in the YAML file `path` and the image that it names; or a drawn one.
 
     "offices:7" and the like are names of floors that `actors.floor.offices` draws.
 
-    A pixel of brightness g in 0..255 is (255 − g)/255 occupied, or g/255 with `negate`: above
-    `occupied_thresh` the cell is occupied, below `free_thresh` free, else unknown (mode trinary). The image
-    is a PNG, PGM or BMP with 8 bits per channel. Files with the same bytes give one grid, wherever they lie.
+    A pixel of brightness g in 0..255, the mean of its channels, is (255 − g)/255 occupied, or g/255 with
+    `negate`; with mode raw, g/100 up to 100 and unknown beyond. Above `occupied_thresh` the cell is
+    occupied, below `free_thresh` free, else unknown, and so is a pixel that is not opaque. A yaw that is a
+    multiple of π/2 turns the grid. Files with the same bytes give one grid, wherever they lie.
     Raises MapError, or OfficesError for such a name.
     """
     if offices.is_name(path):
         return _MAPS.get(str(path), lambda: _drawn(str(path)))
     path = Path(path)
-    header = _header(path, limits)
-    image = _image(header.image, limits)
+    header = read_header(path, limits.yaml_bytes)
+    try:
+        image = regular_file.content(header.image, limits.image_bytes)
+    except (OSError, ValueError) as error:  # a ValueError: a zero byte in its name
+        raise MapError(
+            f"{header.image}: the map's image cannot be read: {getattr(error, 'strerror', error)}."
+        ) from error
     content = hashlib.sha256(image).digest(), replace(header, image=Path()), limits
-    return _MAPS.get(content, lambda: _grid(header, image, limits))
+    return _MAPS.get(content, lambda: _grid(path, header, _decoded(header.image, image, limits)))
+
+
+def map_warnings(path: Path | str, limits: MapLimits = MapLimits()) -> tuple[str, ...]:
+    """Return what is odd about a map that `load_map` reads, one sentence each; nothing for drawn floors.
+
+    Raises what `load_map` raises.
+    """
+    grid = load_map(path, limits)
+    return tuple(f"{Path(path).name}: {told}" for told in _WARNINGS.get(grid, ()))
 
 
 def _drawn(name: str) -> OccupancyGrid:
@@ -83,144 +92,98 @@ def _drawn(name: str) -> OccupancyGrid:
     return OccupancyGrid(cells, RESOLUTION, Point(0.0, 0.0))
 
 
-def _grid(header: _Header, image: bytes, limits: MapLimits) -> OccupancyGrid:
-    grey = np.arange(256, dtype=np.float64)
-    occupancy = (grey if header.negate else 255.0 - grey) / 255.0
-    states = np.full(grey.shape, UNKNOWN, dtype=np.uint8)
-    states[occupancy > header.occupied] = OCCUPIED
-    states[occupancy < header.free] = FREE
-    cells = states[_grey(header.image, image, limits)]
-    return OccupancyGrid(np.flipud(cells), header.resolution, header.origin)
-
-
-def _header(path: Path, limits: MapLimits) -> _Header:
-    fields = _fields(path, limits)
-    for key in KEYS:
-        if key not in fields:
-            raise MapError(f"{path}: the key {key!r} is missing; a map needs {', '.join(KEYS)}.")
-    for key in fields:
-        if key not in (*KEYS, "mode"):
-            raise MapError(
-                f"{path}: the key {_BRIEF.repr(key)} is not known; a map has {', '.join(KEYS)} and mode."
-            )
-    if fields.get("mode", "trinary") != "trinary":
-        raise MapError(f"{path}: mode is {_BRIEF.repr(fields['mode'])}, but only 'trinary' is supported.")
-    image = fields["image"]
-    if not isinstance(image, str) or not image:
-        raise MapError(f"{path}: image is {_BRIEF.repr(image)}, but must be the name of a file.")
-    negate = fields["negate"]
-    if not isinstance(negate, int) or negate not in (0, 1):
-        raise MapError(f"{path}: negate is {_BRIEF.repr(negate)}, but must be 0 or 1.")
-    resolution = _number(path, fields, "resolution")
-    if resolution <= 0:
-        raise MapError(f"{path}: resolution is {resolution:g}, but a cell must be longer than 0 m.")
-    occupied, free = _number(path, fields, "occupied_thresh"), _number(path, fields, "free_thresh")
-    if not 0 <= free <= occupied <= 1:
-        raise MapError(
-            f"{path}: free_thresh {free:g} and occupied_thresh {occupied:g} are out of order;"
-            " right is 0 ≤ free_thresh ≤ occupied_thresh ≤ 1."
-        )
-    return _Header(path.parent / image, resolution, _origin(path, fields), bool(negate), occupied, free)
-
-
-def _fields(path: Path, limits: MapLimits) -> dict[Any, Any]:
-    """The mapping in the YAML file."""
-    try:
-        with regular_file.opened(path) as file:
-            text = file.read(limits.yaml_bytes + 1)
-    except OSError as error:
-        raise MapError(f"{path}: the map cannot be read: {error.strerror}.") from error
-    if len(text) > limits.yaml_bytes:
-        raise MapError(
-            f"{path}: a map's YAML may have at most {limits.yaml_bytes} bytes, but this is larger."
-        )
-    try:
-        fields = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise MapError(f"{path}: this is not YAML: {' '.join(str(error).split())}.") from error
-    if not isinstance(fields, dict):
-        raise MapError(f"{path}: a map's YAML must be a list of keys and values, {', '.join(KEYS)}.")
-    return fields
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
-
-
-def _number(path: Path, fields: dict[Any, Any], key: str) -> float:
-    value = fields[key]
-    if not _is_number(value):
-        raise MapError(f"{path}: {key} is {_BRIEF.repr(value)}, but must be a number below 1e9.")
-    return float(value)
-
-
-def _origin(path: Path, fields: dict[Any, Any]) -> Point:
-    origin = fields["origin"]
-    if not isinstance(origin, list) or len(origin) != 3 or not all(map(_is_number, origin)):
-        raise MapError(
-            f"{path}: origin is {_BRIEF.repr(origin)}, "
-            "but must be three numbers below 1e9: x and y in m, yaw 0."
-        )
-    x, y, yaw = map(float, origin)
-    if yaw != 0:
-        raise MapError(
-            f"{path}: the origin is turned by {yaw:g} rad, but only maps with yaw 0 are supported."
-        )
-    return Point(x, y)
-
-
-def _image(path: Path, limits: MapLimits) -> bytes:
-    """The image's file."""
-    try:
-        with regular_file.opened(path) as file:
-            content = file.read(limits.image_bytes + 1)
-    except OSError as error:
-        raise MapError(f"{path}: the map's image cannot be read: {error.strerror}.") from error
-    except ValueError as error:  # a zero byte in its name
-        raise MapError(f"{path}: the map's image cannot be read: {error}.") from error
-    if len(content) > limits.image_bytes:
-        raise MapError(
-            f"{path}: a map's image may have at most {limits.image_bytes} bytes, but this is larger."
-        )
-    return content
-
-
-def _grey(path: Path, content: bytes, limits: MapLimits) -> NDArray[np.uint8]:
-    """(rows, columns) brightness of the image in the file `path`, row 0 its top."""
+def _decoded(path: Path, content: bytes, limits: MapLimits) -> _Pixels:
+    """The pixels of the image file `path`; of several frames the first. Raises MapError."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is the lower one
-            with Image.open(io.BytesIO(content), formats=("PNG", "PPM", "BMP")) as image:
+            warnings.simplefilter("ignore")  # of bombs, as our own limit is lower, and of odd metadata
+            with Image.open(io.BytesIO(content), formats=_FORMATS) as image:
                 if image.width * image.height > limits.cells:
-                    raise MapError(
-                        f"{path}: the image has {image.width} x {image.height} pixels,"
-                        f" but at most {limits.cells} are allowed."
-                    )
-                return _brightness(path, image)
+                    raise ValueError(f"{image.width} x {image.height} pixels are more than {limits.cells}")
+                return _pixels(image)
     except UnidentifiedImageError as error:
         raise MapError(
-            f"{path}: this is not an image that can be read; right are PNG, PGM and BMP."
+            f"{path}: this is not an image that can be read; right are {', '.join(_FORMATS)}."
         ) from error
-    except Image.DecompressionBombError as error:
-        raise MapError(f"{path}: the image has far more than the {limits.cells} pixels allowed.") from error
-    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises on damaged images
+    except Exception as error:  # Pillow raises many kinds on damaged images
         raise MapError(f"{path}: the map's image cannot be read: {error}.") from error
 
 
-def _brightness(path: Path, image: Image.Image) -> NDArray[np.uint8]:
-    if image.mode in {"1", "L"}:
-        return np.asarray(image.convert("L"))
-    if image.mode not in {"P", "PA", "LA", "RGB", "RGBA"}:
-        raise MapError(f"{path}: the image is of Pillow's mode {image.mode!r}, but must be grey with 8 bits.")
+def _pixels(image: Image.Image) -> _Pixels:
+    told = ["JPEG blurs the edges of walls; save the image as PNG"] if image.format == "JPEG" else []
+    if image.mode.startswith("I;16") or (image.mode, image.format) == ("I", "PPM"):
+        wide = np.asarray(image).astype(np.int64)
+        sums = ((wide + 128) // 257 * 3).astype(np.uint16)
+        return sums, wide == image.info.get("transparency", -1), told
+    if image.mode in {"I", "F"}:
+        raise ValueError("it has 32 bits per channel, but must have 8 or 16")
+    if not image.has_transparency_data and image.mode in {"1", "L"}:
+        return np.multiply(np.asarray(image.convert("L")), 3, dtype=np.uint16), np.array(False), told
     channels = np.asarray(image.convert("RGBA"))
-    if (channels[..., 3] != 255).any():
-        raise MapError(f"{path}: the image has transparent pixels, but each must be black, white or grey.")
-    coloured = np.argwhere((channels[..., :2] != channels[..., 1:3]).any(axis=2))
+    colours, clear = channels[..., :3], channels[..., 3] < 255
+    coloured = np.argwhere((np.ptp(colours, axis=2) > _GREY_SPREAD) & ~clear)
     if coloured.size:
-        row, column = (int(index) for index in coloured[0])
-        red, green, blue = (int(value) for value in channels[row, column, :3])
-        raise MapError(
-            f"{path}: the pixel in column {column}, row {row} from the top has the colour"
-            f" ({red}, {green}, {blue}), but each must be black, white or grey."
+        row, column = coloured[0]
+        told.append(
+            f"{len(coloured)} pixels have a colour, the first in column {column}, row {row} from the top:"
+            f" {tuple(colours[row, column].tolist())}; the mean of red, green and blue counts"
         )
-    return channels[..., 0]
+    return colours.sum(axis=2, dtype=np.uint16), clear, told
+
+
+def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
+    sums, clear, told = pixels
+    occupancy = (_BRIGHTNESS if header.negate else 255.0 - _BRIGHTNESS) / 255.0
+    if header.mode == "raw":  # NaN is neither free nor occupied
+        occupancy = np.where(_BRIGHTNESS <= 100, _BRIGHTNESS / 100, np.nan)
+    states = np.full(occupancy.shape, UNKNOWN, dtype=np.uint8)
+    states[occupancy > header.occupied] = OCCUPIED
+    states[occupancy < header.free] = FREE
+    cells = states[sums]
+    cells[clear] = UNKNOWN
+    if header.mode != "raw" and header.free > _UNKNOWN:
+        told += _unknown_as_free(header, np.where(cells == FREE, sums, 0), occupancy)
+    turns = round(header.yaw / (math.pi / 2))
+    off = abs(header.yaw - turns * math.pi / 2)
+    height, width = cells.shape[0] * header.resolution, cells.shape[1] * header.resolution
+    x, y = header.origin
+    if off > _YAW_TOLERANCE:
+        raise MapError(
+            f"{path}: origin has yaw {header.yaw:g} rad, but only multiples of 90° can be read; turn the"
+            f" image by {math.degrees(header.yaw):.4g}° counter-clockwise and set yaw to 0."
+        )
+    if turns % 4 or off > 1e-4:
+        told.append(
+            f"origin has yaw {header.yaw:g}: the map is turned by {turns % 4 * 90}° counter-clockwise; AMCL"
+            " and Nav2's costmaps ignore the yaw"
+        )
+    corners = Point(x, y), Point(x - height, y), Point(x - width, y - height), Point(x, y - width)
+    grid = OccupancyGrid(np.rot90(np.flipud(cells), -turns), header.resolution, corners[turns % 4])
+    if max(map(abs, (*grid.origin, *grid.corner))) > GREATEST_COORDINATE:
+        raise MapError(
+            f"{path}: origin ({x:.10g}, {y:.10g}) is too far from 0: coordinates of the map must be within"
+            f" ±{GREATEST_COORDINATE:.0f} m; set origin to [0, 0, 0] and subtract ({x:.10g}, {y:.10g}) from"
+            " coordinates that you give."
+        )
+    _WARNINGS[grid] = *header.warnings, *told
+    return grid
+
+
+def _unknown_as_free(
+    header: MapHeader, floor: NDArray[np.uint16], occupancy: NDArray[np.float64]
+) -> list[str]:
+    """A warning if a grey that means unknown counts as free at the border, or in large pockets.
+
+    `floor`: the sums of free pixels, 0 elsewhere.
+    """
+    grey = (occupancy > _UNKNOWN)[floor] & (floor > 0)
+    border = bool(np.r_[grey[0], grey[-1], grey[:, 0], grey[:, -1]].any())
+    if not border and grey.mean() < _POCKETS:
+        return []
+    level = int(np.bincount(floor[grey]).argmax())
+    return [
+        f"free_thresh {header.free:g} makes grey {level / 3:.0f} free floor,"
+        f" {grey.sum() * header.resolution**2:.3g} m² of it{', out to the border of the image' * border};"
+        " if this grey means unknown, as map_saver's 205 does, set free_thresh to"
+        f" {math.floor(1000 * occupancy[level]) / 1000:g}"
+    ]

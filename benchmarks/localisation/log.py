@@ -16,7 +16,8 @@ from PIL import Image
 from pydantic import ValidationError
 
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
-from actors.floor.map_file import MapError, load_map
+from actors.floor.map_file import load_map
+from actors.floor.map_header import MapError
 from actors.geometry import Pose, wrap
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RangeSensor

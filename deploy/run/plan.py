@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
-import yaml
 
 from actors.floor import offices
+from actors.floor.map_header import read_header
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
 from actors.processes.silence import Timeout
@@ -135,11 +135,10 @@ def copy_map(map_file: Path, folder: Path) -> None:
     if offices.is_name(map_file):
         offices.write(str(map_file), folder / "map")
         return
-    content = yaml.safe_load(map_file.read_text())
-    image = (map_file.parent / content["image"]).resolve()
-    shutil.copy(image, folder / f"map{image.suffix}")
-    content["image"] = f"map{image.suffix}"
-    (folder / "map.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    header = read_header(map_file)
+    image = f"map{header.image.resolve().suffix}"
+    shutil.copy(header.image, folder / image)
+    (folder / "map.yaml").write_text(header.text(image))
 
 
 def world_program(plan: RunPlan) -> Program:

@@ -3,13 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import yaml
-
 from actors.floor.map_file import load_map
+from actors.floor.map_header import read_header
 from actors.robot.behaviour import succession
 from actors.robot.behaviour.foreign import is_installed
 from actors.robot.behaviour.modules import located
-from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 
 
@@ -17,7 +15,7 @@ def map_files(described: Path) -> Iterator[Path]:
     """The map's YAML file and its image. Raises MapError for what is no map: it does not travel as one."""
     load_map(described)
     yield described
-    yield described.parent / yaml.safe_load(regular_file.content(described))["image"]
+    yield read_header(described).image
 
 
 def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from actors import toml_file
 from actors.floor.grid import UNKNOWN, OccupancyGrid, largest_region, passable, reachable
-from actors.floor.map_file import load_map
+from actors.floor.map_file import load_map, map_warnings
 from actors.floor.regions import Regions, regions
 from actors.geometry import Point
 from actors.radio.link_budget import needed_dbm, reach
@@ -134,7 +134,7 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
         f"{robots}, {places} places, {world.duration_us / 1e6:g} s at most, strategy "
         f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
         f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
-        f"{found.parts.count} regions, {_doors(len(doors))}",
+        f"{found.parts.count} regions, {_narrow_places(len(doors))}",
         f"radio: half of the longest frames arrive over {found.radio_reach:.1f} m in line of sight",
     ]
     said += [f"nobody can reach place {_name(key)}: no floor within its reach" for key in found.out_of_reach]
@@ -169,10 +169,8 @@ def _size(grid: OccupancyGrid) -> dict[str, float]:
     return {"width_m": grid.corner.x - grid.origin.x, "depth_m": grid.corner.y - grid.origin.y}
 
 
-def _doors(count: int) -> str:
-    return (
-        "no door between them" if not count else "1 narrow place" if count == 1 else f"{count} narrow places"
-    )
+def _narrow_places(count: int) -> str:
+    return "1 narrow place" if count == 1 else f"{count or 'no'} narrow place{'s' * (count > 1)}"
 
 
 def _name(key: PlaceKey) -> str:
@@ -189,6 +187,7 @@ class MapSurvey:
 
     name: str
     grid: OccupancyGrid
+    warnings: tuple[str, ...]
     radius: float
     """Of the robot for which it was looked at, m."""
     reached: NDArray[np.bool_]
@@ -201,7 +200,7 @@ def survey_map(path: Path) -> MapSurvey:
     """Look at a map's YAML file and its image. Raises MapError."""
     grid, radius = load_map(path), load_model(WALKER).footprint.circumradius
     parts = regions(grid, passable(grid, radius), grid.clearance)
-    return MapSurvey(path.name, grid, radius, largest_region(grid, radius), parts)
+    return MapSurvey(path.name, grid, map_warnings(path), radius, largest_region(grid, radius), parts)
 
 
 def map_sentences(found: MapSurvey) -> Iterator[str]:
@@ -213,12 +212,12 @@ def map_sentences(found: MapSurvey) -> Iterator[str]:
         f"{found.name}: {width:.1f} m by {depth:.1f} m in cells of {grid.resolution:g} m, from "
         f"({grid.origin.x:g}, {grid.origin.y:g}) on; free {free:.0f} m², unknown {unknown:.0f} m²"
     )
+    yield from (f"warning: {told}" for told in found.warnings)
     reached = found.reached.sum() * cell
     if not reached:
         yield f"a robot of {2 * found.radius:g} m has room nowhere"
         return
-    doors = len(found.parts.doors)
-    narrow = "no narrow place" if not doors else "1 narrow place" if doors == 1 else f"{doors} narrow places"
+    narrow = _narrow_places(len(found.parts.doors))
     yield f"the centre of a robot of {2 * found.radius:g} m gets to {reached:.0f} m²; {narrow}"
     apart = ((found.parts.labels > 0) & ~found.reached).sum() * cell
     if apart >= cell:
@@ -231,6 +230,7 @@ def map_as_json(found: MapSurvey) -> dict[str, Any]:
     return {
         "is": "map",
         "name": found.name,
+        "warnings": list(found.warnings),
         **_size(grid),
         "cell_m": grid.resolution,
         "free_m2": float(grid.free.sum() * cell),

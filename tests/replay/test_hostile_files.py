@@ -9,7 +9,8 @@ import msgspec
 import pytest
 
 from actors import toml_file
-from actors.floor.map_file import MapError, load_map
+from actors.floor.map_file import load_map
+from actors.floor.map_header import MapError
 from actors.messages import MESSAGE_VERSION, TOPICS
 from actors.processes.last_word import last_line
 from actors.robot_model import load_model

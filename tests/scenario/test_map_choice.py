@@ -1,4 +1,4 @@
-"""A scenario on a drawn floor, or on another map than its own: whose areas, starts and places count."""
+"""Maps of scenarios: drawn floors, maps other than the file's own, copies in runs, surveys."""
 
 from pathlib import Path
 
@@ -11,10 +11,13 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from deploy.run.plan import copy_map
+from deploy.scenario.named_files import map_files
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, parse
+from deploy.scenario.survey import map_as_json, map_sentences, survey_map
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml
+from tests.floor.map_files import written
 
 ELSEWHERE = Path("/elsewhere/scenario.toml")
 DRAWN = 'map = "offices:7"\n[robots]\ncount = 4\n[places]\nper_robot = 5\n'
@@ -116,3 +119,30 @@ def _places(scenario: Scenario) -> list[tuple[float, float]]:
 
 def _within(area: Area, point: tuple[float, ...]) -> bool:
     return area.x0 <= point[0] <= area.x1 and area.y0 <= point[1] <= area.y1
+
+
+def test_the_copy_in_a_run_reads_as_the_map_itself(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        origin='["-1e-05", 2, 1.5708]',
+        mode="Scale",
+        negate="yes",
+        map_frame="map",
+        free_thresh=None,
+    )
+    folder = tmp_path / "run"
+    folder.mkdir()
+    copy_map(path, folder)
+    copy, grid = load_map(folder / "map.yaml"), load_map(path)
+    assert copy.content == grid.content
+    assert (folder / "map.yaml").read_text() == (
+        "image: map.png\nmode: scale\nresolution: 0.05\norigin: [-1e-05, 2.0, 1.5708]\nnegate: 1\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    assert list(map_files(path)) == [path, tmp_path / "plan.png"]
+
+
+def test_a_survey_tells_the_warnings(tmp_path: Path) -> None:
+    found = survey_map(written(tmp_path, map_frame="map"))
+    assert "warning: plan.yaml: ignored keys: 'map_frame'" in list(map_sentences(found))
+    assert map_as_json(found)["warnings"] == ["plan.yaml: ignored keys: 'map_frame'"]

@@ -10,7 +10,8 @@ from pydantic_core import PydanticUndefined
 
 from actors import robot_model
 from actors.floor.drawing import RESOLUTION
-from actors.floor.map_file import KEYS, MapLimits
+from actors.floor.map_file import MapLimits
+from actors.floor.map_header import KEYS
 from actors.floor.offices import PARAMETERS
 from actors.installation.repository import REPOSITORY
 
@@ -61,7 +62,7 @@ def test_every_field_of_a_robot_model_stands_there_with_default_and_range(headin
 
 def test_every_key_and_limit_of_a_map_stands_there() -> None:
     yaml, _, image = MAP.partition("## Drawn office floors")[0].partition("## The image")
-    assert set(rows(yaml)) == {*KEYS, "mode"}
+    assert set(rows(yaml)) == {*KEYS}
     limits = {one.name: str(one.default) for one in fields(MapLimits)}
     assert {name: cells[0] for name, cells in rows(image).items()} == limits
 
