@@ -153,8 +153,8 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Compare only this: places, contacts, radio, driven, completion, settled, lexicographic, or "
-            "outcome.NAME, a number that strategies report.",
+            help="Compare only this: places, contacts, radio, driven, completion, settled, lexicographic; "
+            "or outcome.NAME, a number that strategies report.",
         ),
     ] = None,
     json: Json = False,
