@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.installation.usage import typed
 from actors.runtime.errors import AcrcError
 from deploy.hosts import load_meter
 from deploy.hosts.host_messages import Glimpse
@@ -63,8 +64,8 @@ def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
     hosts_file.write(tmp_path, told)
     assert hosts_file.read(tmp_path) == told
     assert hosts_file.where(tmp_path, hosts_file.elsewhere(tmp_path)) == (
-        f"{tmp_path}/r1/r1.mcap and 2 more are still on hosts h0, h1; `acrc cluster fetch {tmp_path}` brings "
-        "what has stayed there"
+        f"{tmp_path}/r1/r1.mcap and 2 more are still on hosts h0, h1; "
+        f"`{typed('cluster', 'fetch', tmp_path)}` brings what has stayed there"
     )
     for number in (1, 2):
         (tmp_path / f"r{number}").mkdir()

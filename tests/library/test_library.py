@@ -198,6 +198,22 @@ def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: 
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
+def test_a_campaign_begins_again_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("experiments.campaign.campaign.carry_out", lambda kept, options: None)
+    text = f'scenario = "{SHIPPED}/scenarios/head_on.toml"\nstrategies = ["none", "chapter"]\nseeds = 6\n'
+    (tmp_path / "s.toml").write_text(text)
+    folder = acrc.campaign(tmp_path / "s.toml", tmp_path / "c").folder
+    with pytest.raises(acrc.AcrcError, match="has 6 seeds, more than 2"):
+        acrc.campaign(tmp_path / "s.toml", folder, seeds=2)
+    again = acrc.campaign(tmp_path / "s.toml", folder, seeds=2, overwrite=True)
+    assert len(again.results()) == 0 and again._kept().study.seeds == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c", "s.toml"]
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "text.tex").touch()
+    with pytest.raises(acrc.AcrcError, match=r"out: .* has other content, and no study.json"):
+        acrc.campaign(tmp_path / "s.toml", tmp_path / "thesis", overwrite=True)
+
+
 def test_the_import_is_light() -> None:
     program = (
         "import sys, acrc_testbed; print([n for n in ('numpy', 'matplotlib', 'rich') if n in sys.modules])"
