@@ -43,7 +43,7 @@ def run(
         str | None,
         typer.Option(
             metavar="PRESET",
-            help="Preset of navigation: chapter (as the original's), improved or robust.",
+            help="Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
             autocompletion=completion.navigation,
         ),
     ] = None,

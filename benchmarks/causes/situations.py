@@ -69,7 +69,11 @@ class Situation:
             },
             "strategy": dict(self.settings),
             "localisation": {"preset": "chapter"},
-            "navigation": {"preset": "improved", **(navigation or {})},
+            # our own local planner with the original's numbers: robots stand for want of room only
+            "navigation": {"preset": "chapter", "reset_distance": 3.0, **(navigation or {})},
+            "planner": {"method": "grid", "factor": 3.0},
+            "local_map": {"body": "disc", "allowance": 0.0, "padding": 0.045, "inf_is_valid": True},
+            "dwa": {"rules": "disc", "granularity": 0.05},
             "robots": {"count": len(robots)},
             "robot": robots,
             "event": list(self.events),

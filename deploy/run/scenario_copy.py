@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from actors.installation.version import software
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.stack_tables import navigation_preset
+from deploy.scenario.stack_tables import presets_of
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml
 from observation.results.origin import UNKNOWN, Origin, versions
@@ -62,7 +62,7 @@ def beside(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
 
 def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
     """The origin of a run of `scenario`, whose file is called `name`."""
-    run = scenario.run
+    run, presets = scenario.run, presets_of(scenario)
     return Origin(
         name,
         run.strategy,
@@ -71,5 +71,6 @@ def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin
         commit,
         versions(),
         key=run.key or "",
-        navigation=navigation_preset(scenario),
+        navigation=presets["navigation"],
+        localisation=presets["localisation"],
     )

@@ -1,7 +1,7 @@
 """From a scenario to who stands where with what to do: every choice made, every random draw drawn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
@@ -23,7 +23,7 @@ from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.areas import check_areas, of_places
 from deploy.scenario.events import timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
-from deploy.scenario.stack_tables import stack_of
+from deploy.scenario.stack_tables import presets_of, stack_of
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
@@ -49,6 +49,8 @@ class ResolvedScenario(Swarm):
 
     scenario: Scenario
     """Means the same as the one that was given, and draws nothing: every robot has a table of its own."""
+    grid: OccupancyGrid = field(compare=False)
+    """The floor plan."""
 
 
 def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
@@ -109,6 +111,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     settled = _settled(scenario, robots)
     return ResolvedScenario(
         scenario=settled,
+        grid=grid,
         world=world,
         radio=_radio_setup(scenario, addresses),
         behaviour=behaviour,
@@ -190,6 +193,10 @@ def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
         update={
             "robots": scenario.robots.model_copy(update={"start": (), "areas": None}),
             "places": PlacesTable(preset="listed"),
+            **{
+                name: {"preset": preset, **getattr(scenario, name)}
+                for name, preset in presets_of(scenario).items()
+            },
             "area": of_places(scenario),
             "robot": tables,
         }

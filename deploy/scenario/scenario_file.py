@@ -15,7 +15,7 @@ from actors.installation.usage import OptionError, typed, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
 from deploy.scenario import areas, events, kinds, map_choice, robot_tables
-from deploy.scenario.stack_tables import stack_fault
+from deploy.scenario.stack_tables import IMPROVED_REMOVED, stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
 
@@ -109,6 +109,8 @@ def _on_its_map(
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
     """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
     options: dict[tuple[str, ...], str] = {}
+    if overrides.navigation == "improved":
+        raise OptionError(f"--navigation: {IMPROVED_REMOVED}")
     if overrides.navigation not in {None, *NAVIGATION_PRESETS}:
         raise wrong_value("--navigation", overrides.navigation, wording.one_of(tuple(NAVIGATION_PRESETS)))
     _leave_settings_out(content, overrides.strategy)

@@ -1,11 +1,11 @@
-"""How robots localise and navigate, as a scenario and a fleet say it.
+"""The tables of a scenario and of a fleet that choose localisation and navigation.
 
     [localisation]
-    preset = "robust"      # "chapter" if nothing is said, "robust", or "odometry": none at all
+    preset = "robust"      # the default; or "chapter", or "odometry": no localisation
     max_particles = 1000   # any field of AmclParameters
 
     [navigation]
-    preset = "chapter"     # or "improved", "robust": for this table, [planner], [local_map] and [dwa]
+    preset = "robust"      # the default; or "chapter": for this table, [planner], [local_map] and [dwa]
 
 Beside the presets, any field of the parameters may be set; durations in s.
 """
@@ -25,14 +25,19 @@ from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameter
 from actors.robot.localisation import PRESETS, AmclParameters
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
-from actors.robot.stack import Stack
+from actors.robot.stack import DEFAULT_PRESET, Stack
 from actors.runtime.errors import AcrcError
 from actors.table import FileTable, Right
 
 ODOMETRY: Final = "odometry"
 """The preset of [localisation] that trusts the odometry alone."""
-CHAPTER: Final = "chapter"
-"""The preset that holds where none is named."""
+IMPROVED_REMOVED: Final = (
+    '"improved", which was removed, but must be "robust", or, to drive as that did, "chapter" with '
+    'navigation.reset_distance = 3.0, planner.method = "grid", planner.factor = 3.0, '
+    'local_map.body = "disc", local_map.allowance = 0.0, local_map.padding = 0.045, '
+    'local_map.inf_is_valid = true, dwa.rules = "disc" and dwa.granularity = 0.05'
+)
+"""What a file or an option that names the navigation preset `improved` is told."""
 _P = TypeVar("_P")
 
 
@@ -55,7 +60,7 @@ def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[FileTable]:
         one.name: (_KINDS.get(hints[one.name], hints[one.name]), None) for one in fields(kind)
     }
     if presets:
-        keys["preset"] = (Literal[presets], CHAPTER)
+        keys["preset"] = (Literal[presets], DEFAULT_PRESET)
     return create_model(f"{kind.__name__}Table", __base__=FileTable, **keys)
 
 
@@ -72,7 +77,12 @@ _NavigationFile: Final = create_model("_NavigationFile", __base__=FileTable, **_
 
 
 def stack(tables: Mapping[str, Mapping[str, object]]) -> Stack:
-    """What the tables say; those that are absent are as the preset `chapter` has them. Raises AcrcError."""
+    """Return the parameters that the tables give; where they name no preset, DEFAULT_PRESET holds.
+
+    Raises AcrcError.
+    """
+    if (navigation := tables.get("navigation")) and navigation.get("preset") == "improved":
+        raise AcrcError(f"navigation.preset is {IMPROVED_REMOVED}")
     return _stack(table_wording.checked(tables, _NavigationFile))
 
 
@@ -112,9 +122,10 @@ def stack_of(file: FileTable) -> Stack:
     return stack(file.model_dump(include=set(TABLES)))
 
 
-def navigation_preset(file: FileTable) -> str:
-    """The preset of navigation of a scenario or a fleet file: named, or the one that holds without a word."""
-    return str(file.model_dump(include={"navigation"})["navigation"].get("preset", CHAPTER))
+def presets_of(file: FileTable) -> dict[str, str]:
+    """Return the presets of localisation and of navigation of a scenario or a fleet file, by table."""
+    tables = file.model_dump(include={"localisation", "navigation"})
+    return {name: str(table.get("preset", DEFAULT_PRESET)) for name, table in tables.items()}
 
 
 def stack_fault(file: FileTable) -> str | None:

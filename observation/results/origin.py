@@ -49,6 +49,8 @@ class Origin(msgspec.Struct, frozen=True):
     """What all that is random follows from beside the seed; empty: there is none."""
     navigation: str = ""
     """Preset of navigation, as the scenario or `--navigation` says; empty in results that do not say it."""
+    localisation: str = ""
+    """Preset of localisation; the same."""
     branch: BranchOrigin | None = None
     """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
 

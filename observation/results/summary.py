@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 from rich.table import Table
@@ -14,6 +15,8 @@ from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.processes import silence
 from actors.runtime.errors import printable
 from observation.results.result import RobotResult, RunResult
+
+_ORIGINAL: Final = "; that preset is the original's navigation: robots may get stuck at corners and doors"
 
 
 def print_result(result: RunResult, *, json: bool) -> None:
@@ -165,15 +168,17 @@ def _driving(result: RunResult) -> Iterator[str]:
         rmse = math.sqrt(sum(error.rmse**2 * error.samples for error in errors) / samples)
         lost = sum(error.times_lost for error in errors)
         yield (
-            f"Localisation error: {rmse:.2f} m (RMSE), {max(error.greatest for error in errors):.2f} m at "
-            f"most; {f'robots were lost {_times(lost)}' if lost else 'no robot was lost'}."
+            f"Localisation error{_in_brackets(result.origin.localisation)}: {rmse:.2f} m (RMSE), "
+            f"{max(error.greatest for error in errors):.2f} m at most; "
+            f"{f'robots were lost {_times(lost)}' if lost else 'no robot was lost'}."
         )
     goals = result.navigation
     if goals.goals:
         why = {name: count for name, count in goals.aborted.items() if count}
         yield (
-            f"Navigation: {goals.goals} {'goal' if goals.goals == 1 else 'goals'}, "
-            f"{sum(why.values()) or 'none'} aborted{_because(why)}."
+            f"Navigation{_in_brackets(result.origin.navigation)}: {goals.goals} "
+            f"{'goal' if goals.goals == 1 else 'goals'}, {sum(why.values()) or 'none'} aborted{_because(why)}"
+            f"{_ORIGINAL if result.origin.navigation == 'chapter' else ''}."
         )
 
 
@@ -184,6 +189,11 @@ def _worded(counts: Mapping[str, int], prefix: str) -> dict[str, int]:
         for name, count in counts.items()
         if name.startswith(prefix) and count
     }
+
+
+def _in_brackets(preset: str) -> str:
+    """Return a preset's name in brackets; nothing for results that do not name it."""
+    return f" ({printable(preset)})" if preset else ""
 
 
 def _because(counts: Mapping[str, int]) -> str:

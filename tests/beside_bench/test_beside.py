@@ -111,12 +111,12 @@ def test_this_state_alone_has_another_navigation(mine: Path, tmp_path: Path, log
     for folder in (mine, theirs):
         text = (folder / "acrc").read_text()
         (folder / "acrc").write_text(text.replace("$3 $4 $5 $6", "$7 $8"))
-    command.measure(str(theirs), robots=(4,), bus="memory", pairs=2, navigation="improved")
+    command.measure(str(theirs), robots=(4,), bus="memory", pairs=2, navigation="robust")
     said = {tuple(line.split()[:3]) for line in log.read_text().splitlines()}
-    assert said == {("mine", "--navigation", "improved"), ("theirs", "--bus", "memory")}
+    assert said == {("mine", "--navigation", "robust"), ("theirs", "--bus", "memory")}
     with pytest.raises(OptionError) as raised:
         command.measure(str(theirs), navigation="better")
-    assert str(raised.value) == "--navigation: better; must be chapter or improved or robust"
+    assert str(raised.value) == "--navigation: better; must be chapter or robust"
 
 
 def git(folder: Path, *words: str) -> str:

@@ -24,7 +24,7 @@ duration = 20.0
 seed = 1
 strategy = "none"
 [navigation]
-preset = "improved"
+preset = "robust"
 [robots]
 count = 3
 [[robot]]

@@ -261,7 +261,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("bench budget --bus zenoh --write", r"--write: keeps counts in memory", codes=(2,)),
         Line(
             "bench beside {root} --scenario scenarios/head_on.toml --robots 2 --seed 3 --duration 1 "
-            "--pairs 2 --bus memory --navigation improved --json",
+            "--pairs 2 --bus memory --navigation robust --json",
             r'"digests_equal": true',
         ),
     ),

@@ -28,7 +28,7 @@ FLOORS = (
 RANDOM = (
     f"{HEAD}seeds = 3\nsamples = 6\n[[vary]]\nkey = 'robots.count'\nbetween = [4, 12]\n"
     f"[[vary]]\nfactor = 'floor'\namong = [{FLOORS}]\n"
-    "[[vary]]\nkey = 'navigation.preset'\nvalues = ['chapter', 'improved']\n"
+    "[[vary]]\nkey = 'navigation.preset'\nvalues = ['chapter', 'robust']\n"
 )
 
 
@@ -66,7 +66,7 @@ def test_every_strategy_has_the_same_cells_with_every_value_of_fixed_factors(tmp
     assert by_strategy["none"] == by_strategy["chapter"]
     assert len(by_strategy["none"]) == len({repr(one) for one in by_strategy["none"]}) == 3 * 6 * 2
     assert {dict(study.fixed_part(variant))["navigation.preset"] for variant in study.variants()} == {
-        "chapter", "improved",
+        "chapter", "robust",
     }  # fmt: skip
     assert loaded(tmp_path, RANDOM) == study
     assert loaded(tmp_path, RANDOM, tuning=True).cells != study.cells

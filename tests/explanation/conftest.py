@@ -28,7 +28,7 @@ start = [[6.5, 12.5, 0.0], [13.0, 12.5, 0.0], [20.0, 12.5, 0.0], [12.0, 11.5, 0.
 preset = "odometry"
 
 [navigation]
-preset = "improved"
+preset = "robust"
 
 [places]
 preset = "golden"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
@@ -21,7 +21,13 @@ from tests.robot.base import FakeBase, at_step, model
 
 RADIUS = 0.177
 KIND = model(rays=240)
-IMPROVED = DWA_PRESETS["improved"]
+DWA = {**DWA_PRESETS, "disc": DwaParameters(rules="disc", granularity=0.05)}
+LOCAL_MAPS = {
+    **LOCAL_MAP_PRESETS,
+    "disc": CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True),
+}
+"""The presets, and "disc": our own rules with the chapter's numbers."""
+DISC = DWA["disc"]
 ROBUST = DWA_PRESETS["robust"]
 
 
@@ -91,7 +97,7 @@ class Pilot:
         start: Pose,
         goal: Point,
         *,
-        preset: str = "improved",
+        preset: str = "disc",
         parameters: DwaParameters | None = None,
         noise: np.random.Generator | None = None,
     ) -> None:
@@ -99,8 +105,8 @@ class Pilot:
         self.base = FakeBase(floor, KIND, start)
         self.goal = goal
         self.fixed: list[tuple[Point, float]] = []
-        self.local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
-        self.local_planner = local_planner(self.local, parameters or DWA_PRESETS[preset])
+        self.local = CostMap(KIND.sensor, RADIUS, LOCAL_MAPS[preset])
+        self.local_planner = local_planner(self.local, parameters or DWA[preset])
         self.record = Record()
         self._start = start
         self._sweeps = Sweeps(KIND.sensor)

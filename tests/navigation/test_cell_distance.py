@@ -59,7 +59,7 @@ def test_the_largest_reach_does_not_overflow() -> None:
         ),
         (
             lambda: Planner(
-                ground(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["improved"], inflation_radius=6.4)
+                ground(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["robust"], inflation_radius=6.4)
             ),
             "planner: the reach of what is marked is 6.4, but must be at most 126 cells of 0.05 m",
         ),

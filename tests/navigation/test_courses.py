@@ -31,13 +31,13 @@ CORNERS = plan(
 """
 )
 """4.5 m by 3 m; a wall reaches in from the west."""
-PRESETS = ["improved", "robust"]
+PRESETS = ["disc", "robust"]
 ALL = ["chapter", *PRESETS]
 
 
 @pytest.mark.parametrize(
     ("preset", "goal"),
-    [("improved", Point(3.4, 0.8)), ("robust", Point(3.4, 0.8)), ("robust", Point(0.8, 0.8))],
+    [("disc", Point(3.4, 0.8)), ("robust", Point(3.4, 0.8)), ("robust", Point(0.8, 0.8))],
 )
 def test_it_reaches_a_goal_round_a_corner_and_touches_nothing(preset: str, goal: Point) -> None:
     pilot = Pilot(CORNERS, Pose(0.8, 2.6, 0.0), goal, preset=preset)

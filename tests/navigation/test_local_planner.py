@@ -11,25 +11,22 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap
-from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
+from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.steering import BaseLocalPlanner, Steering
 from actors.robot.sweep import Sweep
-from tests.navigation.course import IMPROVED, KIND, RADIUS, ROBUST, local_planner
+from tests.navigation.course import DISC, DWA, KIND, LOCAL_MAPS, RADIUS, ROBUST, local_planner
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 EAST = np.column_stack((np.linspace(0.0, 3.0, 61), np.zeros(61)))
-PRESETS = pytest.mark.parametrize("preset", list(DWA_PRESETS))
+PRESETS = pytest.mark.parametrize("preset", list(DWA))
 SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 
-def planned(
-    preset: str = "improved", ranges: NDArray[np.uint16] = SILENCE
-) -> tuple[BaseLocalPlanner, CostMap]:
+def planned(preset: str = "disc", ranges: NDArray[np.uint16] = SILENCE) -> tuple[BaseLocalPlanner, CostMap]:
     """At the origin of both frames, on a plan to the east."""
-    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAPS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
-    made = local_planner(local, DWA_PRESETS[preset])
+    made = local_planner(local, DWA[preset])
     made.follow(EAST)
     return made, local
 
@@ -67,7 +64,7 @@ def test_after_it_has_begun_anew_it_needs_a_plan(preset: str) -> None:
 @PRESETS
 def test_without_a_fresh_scan_it_does_not_drive(preset: str) -> None:
     local = CostMap(KIND.sensor, RADIUS)
-    blind = local_planner(local, DWA_PRESETS[preset])
+    blind = local_planner(local, DWA[preset])
     blind.follow(EAST)
     assert blind.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
     made, local = planned(preset)
@@ -79,8 +76,8 @@ def test_without_a_fresh_scan_it_does_not_drive(preset: str) -> None:
 
 def test_a_plan_ends_within_the_tolerance_of_its_last_point_at_any_speed() -> None:
     made, _ = planned()
-    fast, near = Twist(0.5, 0.0, 1.0), Pose(3.0 - IMPROVED.goal_tolerance, 0.0, 2.0)
-    assert made.period == IMPROVED.period and made.reached(near, fast)
+    fast, near = Twist(0.5, 0.0, 1.0), Pose(3.0 - DISC.goal_tolerance, 0.0, 2.0)
+    assert made.period == DISC.period and made.reached(near, fast)
     assert not made.reached(near._replace(x=near.x - 1e-9), fast) and not made.reached(ORIGIN, STILL)
     made.begin()
     assert not made.reached(near, STILL)
@@ -95,7 +92,7 @@ def test_a_plan_that_is_elsewhere_is_no_plan(preset: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(
-    preset=st.sampled_from(["chapter", "improved", "robust"]),
+    preset=st.sampled_from(["chapter", "disc", "robust"]),
     seed=st.integers(0, 10**6),
     vx=st.floats(-0.7, 0.7),
     omega=st.floats(-6, 6),
@@ -110,7 +107,7 @@ def test_no_command_exceeds_the_limits(
     made, _ = planned(preset, ranges)
     here = Pose(0.0, 0.0, heading)
     steering = made.steer(Instant(0), here, here, Twist(vx, 0.0, omega))
-    p = DWA_PRESETS[preset]
+    p = DWA[preset]
     twist = steering.twist
     assert p.min_speed <= twist.vx <= 0.5 and twist.vy == 0.0 and abs(twist.omega) <= 5.0
     if not steering.valid:
@@ -127,7 +124,7 @@ def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
     slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
-    made = local_planner(local, DWA_PRESETS[preset], slow)
+    made = local_planner(local, DWA[preset], slow)
     made.follow(EAST)
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
     # of the samples that end in the same cells the original takes the first, not the fastest
@@ -139,8 +136,8 @@ def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
     ("preset", "escape", "valid"),
     [
         ("chapter", 0.035, False),
-        ("improved", IMPROVED.escape, False),
-        ("improved", 0.06, True),
+        ("disc", DISC.escape, False),
+        ("disc", 0.06, True),
         ("robust", ROBUST.escape, True),
     ],
 )
@@ -148,10 +145,10 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
     """Its front touches what is 18 cm from its centre: the chapter's robot is stuck, another may get away."""
     ranges = SILENCE.copy()
     ranges[KIND.sensor.rays // 2 - 1] = 280
-    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAPS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
     assert local.marks().shape == (1, 2)
-    made = local_planner(local, replace(DWA_PRESETS[preset], escape=escape))
+    made = local_planner(local, replace(DWA[preset], escape=escape))
     made.follow(np.column_stack((np.zeros(20), np.linspace(0.0, 1.0, 20))))
     steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid == valid
@@ -160,7 +157,7 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
 
 def test_without_least_speeds_standing_is_no_trajectory_but_a_command_at_the_goal() -> None:
     """The samples hold 0 in both: it takes no step, and a time by no steps is no number."""
-    free = replace(DWA_PRESETS["chapter"], least_speed=0.0, least_turn=0.0)
+    free = replace(DWA["chapter"], least_speed=0.0, least_turn=0.0)
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
     made = local_planner(local, free)

@@ -21,6 +21,7 @@ from actors.robot.navigation.navfn_potential import IMPASSABLE, wave
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, PlanningParameters, ground
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
+from deploy.scenario.stack_tables import stack
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177
@@ -210,7 +211,7 @@ def test_costs_are_computed_once_per_map_and_body() -> None:
 
 def test_robots_have_the_costs_of_the_method_that_they_plan_by() -> None:
     model = load_model("turtlebot2", "chapter")
-    chapter = common_ground(TWO_ROOMS, model, Stack())
+    chapter = common_ground(TWO_ROOMS, model, stack({"navigation": {"preset": "chapter"}}))
     assert chapter.costs is global_costs(TWO_ROOMS, model.footprint.circumradius, CHAPTER)
     assert common_ground(TWO_ROOMS, model, Stack(planner=PLANNER_PRESETS["robust"])).costs is None
 

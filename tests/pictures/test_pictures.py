@@ -160,7 +160,7 @@ def test_a_page_needs_nothing_beside_itself_and_says_what_the_run_said(
     page = (tmp_path / "run.html").read_text()
     assert page.startswith("<!DOCTYPE html>") and page.count("data:image/svg+xml;base64,") == 1
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", page) and "<script" not in page
-    cleaned = "2 robots with strategy chapter and navigation improved cleaned all 6 places in 99 simulated s."
+    cleaned = "2 robots with strategy chapter and navigation chapter cleaned all 6 places in 99 simulated s."
     assert f"<p>{cleaned}</p>" in page
     headings = re.findall(r"<h2 id=\"s(\d)\">", page)
     assert headings == [str(number) for number in range(1, len(headings) + 1)] and len(headings) == 8

@@ -19,7 +19,6 @@ from tests.robot.trip import (
     AHEAD,
     CHAPTER,
     FAR,
-    IMPROVED,
     NOWHERE,
     SHIFT,
     SUCCEEDED,
@@ -197,7 +196,6 @@ def test_a_robot_without_a_goal_does_not_retreat() -> None:
 
 def test_the_chapters_preset_is_what_is_assumed() -> None:
     assert NavigationParameters() == CHAPTER and CHAPTER.controller_patience == seconds(1)
-    assert replace(IMPROVED, reset_distance=CHAPTER.reset_distance) == CHAPTER
 
 
 def test_every_goal_is_listed_with_what_became_of_it() -> None:

@@ -18,7 +18,7 @@ from actors.robot.navigation.planning import PLANNER_PRESETS, Ground, Planner, g
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177
-IMPROVED = PLANNER_PRESETS["improved"]
+GRID = PLANNER_PRESETS["robust"]
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
@@ -81,7 +81,7 @@ def test_a_robot_pressed_to_a_wall_finds_its_way_out() -> None:
 def test_a_potential_that_is_kept_gives_the_way_that_a_new_one_would() -> None:
     floor = ground(TWO_ROOMS, RADIUS)
     goals = [Point(9.0, 0.5 + 0.3 * i) for i in range(6)]
-    small = Planner(floor, replace(IMPROVED, cached=2))
+    small = Planner(floor, replace(GRID, cached=2))
     for goal in [*goals, *goals[:3], goals[0]]:
         again, anew = small.path(Point(1.0, 1.0), goal), Planner(floor).path(Point(1.0, 1.0), goal)
         assert again is not None and anew is not None
@@ -93,14 +93,14 @@ def test_potentials_take_as_much_memory_as_is_said(megabytes: float, kept: int) 
     floor = ground(TWO_ROOMS, RADIUS)
     if not kept:
         with pytest.raises(ParameterError):
-            replace(IMPROVED, cached_mb=megabytes)
+            replace(GRID, cached_mb=megabytes)
         return
-    planner = Planner(floor, replace(IMPROVED, cached_mb=megabytes))
+    planner = Planner(floor, replace(GRID, cached_mb=megabytes))
     for i in range(6):
         planner.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
     assert len(planner._fields) == kept
     for_two = 2.5 * floor.costs.nbytes / 1e6
-    two = Planner(floor, replace(IMPROVED, cached_mb=for_two))
+    two = Planner(floor, replace(GRID, cached_mb=for_two))
     for i in range(6):
         two.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
     assert len(two._fields) == 2

@@ -16,7 +16,7 @@ FLOOR = ground(TWO_ROOMS, 0.177)
 WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
 NOWHERE = Point(30.0, 1.0)
 AHEAD = Twist(0.5, 0.0, 0.0)
-CHAPTER, IMPROVED = NAVIGATION_PRESETS["chapter"], NAVIGATION_PRESETS["improved"]
+CHAPTER, CLEARING = NAVIGATION_PRESETS["chapter"], NavigationParameters(reset_distance=3.0)
 ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
 HERE = Pose(0.0, 0.0, 0.0)
 SHIFT = Pose(-3.0, 2.0, 1.0)

@@ -49,7 +49,8 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
         "settings": {},
         "key": "",
         "commit": software(),
-        "navigation": "chapter",
+        "navigation": "robust",
+        "localisation": "robust",
         "branch": None,
     }
     text = (tmp_path / "one" / "out" / "scenario.toml").read_text()

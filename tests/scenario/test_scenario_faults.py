@@ -306,7 +306,7 @@ def test_events_that_follow_one_another() -> None:
         (Overrides(robots="four"), "--robots: four; must be a whole number from 1 to 500"),
         (Overrides(robots=0), "--robots: 0; must be a whole number from 1 to 500"),
         (Overrides(robots="3.5"), "--robots: 3.5; must be a whole number from 1 to 500"),
-        (Overrides(navigation="fast"), '--navigation: fast; must be "chapter", "improved" or "robust"'),
+        (Overrides(navigation="fast"), '--navigation: fast; must be "chapter" or "robust"'),
         (Overrides(seed="-1"), "--seed: -1; must be a whole number from 0 to 9223372036854775807"),
         (Overrides(duration="inf"), "--duration: inf; must be a number of seconds above 0, at most 1000000"),
         (
@@ -355,7 +355,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
         ("[localisation]\nbeams = []", "localisation.beams is [], but must be a whole number of 64 bits"),
         (
             '[navigation]\npreset = "best"',
-            'navigation.preset is "best", but must be "chapter", "improved" or "robust"',
+            'navigation.preset is "best", but must be "chapter" or "robust"',
         ),
         ("[dwa]\nsim_tim = 2", "dwa.sim_tim is not known; did you mean dwa.sim_time?"),
         ("[dwa]\nsim_time = 0", "dwa.sim_time is 0, but must be above 0"),

@@ -1,5 +1,6 @@
 """How a robot localises and navigates: presets, parameters, all ways in which the tables can be wrong."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -9,11 +10,12 @@ from actors.instant import seconds
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
 from actors.robot.localisation import PRESETS
-from actors.robot.navigation.navigator import NAVIGATION_PRESETS
-from actors.robot.navigation.planning import PLANNER_PRESETS
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
+from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
 from deploy.scenario.stack_tables import stack
+from tests.navigation.course import DWA, LOCAL_MAPS
 
 WHOLE = """
 [localisation]
@@ -53,9 +55,19 @@ def test_everything_that_a_file_may_hold() -> None:
     assert found.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5, goal_tolerance=0.2)
 
 
-def test_an_empty_file_means_the_chapter() -> None:
+def test_a_file_that_names_no_preset_gets_robust() -> None:
     assert parse("") == Stack()
-    assert Stack().localisation == PRESETS["chapter"] and Stack().dwa == DWA_PRESETS["chapter"]
+    assert parse('navigation.preset = "robust"\nlocalisation.preset = "robust"') == Stack()
+
+
+def test_who_names_improved_is_told_the_keys_that_drive_as_it_did() -> None:
+    with pytest.raises(AcrcError, match=r'navigation.preset is "improved", which was removed') as raised:
+        parse('navigation.preset = "improved"')
+    keys = re.findall(r'(\w+\.\w+ = (?:"\w+"|[\w.]+))', str(raised.value))
+    found = parse("\n".join(['navigation.preset = "chapter"', *keys]))
+    assert found.navigation == NavigationParameters(reset_distance=3.0)
+    assert found.planner == PlanningParameters(method="grid", factor=3.0)
+    assert found.local_map == LOCAL_MAPS["disc"] and found.dwa == DWA["disc"]
 
 
 def test_without_localisation_the_odometry_is_trusted() -> None:
@@ -74,7 +86,7 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ),
         (
             "navigation.preset = 1",
-            'navigation.preset is 1, but must be "chapter", "improved" or "robust"',
+            'navigation.preset is 1, but must be "chapter" or "robust"',
         ),
         ("localisation.particles = 7", None),
         ("localisation.beams = 60.0", "localisation.beams is 60.0, but must be a whole number"),
@@ -98,7 +110,7 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ("planner.cached = 0", "planner.cached is 0, but must be at least 1"),
         ("planner.cell = 0", "planner.cell is 0, but must be above 0"),
         (
-            "planner.cell = 0.1",
+            "navigation.preset = 'chapter'\nplanner.cell = 0.1",
             'planner.cell is 0.1, but must be left out where planner.method is "navfn", '
             "which does not use it",
         ),
@@ -106,13 +118,13 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ("local_map.cell = 0", "local_map.cell is 0, but must be above 0"),
         ("dwa.sim_time = 0", "dwa.sim_time is 0, but must be above 0"),
         (
-            "dwa.escape = 0.1",
+            "navigation.preset = 'chapter'\ndwa.escape = 0.1",
             'dwa.escape is 0.1, but must be left out where dwa.rules is "indigo", which does not use it',
         ),
         ('dwa.rules = "mine"', 'dwa.rules is "mine", but must be "indigo" or "disc"'),
         ('local_map.body = "square"', 'local_map.body is "square", but must be "polygon" or "disc"'),
         (
-            "dwa.granularity = 0.0001",
+            "dwa.granularity = 0.0001\ndwa.sim_time = 3",
             "dwa.sim_time is 3, but must be such that a trajectory has at most 10000 points at the highest "
             "speeds",
         ),

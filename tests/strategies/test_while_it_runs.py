@@ -19,7 +19,7 @@ duration = 120.0
 [localisation]
 preset = "odometry"
 [navigation]
-preset = "improved"
+preset = "robust"
 [places]
 preset = "listed"
 [robots]

@@ -73,17 +73,28 @@ class CostMapParameters:
             raise ParameterError("local_map.inflation_radius", self.inflation_radius, right)
 
 
-_IMPROVED: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
+_DISC: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
 LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
     {
         "chapter": CostMapParameters(),
-        "improved": _IMPROVED,
-        "robust": replace(_IMPROVED, free_memory=seconds(3)),
+        "robust": replace(_DISC, free_memory=seconds(3)),
     }
 )
-"""`improved` and `robust`: own choices. Of their padding 0.01 is costmap_2d's, the rest half a cell's
-diagonal, as what is marked may be in a corner of its cell; costmap_2d has that by looking at all cells below
-the outline."""
+"""`robust`: own choices. Of its padding 0.01 is costmap_2d's, the rest half a cell's diagonal, as
+what is marked may be in a corner of its cell; costmap_2d has that by looking at all cells below the
+outline."""
+
+
+def room_needed(radius: float, parameters: CostMapParameters) -> float:
+    """Return the clearance, m, with which a body of `radius`, m, is free of marks at any angle.
+
+    A wall marks whole cells. Their corners, which count for a polygon, are nearer by a cell's diagonal at
+    most; their centres, which count for a disc, by half of it.
+    """
+    outer, diagonal = radius + parameters.allowance, parameters.cell * math.sqrt(2.0)
+    if parameters.body == "disc":
+        return outer + parameters.padding + diagonal / 2
+    return float(arrays.hypot(*outline(outer, parameters.padding).T).max()) + diagonal
 
 
 @dataclass(frozen=True)

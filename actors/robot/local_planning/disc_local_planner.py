@@ -1,5 +1,4 @@
-"""Drives a disc along a plan by our own dynamic window approach: the local planner of presets `improved` and
-`robust`."""
+"""Drives a disc along a plan by our own dynamic window approach: the local planner of preset `robust`."""
 
 import math
 from typing import Final, NamedTuple

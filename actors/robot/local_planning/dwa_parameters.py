@@ -140,13 +140,12 @@ class DwaParameters:
         check_unused("dwa", self, _IDLE[self.rules], f'dwa.rules is "{self.rules}"')
 
 
-_IMPROVED: Final = DwaParameters(rules="disc", granularity=0.05)
+_DISC: Final = DwaParameters(rules="disc", granularity=0.05)
 DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
     {
         "chapter": DwaParameters(),
-        "improved": _IMPROVED,
         "robust": replace(
-            _IMPROVED,
+            _DISC,
             min_speed=-0.1,
             least_turn=0.2,
             turn_acceleration=3.5,
@@ -158,8 +157,8 @@ DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
         ),
     }
 )
-"""`chapter`: the original's rules and numbers. `improved`: the same numbers, our own rules; looked at is
-every 0.05 m, as distances within cells are exact. `robust`: own choices, tried on the corridor map. The plan
+"""`chapter`: the original's rules and numbers. `robust`: our own rules; trajectories are checked every
+0.05 m, as distances within cells are exact; own choices of the numbers, tried on the corridor map. The plan
 pulls less than the goal, so that the robot leaves it to pass what stands on it; it looks less far ahead (the
 default of sim_time in dwa_local_planner); it turns slower and changes that faster, for what turns at
 min_rot_vel cannot turn back within a period at the chapter's acceleration; it turns straight to plans behind

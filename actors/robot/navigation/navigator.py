@@ -74,16 +74,15 @@ class NavigationParameters:
         )
 
 
-_IMPROVED: Final = NavigationParameters(reset_distance=3.0)
-_PATIENT: Final = replace(_IMPROVED, planner_patience=seconds(15), controller_patience=seconds(3))
+_PATIENT: Final = NavigationParameters(
+    planner_patience=seconds(15), controller_patience=seconds(3), reset_distance=3.0
+)
 NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
-    "improved": _IMPROVED,
     "robust": replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
 }
-"""`chapter`: the original's. `improved`: the original's numbers, driven by our own local planner; a recovery
-forgets what is marked farther away. `robust`: other robots are planned around, waited for and backed off
-from."""
+"""`chapter`: the original's. `robust`: the default; our own local planner; a recovery forgets what is marked
+farther away; other robots are planned around, waited for and backed off from."""
 
 
 class LocalObstacles(Protocol):

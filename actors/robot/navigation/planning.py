@@ -82,7 +82,7 @@ _IDLE: Final = {
 """By method: parameters that it does not use."""
 _GRID: Final = PlanningParameters(method="grid", factor=3.0)
 PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
-    {"chapter": PlanningParameters(), "improved": _GRID, "robust": _GRID}
+    {"chapter": PlanningParameters(), "robust": _GRID}
 )
 """As the presets of the table [navigation] are called."""
 
