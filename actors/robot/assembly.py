@@ -144,23 +144,23 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
 
 def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
     """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
-    stack, radius = setup.stack, model.footprint.circumradius
+    stack = setup.stack
     common = common_ground(plan, model, stack)
-    local = CostMap(model.sensor, radius, stack.local_map)
     parts = RobotParts(
         sweeps=Sweeps(model.sensor),
         localisation=_localisation(setup, model, common.field),
-        navigation=Navigator(
-            _planner(common, stack),
-            local,
-            _local_planner(local, model, stack),
-            stack.navigation,
-        ),
+        navigation=navigator(common, model, stack),
         behaviour=behaviour_of(setup.behaviour, start(setup, model, common.floor)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )
+
+
+def navigator(common: CommonGround, model: RobotModel, stack: Stack) -> Navigator:
+    """Return what drives a robot of this model and stack."""
+    local = CostMap(model.sensor, model.footprint.circumradius, stack.local_map)
+    return Navigator(_planner(common, stack), local, _local_planner(local, model, stack), stack.navigation)
 
 
 def _local_planner(local: CostMap, model: RobotModel, stack: Stack) -> BaseLocalPlanner:

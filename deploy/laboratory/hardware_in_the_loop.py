@@ -84,7 +84,8 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     check_limits(scenario)
     plan = swarm.plan(scenario, options)
     simulated = _without_board(plan, options.boards)
-    warn(plan.warning)
+    for sentence in (plan.warning, *plan.warnings):
+        warn(sentence)
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:

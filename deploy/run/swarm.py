@@ -52,6 +52,7 @@ from deploy.run.preflight import preflight, preflight_here
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.tables import Scenario
+from deploy.scenario.warnings import scenario_warnings
 from observation.results import summary
 from observation.results.hosts_file import elsewhere
 from observation.results.place_table import write_table
@@ -81,7 +82,8 @@ def _run(
     scenario: Scenario, options: RunOptions, launched: Launcher | None, recruits: "Recruits | None"
 ) -> RunResult:
     prepared = plan(scenario, options, None if recruits is None else recruits.isolation_fault)
-    warn(prepared.warning)
+    for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
+        warn(sentence)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     given = (timed.order for timed in prepared.world.events)
     places += sum(len(order.places) for order in given if isinstance(order, Give))
@@ -126,6 +128,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
         commit=software(),
         isolate=choice.isolate,
         warning=choice.warning,
+        warnings=scenario_warnings(settled),
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
         debug=_debugged(settled, options),
     )
@@ -277,6 +280,7 @@ def _circumstances(plan: RunPlan, began: float, bus: str, rosters: int, cpu_s: f
         isolation=isolation_kind,
         bus=bus,
         origin=plan.scenario.origin,
+        warnings=plan.warnings,
         began_s=began,
         cpu_s=cpu_s,
         parent_received=rosters,

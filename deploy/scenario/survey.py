@@ -22,6 +22,8 @@ from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
 from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.stack_tables import presets_of
+from deploy.scenario.warnings import out_of_reach, scenario_warnings
 
 _LATTICE: Final = 0.25
 """Between the points at which radio is looked at, m."""
@@ -40,7 +42,9 @@ class ScenarioSurvey:
     parts: Regions
     """The floor in regions, with the doors between them."""
     out_of_reach: tuple[PlaceKey, ...]
-    """Places to which their owner cannot come near enough."""
+    """Places that their owner's navigation does not get near enough to."""
+    warnings: tuple[str, ...]
+    """What will fail in a run, a sentence each."""
     close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
     """Pairs of one robot's places so near to each other, m, that the first visit may tick both off."""
     radio_reach: float
@@ -54,16 +58,9 @@ class ScenarioSurvey:
 
 def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     """Look at everything. Raises an AcrcError where a file that the scenario names cannot be read."""
-    world, reach_m = resolved.world, CleaningParameters().reach
-    grid = load_map(world.map)
+    world, grid = resolved.world, resolved.grid
     radii = {body.id: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
     floors = {body.id: reachable(grid, Point(*body.start[:2]), radii[body.id]) for body in world.robots}
-    far = tuple(
-        PlaceKey(body.id, index)
-        for body in world.robots
-        for index, place in enumerate(body.places)
-        if not _comes_near(grid, floors[body.id], Point(*place), reach_m)
-    )
     radius = max(radii.values())
     standing = passable(grid, radius)
     return ScenarioSurvey(
@@ -72,8 +69,9 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
         radius=radius,
         reached=np.logical_or.reduce(list(floors.values())),
         parts=regions(grid, standing, grid.clearance),
-        out_of_reach=far,
-        close=tuple(_close(resolved, reach_m)),
+        out_of_reach=out_of_reach(resolved),
+        warnings=scenario_warnings(resolved),
+        close=tuple(_close(resolved, CleaningParameters().reach)),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
 
@@ -102,16 +100,6 @@ def _every(begin: float, end: float) -> NDArray[np.float64]:
     return np.asarray(np.arange(begin + _LATTICE / 2, end, _LATTICE), np.float64)
 
 
-def _comes_near(grid: OccupancyGrid, floor: NDArray[np.bool_], place: Point, near: float) -> bool:
-    """True if the floor has a point less than `near` from the place."""
-    cells, middle = math.ceil(near / grid.resolution), grid.cell(place)
-    south, west = max(middle.row - cells, 0), max(middle.column - cells, 0)
-    rows, columns = np.nonzero(floor[south : middle.row + cells + 1, west : middle.column + cells + 1])
-    x = grid.origin.x + (columns + west + 0.5) * grid.resolution - place.x
-    y = grid.origin.y + (rows + south + 0.5) * grid.resolution - place.y
-    return bool((np.hypot(x, y) < near).any())
-
-
 def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
     found = []
     for body in resolved.world.robots:
@@ -135,14 +123,14 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
         f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
         f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
         f"{found.parts.count} regions, {_narrow_places(len(doors))}",
+        "navigation {navigation}, localisation {localisation}".format(**presets_of(found.resolved.scenario)),
         f"radio: half of the longest frames arrive over {found.radio_reach:.1f} m in line of sight",
     ]
-    said += [f"nobody can reach place {_name(key)}: no floor within its reach" for key in found.out_of_reach]
     said += [
         f"places {_name(one)} and {_name(other)} are {apart:.2f} m apart: who cleans one cleans the other"
         for one, other, apart in found.close
     ]
-    return said
+    return [*said, *(f"warning: {sentence}" for sentence in found.warnings)]
 
 
 def as_json(found: ScenarioSurvey) -> dict[str, Any]:
@@ -158,6 +146,8 @@ def as_json(found: ScenarioSurvey) -> dict[str, Any]:
         "floor": {**_size(grid), "reached_m2": found.surface, "narrow_places": len(found.parts.doors)},
         "regions": found.parts.count,
         "radio_reach_m": found.radio_reach,
+        "warnings": found.warnings,
+        **presets_of(found.resolved.scenario),
         "out_of_reach": [_name(key) for key in found.out_of_reach],
         "close": [
             {"one": _name(one), "other": _name(other), "apart_m": apart} for one, other, apart in found.close

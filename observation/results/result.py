@@ -125,6 +125,8 @@ class RunResult(msgspec.Struct, frozen=True):
     """What robots said of themselves that cannot be, a sentence each; it is not counted."""
     outcome: Outcomes = {}
     """What behaviours' `outcome()` returned, by name and robot; of a restarted robot, in its last process."""
+    warnings: tuple[str, ...] = ()
+    """What was known before the run to fail in it, a sentence each."""
     held_up: dict[str, HoldUp] = {}
     """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
 
@@ -145,6 +147,7 @@ class Circumstances:
     """CPU time of all processes, as the system has told their parent."""
     parent_received: int
     origin: Origin = UNKNOWN
+    warnings: tuple[str, ...] = ()
     held_up: Mapping[str, HoldUp] = field(default_factory=dict)
     notes: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
     """Of recordings that are not here, or have been read already."""
@@ -222,6 +225,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         bus=about.bus,
         out=str(about.out),
         origin=about.origin,
+        warnings=about.warnings,
         processor=processor(),
         driven_m=round(sum(outcome.driven.values()), 3),
         outcome=said.outcomes,

@@ -1,0 +1,314 @@
+"""Warnings about what will fail in a scenario: starts, places, doors and radio links that do not work."""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor import flood
+from actors.floor.doorway import Doorways
+from actors.floor.grid import OCCUPIED, Cell, OccupancyGrid, nearest_cell
+from actors.geometry import STILL, Point, Pose
+from actors.instant import Instant
+from actors.radio.link_budget import needed_dbm
+from actors.radio.radio_model import radio_model
+from actors.robot.assembly import common_ground, navigator
+from actors.robot.behaviour.goal import GoalStatus
+from actors.robot.cost_maps.cost_map import room_needed
+from actors.robot.navigation.navfn import global_costs
+from actors.robot.navigation.navfn_potential import IMPASSABLE
+from actors.robot.navigation.planning import ground
+from actors.robot.navigation.potential import descent, potential
+from actors.robot.sweep import Sweep
+from actors.robot_model import load_model
+from actors.task.words import PlaceKey
+from actors.world.sensing import RangeSensors
+from actors.world.world_setup import BodySetup
+from cleaning.parameters import CleaningParameters
+from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.stack_tables import presets_of
+
+_CYCLE_US: Final = 200_000
+_TRIED_US: Final = 60_000_000
+"""A robot whose goal is still active then, without any command, does not get away."""
+_STEP: Final = 0.01
+"""Between the distances from a wall that are tried for a start, m."""
+_NAMED: Final = 3
+"""Names in a sentence; the others are counted."""
+_FADED_DB: Final = 6.0
+"""So far below the power at which half of the longest frames arrive, no frame does, dB."""
+_MOST_CELLS: Final = 1_000_000
+"""Larger maps are not looked at in half cells."""
+_SAMPLES: Final = 80
+"""Points of each part of the floor between which radio links are computed, at most."""
+
+
+def scenario_warnings(resolved: ResolvedScenario) -> tuple[str, ...]:
+    """Return what will fail in a run of the scenario, a sentence each."""
+    floor = _floor(resolved, resolved.grid)
+    return (*_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
+
+
+def out_of_reach(resolved: ResolvedScenario) -> tuple[PlaceKey, ...]:
+    """Return the places that their owner's navigation does not get near enough to."""
+    return tuple(_floor(resolved, resolved.grid).unreached)
+
+
+class _Room(NamedTuple):
+    """What one robot's body needs of the floor, with both planners of its navigation."""
+
+    clearance: float
+    """With which the local planner stands free at any angle, m."""
+    door: float
+    """Width of doors that both planners pass for certain, m."""
+    parts: NDArray[np.int32]
+    """(rows, columns): connected parts of the floor, from 1 on; 0 without room."""
+
+
+class _Floor:
+    """Where every robot's navigation gets to on a floor plan."""
+
+    def __init__(self, resolved: ResolvedScenario, grid: OccupancyGrid, slack: float = 0.0) -> None:
+        """`slack`: the clearance may be so much less at the centre of a cell, m, than robots need."""
+        self.slack = slack
+        self.resolved, self.grid, self.robots = resolved, grid, resolved.world.robots
+        self.preset = f"navigation `{presets_of(resolved.scenario)['navigation']}`"
+        self.model, self._room = cache(load_model), cache(self._made)
+        reach = resolved.adaptation.settings.get("reach")
+        self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
+        self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
+        """The part of the floor that each robot starts in; 0 for none."""
+        self.unreached = dict(self._unreached())
+        """By place that its owner does not get to: another cell from which it could be visited, if any."""
+
+    def radius(self, robot: BodySetup) -> float:
+        """Return the radius of the robot's body, m."""
+        return self.model(robot.model, robot.sensor).footprint.circumradius
+
+    def room(self, robot: BodySetup) -> _Room:
+        """Return what the robot's body needs."""
+        return self._room(self.radius(robot))
+
+    def _made(self, radius: float) -> _Room:
+        stack, grid = self.resolved.stack, self.grid
+        clearance, cell = room_needed(radius, stack.local_map), grid.resolution
+        if stack.planner.method == "navfn":
+            costs = global_costs(grid, radius, stack.planner)
+            door, passable = 2 * costs.inflation.inscribed + cell, costs.costs < IMPASSABLE
+        else:
+            coarse = ground(grid, radius, stack.planner)
+            factor = round(coarse.grid.resolution / cell)
+            door, passable = 2 * coarse.reach + (2 * factor - 1) * cell, coarse.costs > 0
+            passable = passable.repeat(factor, axis=0).repeat(factor, axis=1)[: grid.rows, : grid.columns]
+        wide = grid.clearance >= clearance - self.slack
+        return _Room(clearance, max(2 * clearance, door), flood.regions(passable & wide))
+
+    def part(self, robot: BodySetup, room: _Room) -> int:
+        """Return the part of the floor that the robot starts in, 0 for none.
+
+        A start too near to a wall counts as if it were a little farther away.
+        """
+        at = Point(*robot.start[:2])
+        cell = nearest_cell(self.grid, room.parts > 0, at, room.clearance)
+        return 0 if cell is None else int(room.parts[cell])
+
+    def _unreached(self) -> Iterator[tuple[PlaceKey, Cell | None]]:
+        for robot in self.robots:
+            parts, start = self.room(robot).parts, self.starts[robot.id]
+            for index, place in enumerate(robot.places):
+                here = Point(*place)
+                if start and parts[self.grid.cell(here)] == start:
+                    continue
+                if not start or nearest_cell(self.grid, parts == start, here, self.reach) is None:
+                    yield PlaceKey(robot.id, index), nearest_cell(self.grid, parts > 0, here, self.reach)
+
+
+def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
+    """Return the floor; in half cells where it seems to fall apart, as robots may be between two cells."""
+    floor = _Floor(resolved, grid)
+    if not floor.unreached and len(set(floor.starts.values())) == 1:
+        return floor
+    if grid.cells.size <= _MOST_CELLS:
+        halves = grid.cells.repeat(2, axis=0).repeat(2, axis=1)
+        grid = OccupancyGrid(halves, grid.resolution / 2, grid.origin)
+    return _Floor(resolved, grid, grid.resolution / 2)
+
+
+def _starts(floor: _Floor) -> Iterator[str]:
+    """Yield the robots whose local planner finds no way off the wall that they start at."""
+    for robot in floor.robots:
+        clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
+        gap = floor.grid.clearance_at(at, clearance)
+        if gap < clearance and robot.places and not _drives_off(floor, robot, robot.start):
+            needed = _needed(floor, robot, gap, clearance)
+            yield (
+                f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
+                f"planner of {floor.preset} cannot leave from there, and needs {_up(needed)} m"
+            )
+
+
+def _needed(floor: _Floor, robot: BodySetup, gap: float, most: float) -> float:
+    """Return from which distance on the robot drives off the wall that it starts at, m."""
+    x, y, heading = robot.start
+    east, north = np.gradient(floor.grid.clearance)[::-1]
+    cell = floor.grid.cell(Point(x, y))
+    away = math.atan2(north[cell], east[cell])
+    for step in range(1, math.ceil((most - gap) / _STEP)):
+        pose = x + step * _STEP * math.cos(away), y + step * _STEP * math.sin(away), heading
+        if _drives_off(floor, robot, pose):
+            return gap + step * _STEP
+    return most
+
+
+def _drives_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
+    """Return whether the robot's navigation finds a first command towards its first place."""
+    model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
+    stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
+    driver = navigator(common_ground(grid, model, stack), model, stack)
+    sensors = RangeSensors(grid, [model], [np.random.default_rng(0)])
+    (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
+    ranges.setflags(write=False)
+    here = Pose(0.0, 0.0, 0.0)
+    driver.take(Point(*robot.places[0]))
+    for instant in range(0, _TRIED_US, _CYCLE_US):
+        driver.sense(Instant(instant), here, Sweep(ranges, here))
+        if driver.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
+            return True
+        if driver.goal is None or driver.goal.status is not GoalStatus.ACTIVE:
+            return False
+    return False
+
+
+def _places(floor: _Floor) -> Iterator[str]:
+    """Yield why places are not reached; one sentence for all that one door cuts off."""
+    obstacles: dict[tuple[float, str | int, int], str] = {}
+    behind: dict[str, list[str]] = {}
+    for robot in floor.robots:
+        needed = floor.room(robot).clearance
+        for index, place in enumerate(robot.places):
+            key, at = PlaceKey(robot.id, index), Point(*place)
+            gap, name = floor.grid.clearance_at(at, needed), f"{robot.id}/{index}"
+            if key not in floor.unreached:
+                if gap < floor.radius(robot):
+                    yield (
+                        f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, so "
+                        f"that the robot visits it from beside, within its reach of {floor.reach:g} m"
+                    )
+            elif (cell := floor.unreached[key]) is None:
+                yield (
+                    f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, and no "
+                    f"point within the robot's reach of {floor.reach:g} m of it has that"
+                )
+            else:
+                part = int(floor.room(robot).parts[cell])
+                ends = floor.radius(robot), floor.starts[robot.id] or robot.id, part
+                why = obstacles.get(ends) or obstacles.setdefault(ends, _obstacle(floor, robot, cell))
+                behind.setdefault(why, []).append(name)
+    for why, names in behind.items():
+        yield f"{why} to {_places_named(names)}"
+
+
+def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
+    """Return the narrowest spot on the widest way from the robot's start to a cell, in words."""
+    grid, room, x, y = floor.grid, floor.room(robot), *robot.start[:2]
+    parts = room.parts == floor.starts[robot.id] if floor.starts[robot.id] else None
+    start = grid.cell(Point(x, y)) if parts is None else nearest_cell(grid, parts, Point(x, y))
+    assert start is not None
+    if not flood.flood(grid.free, *start)[goal]:
+        return f"no way leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
+    low, high = 0.0, room.clearance
+    while high - low > grid.resolution / 8:  # the widest way's least clearance
+        middle = (low + high) / 2
+        found = grid.clearance[start] >= middle and flood.flood(grid.clearance >= middle, *start)[goal]
+        low, high = (middle, high) if found else (low, middle)
+    costs = (grid.free & (grid.clearance >= low)).astype(np.int32)
+    costs.setflags(write=False)  # as a robot's: the kernels are compiled for that
+    way = descent(costs, potential(costs, *goal), *start)
+    row, column = way[int(np.argmin(grid.clearance[way[:, 0], way[:, 1]]))].tolist()
+    at, width = grid.centre(Cell(row, column)), _width(grid, row, column)
+    return (
+        f"the door at ({at.x:.2f}, {at.y:.2f}), {width:.2f} m wide, is too narrow for robots of "
+        f"{2 * floor.radius(robot):g} m with {floor.preset}, which needs "
+        f"{_up(max(room.door, width + 0.01))} m: robots may not get"
+    )
+
+
+def _width(grid: OccupancyGrid, row: int, column: int) -> float:
+    """Return how wide the floor is at a free cell, along its row or along its column, m: the shorter."""
+    runs = []
+    for line, at in ((grid.blocking[row], column), (grid.blocking[:, column], row)):
+        walls = np.concatenate(([-1], np.flatnonzero(line), [line.size]))
+        after = int(np.searchsorted(walls, at))
+        runs.append(int(walls[after] - walls[after - 1]) - 1)
+    return min(runs) * grid.resolution
+
+
+def _closed_doors(floor: _Floor) -> Iterator[str]:
+    """Yield the places that nobody gets to any more once doors are closed for good."""
+    grid = floor.resolved.grid
+    doors = Doorways(grid, max(map(floor.radius, floor.robots)))
+    closed: dict[int, float] = {}
+    for event in sorted(floor.resolved.scenario.event, key=lambda one: one.at):
+        if event.close is not None:
+            closed[doors.at(Point(*event.close)).index] = event.at
+        elif event.open is not None:
+            del closed[doors.at(Point(*event.open)).index]
+    cells = grid.cells.copy()
+    for index in closed:
+        cells[doors.closed(doors.regions.doors[index])] = OCCUPIED
+    if closed:
+        left = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
+        if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:
+            yield (
+                f"no event opens the doors again that are closed by {max(closed.values()):g} s: then no way "
+                f"leads to {_places_named(names)}"
+            )
+
+
+def _apart(floor: _Floor) -> Iterator[str]:
+    """Yield robots that no way joins, and whether no radio link does either."""
+    room, together = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
+    for robot in floor.robots:
+        together.setdefault(floor.part(robot, room), []).append(robot)
+    groups = [robots for part, robots in sorted(together.items()) if part]
+    for number, robots in enumerate(groups[1:], start=1):
+        others = [one for group in groups[:number] for one in group]
+        names, rest = (_listed([one.id for one in group]) for group in (robots, others))
+        yield f"no way for {floor.preset} joins the parts of the floor that {names} and {rest} start in"
+        if not floor.resolved.scenario.run.strategy.startswith("none") and not _heard(
+            floor, room, robots, others
+        ):
+            yield f"no radio frame gets from the part of the floor of {names} to that of {rest}"
+
+
+def _heard(floor: _Floor, room: _Room, ones: list[BodySetup], others: list[BodySetup]) -> bool:
+    """Return whether a frame gets from any floor of some robots to any of the others'."""
+    grid, model = floor.grid, radio_model(floor.resolved.radio)
+    ends = []
+    for robots in (ones, others):
+        inside = np.isin(room.parts, [floor.part(one, room) for one in robots])
+        rows, columns = np.nonzero(inside)
+        chosen = np.linspace(0, rows.size - 1, min(rows.size, _SAMPLES)).astype(np.intp)
+        x, y = grid.centres()
+        ends.append(np.column_stack((x[columns[chosen]], y[rows[chosen]])))
+    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    return bool((model.propagation.loss_db(ends[0], ends[1]) <= budget + _FADED_DB).any())
+
+
+def _up(length: float) -> str:
+    """Return a length in m, rounded up to centimetres."""
+    return f"{math.ceil(length * 100 - 1e-6) / 100:.2f}"
+
+
+def _places_named(names: list[str]) -> str:
+    return f"place{'s' if len(names) > 1 else ''} {_listed(names)}"
+
+
+def _listed(names: list[str]) -> str:
+    """Return the first names, and how many more there are."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,172 @@
+"""What will fail in a scenario, known before it runs; some of it beside runs in memory."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from actors.installation.repository import SHIPPED
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario, parse
+from deploy.scenario.survey import as_json, sentences, survey
+from deploy.scenario.tables import Scenario
+from deploy.scenario.warnings import scenario_warnings
+from observation.results.result import RunResult
+
+Poses = Sequence[tuple[float, float, float]]
+Points = Sequence[Sequence[tuple[float, float]]]
+
+
+def rooms(folder: Path, cell: float = 0.05, door: float | None = None, thick: float = 0.2) -> None:
+    """Draw a room of 6 m by 4 m; with a wall from x = 3 m on that has a door from y = 1.5 m on."""
+    walls = np.ones((round(4 / cell) + 2, round(6 / cell) + 2), np.bool_)
+    walls[1:-1, 1:-1] = False
+    if door is not None:
+        west, begin = round(3 / cell) + 1, round(1.5 / cell) + 1
+        east = west + max(1, round(thick / cell))
+        walls[:, west:east] = True
+        walls[begin : begin + round(door / cell), west:east] = False
+    Image.fromarray(np.where(walls, 0, 255).astype(np.uint8)[::-1]).save(folder / "m.pgm")
+    (folder / "m.yaml").write_text(
+        f"image: m.pgm\nresolution: {cell}\norigin: [{-cell}, {-cell}, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+def scenario(
+    folder: Path, starts: Poses, places: Points, more: str = "", preset: str = "", strategy: str = "none"
+) -> Scenario:
+    text = f'map = "m.yaml"\nrun = {{ duration = 40.0, strategy = "{strategy}" }}\n'
+    text += f"robots = {{ count = {len(starts)} }}\n"
+    text += f'navigation = {{ preset = "{preset}" }}\n' if preset else ""
+    text += "".join(
+        f'[[robot]]\nid = "r{number}"\nstart = {list(start)}\nplaces = {[list(point) for point in own]}\n'
+        for number, (start, own) in enumerate(zip(starts, places, strict=True), start=1)
+    )
+    return parse(text + more, folder / "s.toml")
+
+
+def warned(settled: Scenario) -> tuple[str, ...]:
+    return scenario_warnings(resolve(settled))
+
+
+def run(settled: Scenario, folder: Path) -> RunResult:
+    plan = swarm.plan(settled, RunOptions(folder / "out", bus="memory", json=True))
+    return swarm.run_in_memory(plan, lambda progress: None)
+
+
+@pytest.mark.parametrize(
+    ("preset", "cell", "start", "needed"),
+    [
+        ("chapter", 0.05, (0.2, 2.0, 0.0), "0.21"),
+        ("chapter", 0.2, (0.22, 2.0, 0.6), "0.23"),
+        ("chapter", 0.1, (0.24, 2.0, -2.2), "0.25"),
+        ("chapter", 0.1, (0.25, 2.0, -2.2), None),
+        ("", 0.05, (0.18, 2.0, -2.2), None),
+    ],
+)
+def test_a_start_that_the_local_planner_cannot_leave(
+    preset: str, cell: float, start: tuple[float, float, float], needed: str | None, tmp_path: Path
+) -> None:
+    rooms(tmp_path, cell)
+    settled = scenario(tmp_path, [start], [[(5.0, 2.0)]], preset=preset)
+    result = run(settled, tmp_path)
+    assert result.places_done == (0 if needed else 1)
+    assert result.warnings == warned(settled) == ((
+        f"robot r1 starts {start[0]:.2f} m from a wall, at ({start[0]:.2f}, 2.00); the local planner of "
+        f"navigation `chapter` cannot leave from there, and needs {needed} m",
+    ) if needed else ())  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", [0.05, 0.2])
+def test_without_a_preset_robots_reach_all_places_behind_a_door_of_1_m(cell: float, tmp_path: Path) -> None:
+    rooms(tmp_path, cell, door=1.0)
+    starts = [(1.0, 1.0, 0.0), (5.0, 1.0, 0.0)]
+    settled = scenario(tmp_path, starts, [[(5.0, 3.0)], [(1.0, 3.0)]], strategy="chapter")
+    result = run(settled, tmp_path)
+    assert (result.places_done, result.origin.navigation, result.origin.localisation) == (
+        2,
+        "robust",
+        "robust",
+    )
+    assert result.warnings == ()
+
+
+def test_a_place_that_the_robot_only_comes_near_or_not_even_that(tmp_path: Path) -> None:
+    rooms(tmp_path)
+    settled = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.85, 2.0)]])
+    assert warned(settled) == (
+        "place r1/0 is 0.15 m from a wall; navigation `robust` needs 0.26 m, so that the robot visits it "
+        "from beside, within its reach of 0.5 m",
+    )
+    assert run(settled, tmp_path).places_done == 1
+    near = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.9, 2.0)]], "[strategy]\nreach = 0.1\n", "chapter")
+    assert warned(near) == (
+        "place r1/0 is 0.10 m from a wall; navigation `chapter` needs 0.27 m, and no point within the "
+        "robot's reach of 0.1 m of it has that",
+    )
+
+
+@pytest.mark.parametrize(
+    ("preset", "cell", "width", "needed"),
+    [
+        ("robust", 0.1, 0.5, "0.52"),
+        ("robust", 0.05, 0.45, "0.52"),
+        ("robust", 0.02, 0.2, "0.52"),
+        ("chapter", 0.05, 0.5, "0.53"),
+        ("chapter", 0.1, 0.6, None),
+        ("robust", 0.05, 0.55, None),
+    ],
+)
+def test_a_door_that_is_too_narrow(
+    preset: str, cell: float, width: float, needed: str | None, tmp_path: Path
+) -> None:
+    rooms(tmp_path, cell, width)
+    settled = scenario(tmp_path, [(1.5, 2.3, 1.0)], [[(5.2, 1.7), (1.0, 1.0), (5.0, 3.0)]], preset=preset)
+    told = warned(settled)
+    assert len(told) == (1 if needed else 0)
+    for sentence in told:
+        assert sentence.startswith("the door at (3.0")
+        assert sentence.endswith(
+            f"{width:.2f} m wide, is too narrow for robots of 0.354 m with navigation `{preset}`, which "
+            f"needs {needed} m: robots may not get to places r1/0, r1/2"
+        )
+
+
+def test_rooms_that_no_way_and_no_frame_joins(tmp_path: Path) -> None:
+    rooms(tmp_path, door=0.0)
+    apart = [(1.5, 2.0, 0.0), (5.0, 1.0, 0.0)]
+    settled = scenario(tmp_path, apart, [[(5.0, 2.0)], [(4.0, 1.0)]], strategy="chapter")
+    assert warned(settled) == (
+        "no way leads from the start of robot r1 at (1.50, 2.00) to place r1/0",
+        "no way for navigation `robust` joins the parts of the floor that r2 and r1 start in",
+    )
+    rooms(tmp_path, door=0.0, thick=1.0)
+    walls = '[radio]\nwalls = "concrete"\n'
+    inside = scenario(tmp_path, apart, [[(1.0, 1.0)], [(5.0, 2.0)]], walls, strategy="chapter")
+    assert warned(inside) == (
+        "no way for navigation `robust` joins the parts of the floor that r2 and r1 start in",
+        "no radio frame gets from the part of the floor of r2 to that of r1",
+    )
+
+
+def test_a_door_that_an_event_closes_for_good(tmp_path: Path) -> None:
+    rooms(tmp_path, door=1.0)
+    closes = "[[event]]\nat = 5.0\nclose = [3.1, 2.0]\n"
+    places = [[(5.0, 2.0), (1.0, 3.0)]]
+    settled = scenario(tmp_path, [(1.5, 2.0, 0.0)], places, closes)
+    sentence = "no event opens the doors again that are closed by 5 s: then no way leads to place r1/0"
+    assert warned(settled) == (sentence,)
+    found = survey(resolve(settled))
+    assert as_json(found)["warnings"] == (sentence,) and f"warning: {sentence}" in sentences(found)
+    again = "[[event]]\nat = 15.0\nopen = [3.1, 2.0]\n"
+    assert warned(scenario(tmp_path, [(1.5, 2.0, 0.0)], places, closes + again)) == ()
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (SHIPPED / "scenarios").glob("*.toml")))
+def test_of_no_shipped_scenario_anything_is_known_to_fail(name: str) -> None:
+    assert warned(load_scenario(SHIPPED / "scenarios" / f"{name}.toml", Overrides())) == ()
