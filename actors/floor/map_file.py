@@ -128,7 +128,7 @@ def _pixels(image: Image.Image) -> _Pixels:
             f"{len(coloured)} pixels have a colour, the first in column {column}, row {row} from the top:"
             f" {tuple(colours[row, column].tolist())}; the mean of red, green and blue counts"
         )
-    return colours.sum(axis=2, dtype=np.uint16), clear, told
+    return colours.sum(axis=2, dtype=np.int64).astype(np.uint16), clear, told
 
 
 def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
@@ -178,12 +178,14 @@ def _unknown_as_free(
     """
     grey = (occupancy > _UNKNOWN)[floor] & (floor > 0)
     border = bool(np.r_[grey[0], grey[-1], grey[:, 0], grey[:, -1]].any())
-    if not border and grey.mean() < _POCKETS:
+    count = np.count_nonzero(grey)
+    if not border and count < _POCKETS * grey.size:
         return []
     level = int(np.bincount(floor[grey]).argmax())
     return [
         f"free_thresh {header.free:g} makes grey {level / 3:.0f} free floor,"
-        f" {grey.sum() * header.resolution**2:.3g} m² of it{', out to the border of the image' * border};"
-        " if this grey means unknown, as map_saver's 205 does, set free_thresh to"
+        f" {count * header.resolution * header.resolution:.3g} m² of it"
+        f"{', out to the border of the image' * border}; if this grey means unknown, as map_saver's 205 does,"
+        " set free_thresh to"
         f" {math.floor(1000 * occupancy[level]) / 1000:g}"
     ]

@@ -1,0 +1,124 @@
+"""Floors with the file formats, sizes and shapes of twelve maps in public repositories, drawn anew.
+
+Each is a quarter of the original's width and height in cells at most; numbers of the YAML are the originals'.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+_WALL: Final = 4
+_DOOR: Final = 1.2
+"""Width of the doors, m."""
+
+
+@dataclass(frozen=True)
+class PublicMap:
+    """What is known of one map."""
+
+    name: str
+    """The repository, and the map in it."""
+    image: str
+    yaml: str
+    """All but `image`, as its tool writes it."""
+    size: tuple[int, int]
+    """Rows and columns of the new drawing."""
+    rooms: tuple[int, int]
+    """How many from south to north and from west to east."""
+    grey: int = 205
+    """Around the building; 254 if the building fills the image."""
+    mode: str = "L"
+    """Pillow's mode of the image."""
+    pillars: int = 0
+    negate: bool = False
+    warnings: int = 0
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell, m."""
+        return float(self.yaml.partition("resolution: ")[2].split()[0])
+
+    def write(self, folder: Path) -> Path:
+        """Draw the floor into `folder` and return its YAML file."""
+        pixels = self._pixels()
+        picture = Image.fromarray(255 - pixels if self.negate else pixels)
+        picture.convert(self.mode).save(folder / self.image)
+        path = folder / "map.yaml"
+        path.write_text(f"image: {self.image}\n{self.yaml}", encoding="utf-8")
+        return path
+
+    def _pixels(self) -> NDArray[np.uint8]:
+        """Rooms in a grid, a door in the middle of each wall between two, pillars where chance puts them."""
+        rows, columns = self.size
+        pixels = np.full(self.size, self.grey, np.uint8)
+        margin = 0 if self.grey == 254 else 8
+        inner = pixels[margin : rows - margin, margin : columns - margin]
+        inner[:] = 254
+        door = round(_DOOR / self.resolution / 2)
+        for axis, count in enumerate(self.rooms):
+            plan = inner if axis == 0 else inner.T
+            length, across = plan.shape[0] - _WALL, plan.shape[1]
+            for line in range(count + 1):
+                at = round(line * length / count)
+                plan[at : at + _WALL] = 0
+            other = self.rooms[1 - axis]
+            for line in range(1, count):
+                at = round(line * length / count)
+                for room in range(other):
+                    middle = round((room + 0.5) * across / other)
+                    plan[at : at + _WALL, middle - door : middle + door] = 254
+        chance = np.random.default_rng(7)
+        for _ in range(self.pillars):
+            row, column = chance.uniform(0.1, 0.9, 2) * inner.shape
+            inner[int(row) : int(row) + 3, int(column) : int(column) + 3] = 0
+        return pixels
+
+
+def _saved(resolution: str, origin: str, *, free: str = "0.196", occupied: str = "0.65") -> str:
+    """The form of ROS 1's map_saver."""
+    return (
+        f"resolution: {resolution}\norigin: [{origin}]\nnegate: 0\noccupied_thresh: {occupied}\n"
+        f"free_thresh: {free}\n\n"
+    )
+
+
+def _saved_by_nav2(resolution: str, origin: str, free: str) -> str:
+    return (
+        f"mode: trinary\nresolution: {resolution}\norigin: [{origin}]\nnegate: 0\noccupied_thresh: 0.65\n"
+        f"free_thresh: {free}"
+    )
+
+
+PUBLIC_MAPS: Final = (
+    PublicMap("ROBOTIS-GIT/turtlebot3", "map.pgm", _saved("0.050000", "-10.000000, -10.000000, 0.000000"),
+              (120, 120), (1, 1), pillars=9),
+    PublicMap("ros-navigation/navigation2 depot", "depot.pgm", _saved_by_nav2("0.05", "0.0, 0.0, 0", "0.25"),
+              (150, 300), (1, 3), warnings=1),
+    PublicMap("turtlebot/turtlebot4 maze", "maze.pgm", _saved_by_nav2("0.03", "-10.1, -10, 0", "0.1"),
+              (220, 220), (2, 2)),
+    PublicMap("turtlebot/turtlebot4 warehouse", "warehouse.pgm",
+              _saved_by_nav2("0.03", "-15.1, -25, 0", "0.1"),
+              (400, 250), (3, 1), pillars=12),
+    PublicMap("aws-robotics/aws-robomaker-small-house-world", "map.pgm",
+              _saved("0.050000", "-12.500000, -12.500000, 0.000000"), (160, 200), (2, 3)),
+    PublicMap("aws-robotics/aws-robomaker-small-warehouse-world", "map_rotated.png",
+              _saved("0.050000", "-7.000, -10.500000, 0.000000"), (210, 140), (2, 1), mode="RGBA", pillars=8),
+    PublicMap("f1tenth/f1tenth_gym_ros Spielberg", "Spielberg_map.png",
+              _saved("0.05796", "-84.85359914210505,-36.30299725862132, 0.000000", occupied="0.45"),
+              (200, 200), (2, 1), grey=254),
+    PublicMap("linorobot/linorobot2 playground", "playground.pgm",
+              _saved_by_nav2("0.05", "-10.3, -10.5, 0", "0.25"), (150, 150), (2, 2), warnings=1),
+    PublicMap("DFKI-NI/mir_robot maze", "maze.png", _saved("0.05", "0.0, 0.0, 0.0"), (160, 160), (2, 2),
+              grey=254, mode="RGB"),
+    PublicMap("ipa320/cob_environments izs-campus", "map.pgm",
+              _saved("0.250000", "-119.199997, -228.000000, 0.000000"), (100, 120), (2, 2)),
+    PublicMap("turtlebot/turtlebot_apps willow", "willow-2010-02-18-0.10.pgm",
+              _saved("0.100000", "0.000000, 0.000000, 0.000000"), (150, 140), (2, 3)),
+    PublicMap("ros-navigation/navigation2 100by100", "100by100_10.pgm",
+              _saved("0.050000", "0.000000, 0.000000, 0.000000").replace("negate: 0", "negate: 1"),
+              (200, 200), (1, 1), grey=254, negate=True, pillars=40),
+)  # fmt: skip
