@@ -85,15 +85,15 @@ def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
         path, "origin", fields["origin"], 3, "three numbers below 1e9: x, y in m, yaw in rad"
     )
     return MapHeader(
-        image,
-        resolution,
-        Point(x, y),
-        yaw,
-        _BOOLEANS[negate.lower()],
-        occupied,
-        free,
-        mode.lower(),
-        tuple(told),
+        image=image,
+        resolution=resolution,
+        origin=Point(x, y),
+        yaw=yaw,
+        negate=_BOOLEANS[negate.lower()],
+        occupied=occupied,
+        free=free,
+        mode=mode.lower(),
+        warnings=tuple(told),
     )
 
 
