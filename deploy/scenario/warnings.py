@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from actors.floor import flood
 from actors.floor.doorway import Doorways
 from actors.floor.grid import OCCUPIED, Cell, OccupancyGrid, nearest_cell
+from actors.floor.map_file import map_warnings
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
 from actors.radio.link_budget import needed_dbm
@@ -50,7 +51,8 @@ _SAMPLES: Final = 80
 def scenario_warnings(resolved: ResolvedScenario) -> tuple[str, ...]:
     """Return what will fail in a run of the scenario, a sentence each."""
     floor = _floor(resolved, resolved.grid)
-    return (*_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
+    told = map_warnings(resolved.world.map)
+    return (*told, *_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
 
 
 def out_of_reach(resolved: ResolvedScenario) -> tuple[PlaceKey, ...]:
