@@ -1,1 +1,8 @@
 """The actors of a swarm: one world, one radio, one process per robot, and optional observers."""
+
+import os
+import sys
+
+# Packages of this environment come before those on PYTHONPATH, such as a sourced ROS's.
+_ADDED = [os.path.abspath(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep)]  # noqa: PTH100
+sys.path.sort(key=_ADDED.__contains__)

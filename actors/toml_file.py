@@ -1,5 +1,6 @@
 """TOML that a person has written, or somebody else: read within bounds, every failure one sentence."""
 
+import codecs
 import re
 import tomllib
 from collections.abc import Iterator
@@ -23,13 +24,18 @@ _TOKENS: Final = re.compile(
 
 
 def read(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
-    """The text of a file of that kind, such as "scenario", with at most so many bytes. Raises AcrcError."""
+    """Return the text of a file of that kind, such as "scenario", without a byte order mark. Raises AcrcError.
+
+    `most`: bytes that it may have.
+    """
     try:
         with regular_file.opened(path) as file:
             content = file.read(most + 1)
         if len(content) > most:
             raise AcrcError(f"{path}: the {kind} file may have at most {most} bytes, but has more")
-        return content.decode("utf-8")
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise AcrcError(f"{path}: the {kind} file is UTF-16; save it as UTF-8")
+        return content.decode("utf-8-sig")
     except OSError as error:
         raise AcrcError(f"{path}: the {kind} file cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:

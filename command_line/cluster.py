@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -94,7 +93,7 @@ def _say(sentence: str) -> None:
 
 
 def _become(program: str, *words: str) -> NoReturn:
-    command: Sequence[str] = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+    command = [sys.executable, "-P", "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
     sys.stdout.flush()
     sys.stderr.flush()
-    os.execv(sys.executable, list(command))
+    os.execv(sys.executable, command)

@@ -35,6 +35,7 @@ from typing import Any, Final, NamedTuple, NoReturn
 from actors.processes.confined import MESSAGE_LIMIT, Part, born
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.environment import python
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl, set_title
 from actors.runtime.lifecycle.log import create_log, write_to
 
@@ -255,7 +256,7 @@ def share(module: str, words: Sequence[str]) -> object:
 
 def execute(part: Part) -> int:
     """Become `python -P -m MODULE ARGV…`: what lies where it begins is no code."""
-    os.execv(sys.executable, [sys.executable, "-P", "-m", part.module, *part.argv])
+    os.execv(sys.executable, [*python(), "-m", part.module, *part.argv])
 
 
 def _elsewhere(message: bytes) -> Part:
@@ -327,8 +328,10 @@ def main(argv: Sequence[str]) -> int:
     channel.send(json.dumps({"ready": os.getpid()}).encode())
     part = server.serve()
     if part is not None:
+        channel.detach()  # a child has closed the descriptor
         del server, channel  # nothing that a child finds leads to them
         _be(part, enter if how == "fork" else execute)
+    channel.close()
     return 0
 
 

@@ -19,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from actors.console import screen
 from actors.kernels import cache_folder, kernel_sources, prune, reachable, state
 from actors.runtime.fingerprint import KernelModule, fingerprints
+from actors.runtime.lifecycle.environment import python
 from actors.runtime.processor import processor
 
 _WORDS: Final = "compiling the numeric kernels, once after an installation or a change of the sources"
@@ -80,7 +81,7 @@ class _Compilation:
     def _lane(self, _: int) -> KernelModule | None:
         """What one process failed at, if it did; it is not asked again."""
         with subprocess.Popen(
-            [sys.executable, "-P", "-c", _HELPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [*python(), "-c", _HELPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
         ) as helper:  # fmt: skip
             try:
@@ -122,8 +123,12 @@ def _asked(helper: "subprocess.Popen[str]", module: str) -> bool:
 
 
 def _machine() -> str:
-    """What compiled code depends on beside the sources; numpy is loaded here, as it tells the features."""
-    return f"{processor()} Python {platform.python_version()} numba {version('numba')} numpy {np.__version__}"
+    """Return what compiled code depends on beside the sources; numpy is loaded here for the CPU features.
+
+    Numba finds a kernel by its byte code, which differs with -O.
+    """
+    release = f"{platform.python_version()}{' -O' * sys.flags.optimize}"
+    return f"{processor()} Python {release} numba {version('numba')} numpy {np.__version__}"
 
 
 def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:

@@ -6,7 +6,6 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,10 +19,13 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import Names, outside
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.environment import passed_on
+from actors.runtime.lifecycle.environment import passed_on, python
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.recording import read_notes
+
+_ANSWER_S: Final = 300.0
+"""Until the server starts a process; it may have to compile the kernels first. Own choice."""
 
 
 class LaunchError(AcrcError):
@@ -117,7 +119,7 @@ class Launcher:
         must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
         last word to a process of its own."""
         self._reap = reap
-        self._command = [*before, sys.executable, "-P", "-m", "actors.processes.forkserver"]
+        self._command = [*before, *python(), "-m", "actors.processes.forkserver"]
         self._how = how
         self._children: dict[int, Child] = {}
         self._ended: dict[int, tuple[int, int, float]] = {}
@@ -224,6 +226,9 @@ class Launcher:
 
     def _hear(self) -> dict[str, Any]:
         """The server's next message; the end of a child is noted on the way."""
+        if not select.select([self._channel], [], [], _ANSWER_S)[0]:
+            self._server.kill()
+            raise LaunchError(f"the forkserver has not answered within {_ANSWER_S:g} s and was ended")
         try:
             text = self._channel.recv(MESSAGE_LIMIT)
         except ConnectionResetError:

@@ -7,7 +7,6 @@ import os
 import signal
 import struct
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Final, NamedTuple
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.lifecycle.environment import passed_on
+from actors.runtime.lifecycle.environment import passed_on, python
 
 _FORM: Final = struct.Struct("q64s")
 SIZE: Final = _FORM.size
@@ -61,7 +60,7 @@ def warded(step_s: float) -> Iterator[Show]:
         frames, framed = _pipe(stack)
         numbers = (file.fileno(), wakes, frames)
         warden = subprocess.Popen(
-            [sys.executable, "-m", "actors.processes.warden", *map(str, (*numbers, os.getpid(), step_s))],
+            [*python(), "-m", "actors.processes.warden", *map(str, (*numbers, os.getpid(), step_s))],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=numbers,

@@ -182,8 +182,8 @@ class _Desk(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Of what stood there, unless it is somebody's turn; at Python's end that may be closed already."""
-        if _turn.prints is None and self.behind is not None and not self.behind.closed:
+        """Flush the stream behind, unless an actor prints; when Python exits, both may be gone already."""
+        if _turn and _turn.prints is None and self.behind is not None and not self.behind.closed:
             self.behind.flush()
 
 

@@ -16,7 +16,7 @@ def test(context: typer.Context) -> None:
     root = clone("test")
     words = [_absolute(word) for word in context.args]
     here = str(Path.cwd())
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))
+    os.environ["PYTHONPATH"] = here  # nothing else: a sourced ROS brings plugins for pytest
     from actors.processes.kernels import compile_kernels
 
     compile_kernels()  # or the first tests would wait for it, and see it said where a result is due

@@ -59,7 +59,11 @@ def _pytest(root: Path, words: Sequence[str]) -> int:
     """With modules compiled once and kept: the tests start some hundred interpreters, each of which needs a
     thousand modules; compiling them anew takes as long as all else that `acrc` does before a run.
     """
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")  # of another environment
+    }
     return subprocess.run(
         [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, check=False
     ).returncode

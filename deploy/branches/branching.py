@@ -66,7 +66,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     """
     if not (origin / SCENARIO).is_file():
         raise AcrcError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
-    told, files = check(origin), all_recordings(origin)
+    told, files = check(origin, strict=False), all_recordings(origin)
     if "world" not in files or "radio" not in files:
         raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")
     scenario = load_scenario(origin / SCENARIO)

@@ -50,7 +50,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
-    told = check(out)
+    told = check(out, strict=False)
     scenario = load_scenario(out / SCENARIO)
     modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)
     files = all_recordings(out)

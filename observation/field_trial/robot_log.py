@@ -32,7 +32,7 @@ from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.process import FinalNote
-from actors.runtime.recording import Entry, Note, RecordingError, decoded, read_recording
+from actors.runtime.recording import Entry, Note, Reading, RecordingError, decoded, read_recording
 from actors.topic import Message
 
 FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
@@ -126,7 +126,7 @@ def read_log(path: Path, identity: RobotIdentity, kept: Mapping[bytes, bytes]) -
     """
     reader = _Reader(RobotLog(path, identity), kept)
     try:
-        for item in read_recording(path):
+        for item in Reading(path, strict=True):
             reader.take(item)
     except RecordingError as error:
         reader.log.damage = str(error)

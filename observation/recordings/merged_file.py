@@ -96,7 +96,7 @@ def merge(out: Path, file: Path) -> MergeReport:
     Raises CheckError where they contradict one another, RecordingError for damaged ones and for a file that
     is there already.
     """
-    told = check(out)
+    told = check(out, strict=False)
     runs, sent = _gathered(out)
     step_us, commit = runs[0]
     messages = sorted(sent, key=lambda one: one.place)
@@ -232,7 +232,7 @@ def told(file: Path) -> tuple[dict[str, Any], str]:
     It is a merged one, or one process's recording.
     """
     if not is_merged(file):
-        found = read_pass(file.stem, file)
+        found = read_pass(file.stem, file, strict=True)
         state = "whole" if found.whole else "cut"
         until = "" if found.step is None else f", good up to step {found.step}"
         count = found.digest.count

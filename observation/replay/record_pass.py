@@ -48,9 +48,9 @@ class Pass:
         return self.path.parent.name
 
 
-def read_pass(actor: str, path: Path) -> Pass:
-    """Read a recording once. RecordingError where it is damaged, CheckError where it contradicts itself."""
-    told, running, reading = Pass(actor, path), MessageHash(), Reading(path)
+def read_pass(actor: str, path: Path, *, strict: bool = False) -> Pass:
+    """Read a recording once. Raises CheckError where it contradicts itself, RecordingError: see Reading."""
+    told, running, reading = Pass(actor, path), MessageHash(), Reading(path, strict=strict)
     first = True
     for item in reading:
         if first:

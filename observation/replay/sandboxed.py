@@ -14,6 +14,7 @@ from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import print_traceback
 from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.recording import Reading
 
 
 def parser(program: str) -> ArgumentParser:
@@ -36,6 +37,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
     From here on it ends with its parent, and neither answer nor log nor another file becomes larger than
     `file_mb`. OSError where the file is there already, or cannot be made.
     """
+    Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
         room = reserve.hold(options.answer.parent)

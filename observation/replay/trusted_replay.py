@@ -11,8 +11,10 @@ from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import printable
 from actors.runtime.isolation.isolating import choose, warn
+from actors.runtime.recording.reading import report_damage
 from observation.replay.record_replay import ReplayReport, replay_actor
 from observation.replay.replay_program import ReplayAnswer
+from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
 from observation.replay.trust import check_trust
 
@@ -36,6 +38,7 @@ def replay(
     if isolate is False:
         look_in(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, where a debugger may be
+    report_damage(all_recordings(out)[actor])
     calls = [Call(actor, (actor,))]
     (answer,) = ask(
         out, "observation.replay.replay_program", calls, bounds, permit=permit, isolate=choice.isolate

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.robot.behaviour.foreign import Permit
+from actors.runtime.recording.reading import report_damage
 from observation.replay.recorded_setup import run_of
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
@@ -43,6 +44,8 @@ def traces(
     """
     files, wanted = all_recordings(out), list[str]()
     for actor in actors:
+        if actor in files:
+            report_damage(files[actor])
         found = _kept(files, actor) if not permit.trust else None
         if found is None:
             wanted.append(actor)

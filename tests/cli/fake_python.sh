@@ -9,8 +9,8 @@ case "$1 $2" in
         ;;
     '-m pip')
         echo "pip $*" >>"$NOTES"
-        sleep "${PIP_TAKES:-0}"
-        [ -z "${PIP_FAILS:-}" ] || exit 1
+        sleep "${FAKE_PIP_TAKES:-0}"
+        [ -z "${FAKE_PIP_FAILS:-}" ] || exit 1
         [ ! -f .venv/pins.txt ] || cp .venv/pins.txt "$NOTES.pins"
         [ ! -f .venv/hashed.txt ] || cp .venv/hashed.txt "$NOTES.hashed"
         [ ! -f .venv/build.txt ] || cp .venv/build.txt "$NOTES.build"

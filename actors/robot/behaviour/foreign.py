@@ -32,6 +32,7 @@ class Permit:
     """It may also be loaded from where a file says that it lies, and need not be as it was recorded."""
 
 
+_IGNORED: Final = "; ./acrc ignores PYTHONPATH" if os.environ.get("ACRC_IGNORED_PYTHONPATH") else ""
 INSTALLED: Final = Permit()
 """Nothing but what is installed."""
 
@@ -118,7 +119,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
             )
     if not is_installed(module):
         raise AcrcError(
-            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such module"
+            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such module; if it is "
+            f"in a folder {top}/ of your own, rename that folder: the installed package has its name"
         )
 
 
@@ -133,7 +135,7 @@ def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> No
         where = " and ".join(map(str, dict.fromkeys(folders)))
         raise AcrcError(
             f"{source} names the strategy {name}, and there is no module {module!r} here, nor in {where}; "
-            "must be installed or lie in a folder that --modules DIR names"
+            "must be installed or lie in a folder that --modules DIR names" + _IGNORED
         )
     word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(

@@ -1,5 +1,6 @@
-"""Which of the user's environment variables the processes of a run are told."""
+"""The command and the environment variables with which the processes of a run start."""
 
+import sys
 from collections.abc import Mapping
 from typing import Final
 
@@ -22,6 +23,11 @@ _BEGINNINGS: Final = (
     "WGPU_",
 )
 """Of the libraries that a run uses."""
+
+
+def python() -> list[str]:
+    """Return this interpreter's command, without the working directory on its path, with this -O."""
+    return [sys.executable, "-P", *["-O"] * sys.flags.optimize]
 
 
 def passed_on(shell: Mapping[str, str]) -> dict[str, str]:

@@ -1,17 +1,20 @@
-"""Reads a recording, and hands out what its seals vouch for.
+"""Reads a recording up to its end, or up to its last true checksum where it was cut or damaged.
 
-Bytes of a file are not to be trusted: every length is bounded before it is believed, and whatever does not
-fit is a RecordingError in one sentence, which says up to which step the file is good.
+Bytes of a file are not to be trusted: every length is bounded before it is used. A power cut can leave zeros
+or garbage in place of the last writes, so every reader takes what comes before, with a line on standard
+error; `strict` readers raise RecordingError there.
 """
 
 import errno
 import hashlib
 import struct
+import sys
 import zlib
+from collections import deque
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Final
+from typing import IO, ClassVar, Final
 
 import msgspec
 from mcap.data_stream import ReadDataStream
@@ -21,6 +24,7 @@ from mcap.records import Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from actors.runtime import regular_file
+from actors.runtime.errors import printable
 from actors.runtime.recording.form import (
     FIELDS,
     HASHED,
@@ -54,17 +58,29 @@ _DIRECTIONS: Final[dict[str, Direction]] = {"in": "in", "out": "out"}
 _STEP: Final = 8
 """Bytes of the step that a seal ends with."""
 _STEPS: Final = msgspec.msgpack.Decoder(_Step)
+_REPORTED: Final[set[Path]] = set()
+"""Files whose damage this process has reported on standard error."""
 
 
 class Reading:
     """One pass over a recording, in the order it was written; what is not sealed is not given."""
 
-    def __init__(self, path: Path) -> None:
+    reports: ClassVar[bool] = True
+    """False in a process whose starter reports damage."""
+
+    def __init__(self, path: Path, *, strict: bool = False, decodes: bool = True) -> None:
+        """`strict`: raise RecordingError at damage, instead of ending there with a line on standard error.
+
+        `decodes`: False yields nothing, and compares checksums alone, which is a hundred times as fast.
+        """
         self.path = path
+        self._strict, self._decodes = strict, decodes
         self.step: int | None = None
         """Up to this one everything is there; None: not even the first one."""
         self.whole = False
         """True once the end has been read, and is one: the process closed its file. False: it was cut."""
+        self.damage: RecordingError | None = None
+        """Where and why reading ended before the end of the file."""
         self.seals = 0
         """Checksums so far, all of them true."""
         self._crc = self._size = self._at = 0
@@ -74,29 +90,39 @@ class Reading:
         self._unpacker = MessageUnpacker()
 
     def __iter__(self) -> Iterator[Entry | Note]:
-        """Everything up to the end, or to the cut. Raises RecordingError where the file is damaged."""
+        """Yield everything up to the end, the cut or the damage. Raises RecordingError: see `strict`."""
         with opened(self.path) as stream:
             yield from self.more(stream)
 
     def more(self, stream: IO[bytes]) -> Iterator[Entry | Note]:
-        """What has been written since the last call; to be read to its end before the next one."""
+        """Yield what has been written since the last call; to be read to its end before the next one."""
+        if self.damage is not None:
+            return
+        try:
+            yield from self._records(stream)
+        except (*FAULTS, OSError) as error:
+            good = "before its first step" if self.step is None else f"after step {self.step}"
+            self.damage = RecordingError(f"{self.path}: damaged {good}; read up to there: {error}")
+            if self._strict:
+                raise self.damage from None
+            self._report()
+
+    def _records(self, stream: IO[bytes]) -> Iterator[Entry | Note]:
+        """Yield what is sealed. Raises one of FAULTS at damage."""
         stream.seek(self._at)
         if not self._at and not self._begins(stream):
             return
         while (record := self._next(stream)) is not None:
             opcode, head, body = record
-            try:
-                if opcode == Opcode.DATA_END:
-                    self._end(body, stream)
-                    return
-                if self._take(opcode, head, body, self._crc):
-                    yield from self._unsealed
-                    self._unsealed, self._size = [], 0
-            except FAULTS as error:
-                raise self._damaged(str(error)) from None
+            if opcode == Opcode.DATA_END:
+                self._end(body, stream)
+                return
+            if self._take(opcode, head, body, self._crc):
+                yield from self._unsealed
+                self._unsealed, self._size = [], 0
             self._size += len(body)
             if self._size > UNSEALED + 2 * LARGEST_RECORD:
-                raise self._damaged(f"{self._size} bytes without a checksum")
+                raise ValueError(f"{self._size} bytes without a checksum")
             self._crc = zlib.crc32(body, zlib.crc32(head, self._crc))
             self._at += len(head) + len(body)
 
@@ -117,7 +143,7 @@ class Reading:
             return None
         opcode, length = HEAD.unpack(head)
         if length > LARGEST_RECORD:
-            raise self._damaged(f"a record would have {length} bytes; it may have at most {LARGEST_RECORD}")
+            raise ValueError(f"a record would have {length} bytes; it may have at most {LARGEST_RECORD}")
         body = stream.read(length)
         return (opcode, head, body) if len(body) == length else None
 
@@ -130,7 +156,7 @@ class Reading:
                 if self._channels[channel].message_encoding == SEALS:
                     self._check(head, body, crc)
                     return True
-                self._unsealed.append(self._entry(self._channels[channel], sequence, data))
+                self._unsealed += self._entry(self._channels[channel], sequence, data)
             case Opcode.CHANNEL:
                 channel = Channel.read(ReadDataStream(BytesIO(body)))
                 if self._channels.setdefault(channel.id, channel) != channel:
@@ -150,17 +176,21 @@ class Reading:
                 raise ValueError(f"a record of kind {opcode:#04x}, which a recording has not")
         return False
 
-    def _entry(self, channel: Channel, sequence: int, data: bytes) -> Entry:
+    def _entry(self, channel: Channel, sequence: int, data: bytes) -> Iterator[Entry]:
+        """Yield the message, if messages are decoded."""
+        if not self._decodes:
+            return
         direction = _DIRECTIONS[channel.metadata["direction"]]
         if channel.message_encoding == HASHED:
             if len(data) != 40:
                 raise ValueError(f"the hash of a message has {len(data)} bytes with its step, and not 40")
             step = int.from_bytes(data[:8], "little")
-            return Entry(direction, channel.topic, step, sequence, None, data[8:])
+            yield Entry(direction, channel.topic, step, sequence, None, data[8:])
+            return
         payload = self._unpacker.unpacked(channel.message_encoding, data)
         self._size += len(payload) - len(data)
         step = _STEPS.decode(memoryview(payload)[1:]).step
-        return Entry(direction, channel.topic, step, sequence, payload, hashlib.sha256(payload).digest())
+        yield Entry(direction, channel.topic, step, sequence, payload, hashlib.sha256(payload).digest())
 
     def _check(self, head: bytes, body: bytes, crc: int) -> None:
         checksum, step = SEAL.unpack(body[FIELDS.size :])
@@ -177,14 +207,22 @@ class Reading:
         rest = stream.read(LARGEST_RECORD + 1)
         self.whole = sound_end(body, rest)
 
-    def _damaged(self, why: str) -> RecordingError:
-        good = "before its first step" if self.step is None else f"after step {self.step}"
-        return RecordingError(f"{self.path}: damaged {good}, and good up to there: {why}")
+    def _report(self) -> None:
+        """Print the damage once: a command may read a file several times."""
+        file = self.path.resolve()
+        if self.reports and file not in _REPORTED:
+            _REPORTED.add(file)
+            sys.stderr.write(f"acrc: {printable(str(self.damage))}\n")
 
 
 def read_recording(path: Path) -> Iterator[Entry | Note]:
-    """Everything in a file, in the order it was written; a file cut short ends where it was cut."""
+    """Yield everything in a file, in the order it was written, up to its end, a cut or damage."""
     return iter(Reading(path))
+
+
+def report_damage(path: Path) -> None:
+    """Compare a file with its checksums, for one that another process decodes. Raises RecordingError."""
+    deque(Reading(path, decodes=False), 0)
 
 
 def opened(path: Path) -> IO[bytes]:

@@ -18,21 +18,36 @@ from actors.runtime.recording.form import HEAD, LARGEST_RECORD, MOST_NOTES
 
 _FOOTER: Final = struct.Struct("<BQQQI")
 """Opcode, length, start of the summary, start of its offsets, CRC-32 over all from the summary to here."""
+_SUMMARY: Final = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS),
+    *(Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET, Opcode.FOOTER),
+)
 END: Final = _FOOTER.size + len(MCAP0_MAGIC)
 """Bytes after the summary."""
 
 
 def sound_end(data_end: bytes, rest: bytes) -> bool:
-    """True if `rest`, which follows the DataEnd with the body `data_end`, is whole; False if it was cut.
+    """Return True if the end of a file is whole, False if it was cut.
 
-    ValueError if it is damaged.
+    `data_end` is the body of the DataEnd, `rest` what follows it.
+    Raises ValueError if it is damaged, or if anything follows it.
     """
     if data_end != bytes(4):  # the seals are its checksum
         raise ValueError("the end of its data is not as it was written")
     if len(rest) > LARGEST_RECORD:
         raise ValueError("more follows its data than may")
-    if len(rest) < END or not rest.endswith(MCAP0_MAGIC):
-        return False
+    at, opcode = 0, Opcode.DATA_END
+    while opcode != Opcode.FOOTER:
+        if len(rest) < at + HEAD.size:
+            return False
+        opcode, length = HEAD.unpack_from(rest, at)
+        if opcode not in _SUMMARY:
+            raise ValueError(f"a record of kind {opcode:#04x} follows its data")
+        at += HEAD.size + length
+    if rest[at:] != MCAP0_MAGIC:
+        if MCAP0_MAGIC.startswith(rest[at:]):
+            return False
+        raise ValueError("more bytes follow its end")
     if not _holds(rest):
         raise ValueError("what follows its data has another checksum")
     return True

@@ -29,10 +29,10 @@ def fetch(place: Path, requirements: Sequence[str], minor: int, machine: str) ->
     with scratch_folder() as folder:
         listed = folder / "requirements.txt"
         listed.write_text("".join(f"{line}\n" for line in requirements))
-        said = _run(sys.executable, "-m", "venv", str(folder / "pip"))
+        said = _run(sys.executable, "-P", "-m", "venv", str(folder / "pip"))
         if not said:
             said = _run(
-                *(str(folder / "pip" / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "-q"),
+                *(str(folder / "pip" / "bin" / "python"), "-P", "-m", "pip", "--disable-pip-version-check", "-q"),
                 *("download", "--only-binary", ":all:", "--no-deps", "--require-hashes"),
                 *("--python-version", f"3.{minor}", *platforms, "-r", str(listed), "-d", str(place)),
             )
