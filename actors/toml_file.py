@@ -24,9 +24,9 @@ _TOKENS: Final = re.compile(
 
 
 def read(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
-    """Return the text of a file of that kind, such as "scenario", without a byte order mark. Raises AcrcError.
+    """Return the text of a file of that kind, such as "scenario", without a byte order mark.
 
-    `most`: bytes that it may have.
+    `most`: bytes that it may have. Raises AcrcError.
     """
     try:
         with regular_file.opened(path) as file:

@@ -1,6 +1,7 @@
 """The command line. What a command needs is imported once it is known which one it is."""
 
 import gc
+import os
 import sys
 from typing import Annotated
 
@@ -63,7 +64,10 @@ def main() -> None:
 
 
 def _words(typed: list[str]) -> list[str]:
-    """`acrc help run` is `acrc run --help`."""
+    """Return the words to parse: `acrc help run` is `acrc run --help`. Raises OptionError for unusable bytes."""
+    for name in (*typed, os.path.realpath(".")):
+        if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
+            raise OptionError(f"{name!r}: the name is not UTF-8, as names in results must be; rename it")
     return [*typed[1:], "--help"] if typed[:1] == ["help"] else typed
 
 

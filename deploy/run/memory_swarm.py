@@ -27,7 +27,7 @@ from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle import reserve
-from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
+from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words, own_frames
 from actors.runtime.pace import Pace
 from actors.runtime.process import ActorProcess, final_note
 from actors.runtime.recording import Recorder
@@ -84,8 +84,10 @@ class MemorySwarm:
                 raise AcrcError(self._note_failure(error)) from None
             except Exception as error:
                 reserve.release()  # here already: not even a call may be possible
-                self._note_failure(error)
-                raise
+                sentence = self._note_failure(error)
+                if isinstance(error, AcrcError) or not (frames := own_frames(error)):
+                    raise
+                raise AcrcError(f"{sentence}\n{frames}".rstrip()) from error
             if leftovers.fault is not None:
                 raise AcrcError(f"a strategy failed: {leftovers.fault}")
             cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share

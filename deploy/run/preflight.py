@@ -26,7 +26,7 @@ from actors.robot.behaviour.modules import look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.lifecycle.failure import FailureNote, failure_note, own_frames
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.run.household import exits_caught
@@ -73,8 +73,8 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     """Make the first robot's behaviour in this process, and drop it.
 
     For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
-    areas or equipment that do not fit, and for an entry that leads nowhere. Any other error is in the
-    strategy's own code, and is passed on with a note of which one it is.
+    areas or equipment that do not fit, for an entry that leads nowhere, and for an error in the strategy's
+    own code, with its frames.
     """
     name, robot = settled.scenario.run.strategy, settled.world.robots[0]
     told = robot_setup(settled, robot)
@@ -90,8 +90,9 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
             raise
         except Exception as error:
             which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
-            error.add_note(f"in strategy {which} made for {robot.id} before the run")
-            raise
+            cause = failure_note("", 0, error).cause
+            sentence = f"strategy {which.rstrip(',')}, made for {robot.id} before the run: {cause}"
+            raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
 
 
 def _await_end(child: Child, launched: Launcher, bounds: PreflightLimits) -> None:

@@ -1,14 +1,13 @@
 """What a study reads: its scenario, and the maps, robot models and strategies that this names."""
 
 import os
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from actors import toml_file
 from actors.floor import offices
 from actors.floor.map_file import load_map
-from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.scenario.named_files import map_files, strategy_files
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -35,7 +34,7 @@ def inputs(study: Study) -> Inputs:
     if not scenario.is_file():
         raise AcrcError(f"{scenario}: is no file any more, but the campaign's runs have read it")
     told = (
-        tomllib.loads(regular_file.content(scenario).decode()),
+        toml_file.tables(toml_file.read(scenario, "scenario"), scenario),
         [study.settings_of(variant) for variant in study.variants()],
     )
     for text in _texts(told):

@@ -17,6 +17,7 @@ case "$1 $2" in
         ;;
     '-P -m')
         echo "in $PWD: $*"
+        [ -z "${SHOW_ENV:-}" ] || env
         [ -z "${SHOW_BYTECODE:-}" ] || echo "byte code: ${PYTHONPYCACHEPREFIX:-none}, ${PYTHONDONTWRITEBYTECODE:-written}"
         ;;
     '-V '*) echo "Python ${VERSION:-3.11.7}" ;;

@@ -126,6 +126,24 @@ def test_byte_code_is_kept_in_the_environment_also_where_containers_forbid_it(cl
     assert clone.call("--help")[1].splitlines()[1] == f"byte code: {clone.folder}/.venv/bytecode, written"
 
 
+def test_nothing_of_another_environment_reaches_python_or_pip(clone: Clone) -> None:
+    foreign = (
+        "PYTHONPATH",
+        "PYTHONHOME",
+        "PYTHONOPTIMIZE",
+        "PYTHONWARNINGS",
+        "PYTHONUSERBASE",
+        "PIP_TARGET",
+        "PIP_PREFIX",
+    )
+    clone.settings |= dict.fromkeys(foreign, "/opt/ros") | {"PIP_INDEX_URL": "https://here", "SHOW_ENV": "1"}
+    for _ in range(2):
+        shown = dict(line.split("=", 1) for line in clone.call("--help")[1].splitlines() if "=" in line)
+        assert not set(foreign) & shown.keys()
+        assert shown["PIP_INDEX_URL"] == "https://here" and shown["PIP_USER"] == "0"
+        assert shown["ACRC_IGNORED_PYTHONPATH"] == "/opt/ros"
+
+
 def test_nothing_is_installed_but_by_its_hash_and_the_build_has_what_is_pinned_too(clone: Clone) -> None:
     clone.call("run")
     packages, build, project = clone.notes.read_text().splitlines()

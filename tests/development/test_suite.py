@@ -1,5 +1,6 @@
 """`acrc test` runs the suite in two halves, and what is wrong in either is the command's exit code."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import PACKAGES
 from command_line.development.suite import BY_FILE, run_suite
 from tests.conftest import LONGEST
 
@@ -138,3 +140,14 @@ def test_under_ci_a_module_skipped_in_a_worker_is_named(
     )
     assert done.returncode == 1
     assert "CI is set, so skipped tests are failures; skipped: test_gone.py" in done.stdout.splitlines()
+
+
+def test_no_assertion_of_the_product_has_an_effect() -> None:
+    """With -O assertions are gone."""
+    root, wrong = Path(__file__).parents[2], []
+    for path in (path for name in PACKAGES for path in (root / name).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            effects = ast.NamedExpr | ast.Await | ast.Yield | ast.YieldFrom
+            if isinstance(node, ast.Assert) and any(isinstance(one, effects) for one in ast.walk(node)):
+                wrong.append(f"{path}:{node.lineno}")
+    assert wrong == []

@@ -4,11 +4,15 @@ import random
 import tracemalloc
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import given as drawn
+from hypothesis import strategies as some
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -19,6 +23,7 @@ from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SC
 from actors.runtime.recording.packing import MessageUnpacker, Packer
 from actors.runtime.recording.reading import FAULTS
 from actors.runtime.recording.scans import LARGEST, ScanBuffers
+from observation.recordings.topics import Growing
 
 SENSES, RECEIVED = "swarm/down/r1/senses", "swarm/down/r1/received"
 
@@ -141,6 +146,43 @@ def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
         assert found == given[: len(found)]
 
 
+@drawn(
+    kind=some.sampled_from(["cut", "zeros", "block", "garbage", "longer"]),
+    at=some.floats(0, 1),
+    seed=some.integers(0, 999),
+)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_after_a_power_cut_readers_end_at_the_last_good_seal(
+    tmp_path: Path, kind: str, at: float, seed: int
+) -> None:
+    path, bad = tmp_path / "r1.mcap", tmp_path / "bad.mcap"
+    path.unlink(missing_ok=True)
+    steps, whole = written(path), path.read_bytes()
+    place = 8 + int(at * (len(whole) - 8))
+    noise = random.Random(seed).randbytes(512)
+    data = {
+        "cut": whole[:place],
+        "zeros": whole[:place] + bytes(len(whole) - place),
+        "block": whole[:place] + bytes(512) + whole[place + 512 :],
+        "garbage": whole[:place] + noise,
+        "longer": whole + noise,
+    }[kind]
+    bad.write_bytes(data)
+    found = read(bad)
+    assert found == steps[: len(found)]
+    with Growing(bad) as growing:
+        assert [one.payload for one in growing.poll()] == found
+    strict = Reading(bad, strict=True)
+    taken = []
+    with suppress(RecordingError):
+        for item in strict:
+            assert isinstance(item, Entry)
+            taken.append(item.payload)
+    assert taken == found
+    assert kind == "cut" or data == whole or not strict.whole
+    assert kind != "longer" or (strict.damage is not None and found == steps)
+
+
 def test_recordings_from_before_are_read_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packing, "WORTH", LARGEST_RECORD)
     given = written(tmp_path / "r1.mcap")
@@ -233,7 +275,7 @@ def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
     tracemalloc.start()
     try:
         with pytest.raises(RecordingError, match="bytes without a checksum"):
-            list(read_recording(path))
+            list(Reading(path, strict=True))
         assert tracemalloc.get_traced_memory()[1] < 5 * LARGEST_RECORD
     finally:
         tracemalloc.stop()
@@ -248,8 +290,8 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(tmp_path: Path) -> N
         writer.add_message(channel, 0, b"\x04\x92\x01", 0, 0)
         writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(RecordingError) as caught:
-        list(read_recording(path))
+        list(Reading(path, strict=True))
     assert str(caught.value) == (
-        f"{path}: damaged before its first step, and good up to there: a message is encoded as "
+        f"{path}: damaged before its first step; read up to there: a message is encoded as "
         "'acrc-tomorrow', which this version does not read"
     )

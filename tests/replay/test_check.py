@@ -96,7 +96,7 @@ def test_the_time_of_a_message_is_covered(copy: Path) -> None:
     path = copy / "world" / "world.mcap"
     instant = (20 * 100_000_000).to_bytes(8, "little")
     path.write_bytes(path.read_bytes().replace(instant * 2, instant + bytes(8), 1))
-    assert fault(copy).startswith(f"{path}: damaged after step 19, and good up to there: its checksum is ")
+    assert fault(copy).startswith(f"{path}: damaged after step 19; read up to there: its checksum is ")
 
 
 def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
@@ -248,7 +248,7 @@ def test_what_is_no_recording_at_all(tmp_path: Path) -> None:
         (b"12345678", "not a recording of this project, or damaged at its start"),
         (
             wild,
-            "damaged before its first step, and good up to there: a record would have 1099511627776 bytes; "
+            "damaged before its first step; read up to there: a record would have 1099511627776 bytes; "
             "it may have at most 16777216",
         ),
     ):

@@ -119,9 +119,11 @@ def test_what_does_not_fit_is_one_sentence(
 
 
 def test_a_bug_is_the_strategys_own_and_named(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError) as caught:
+    with pytest.raises(AcrcError) as caught:
         planned(tmp_path, "study_buggy", "", "buggy")
-    assert caught.value.__notes__ == ["in strategy 'study_buggy:buggy' made for r1 before the run"]
+    sentence, frame, *_ = str(caught.value).splitlines()
+    assert sentence.startswith("strategy 'study_buggy:buggy', made for r1 before the run: ZeroDivisionError")
+    assert frame.startswith('  File "') and "study_buggy.py" in frame
 
 
 HOSTILE = """

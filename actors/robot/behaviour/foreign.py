@@ -119,8 +119,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
             )
     if not is_installed(module):
         raise AcrcError(
-            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such module; if it is "
-            f"in a folder {top}/ of your own, rename that folder: the installed package has its name"
+            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such "
+            f"module; rename a folder {top}/ of your own: the installed package of this name comes first"
         )
 
 

@@ -18,6 +18,12 @@ _LIBRARIES: Final = tuple(
     f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
 """Where code lies that is neither the user's nor this project's."""
+_FRAMEWORK: Final = tuple(
+    f"{Path(__file__).resolve().parents[3] / name}/"
+    for name in ("acrc_testbed", "actors", "command_line", "deeco", "deploy", "experiments", "observation")
+)
+_MOST_SHOWN: Final = 20
+"""Frames below the sentence of a failure."""
 _LONGEST_TRACE: Final = 1200
 """Frames of a traceback that are shown; Python's own limit of recursion is 1000."""
 
@@ -57,6 +63,16 @@ def print_traceback(error: BaseException) -> None:
         for one in _chain(error):
             one.__traceback__ = _end_of(one.__traceback__)
         traceback.print_exception(error)
+
+
+def own_frames(error: BaseException) -> str:
+    """Return the lines of the traceback that are in the user's own code, or in a shipped strategy."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if _is_own((frame.filename, 0)) and not frame.filename.startswith(_FRAMEWORK)
+    ]
+    return printable("".join(traceback.format_list(frames[-_MOST_SHOWN:])))
 
 
 def in_words(note: FailureNote) -> str:

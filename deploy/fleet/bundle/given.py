@@ -1,11 +1,11 @@
 """What a robot is given of its fleet: fleet file, map, robot models, its own keys, its strategy's code."""
 
 import os
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from actors import toml_file
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import FOLDERS
 from actors.runtime import regular_file
@@ -43,7 +43,7 @@ def fleet_files(fleet: Fleet, robot: FleetRobot) -> tuple[dict[str, BundledFile]
 
     They stand to one another as they do here. Raises AcrcError for a path that only this computer knows.
     """
-    told = tomllib.loads(regular_file.content(fleet.path).decode())
+    told = toml_file.tables(toml_file.read(fleet.path, "fleet"), fleet.path)
     folder = fleet.path.parent
 
     def here(named: str) -> Path:

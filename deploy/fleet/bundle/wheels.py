@@ -32,7 +32,8 @@ def fetch(place: Path, requirements: Sequence[str], minor: int, machine: str) ->
         said = _run(sys.executable, "-P", "-m", "venv", str(folder / "pip"))
         if not said:
             said = _run(
-                *(str(folder / "pip" / "bin" / "python"), "-P", "-m", "pip", "--disable-pip-version-check", "-q"),
+                *(str(folder / "pip" / "bin" / "python"), "-P", "-m", "pip"),
+                *("--disable-pip-version-check", "-q"),
                 *("download", "--only-binary", ":all:", "--no-deps", "--require-hashes"),
                 *("--python-version", f"3.{minor}", *platforms, "-r", str(listed), "-d", str(place)),
             )
