@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def _words(typed: list[str]) -> list[str]:
-    """Return the words to parse: `acrc help run` is `acrc run --help`. Raises OptionError for unusable bytes."""
+    """Return the words to parse: `acrc help run` is `acrc run --help`. Raises OptionError."""
     for name in (*typed, os.path.realpath(".")):
         if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
             raise OptionError(f"{name!r}: the name is not UTF-8, as names in results must be; rename it")
