@@ -9,7 +9,9 @@ import pytest
 from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose
 from actors.installation.repository import SHIPPED
-from tests.navigation.course import DOOR, HALL, RADIUS, ROBUST, Pilot, drive
+from actors.robot.cost_maps.cell_distance import half_gaps
+from actors.robot.navigation.planning import PLANNER_PRESETS, narrowest_door
+from tests.navigation.course import CELL, DOOR, HALL, RADIUS, ROBUST, Pilot, drive, neck
 from tests.robot.base import plan
 
 CORNERS = plan(
@@ -56,6 +58,14 @@ def test_it_gets_through_a_door_with_an_estimate_that_jumps_by_5_cm(preset: str,
     assert pilot.record.gap > 0.0
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.8])
+def test_robust_drives_through_the_narrowest_door_that_it_plans_through(heading: float) -> None:
+    width = narrowest_door(RADIUS, PLANNER_PRESETS["robust"], CELL)
+    pilot = Pilot(neck(width), Pose(2.4, 1.5, heading), Point(6.0, 1.76), preset="robust")
+    drive(pilot, steps=300)
+    assert pilot.record.arrived and pilot.record.gap > 0.0
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_before_a_door_that_something_blocks_it_stands_without_any_trajectory(preset: str) -> None:
     pilot = Pilot(DOOR, Pose(0.8, 1.76, 0.0), Point(7.5, 1.76), preset=preset)
@@ -91,6 +101,15 @@ def test_two_robots_that_meet_in_the_open_pass(offset: float) -> None:
     drive(east, west, steps=300)
     assert east.record.arrived and west.record.arrived
     assert min(east.record.gap, west.record.gap) > 0.01
+
+
+def test_half_of_a_gap_is_left_to_what_moves() -> None:
+    squared, arrivals = np.full((40, 40), 100, np.int16), np.zeros((40, 40), np.int64)
+    squared[20, [10, 30]], arrivals[20, 30] = 0, 7
+    bounds = half_gaps(squared, arrivals, 7, np.array([20.5, 20.5]), 4.0, 5.0)
+    assert bounds.tolist() == [[1.0, 0.0, 3.0]]
+    for since, farthest in ((8, 5.0), (7, 2.9)):
+        assert not half_gaps(squared, arrivals, since, np.array([20.5, 20.5]), 4.0, farthest).size
 
 
 @pytest.mark.parametrize("preset", ALL)

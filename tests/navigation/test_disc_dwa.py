@@ -24,6 +24,7 @@ BASE: Numbers = {
 """The chapter's numbers on cells twice as large."""
 FORWARD = np.array([0.0, 5.0, -1.0, 1.0])
 FREE = np.zeros(4, np.bool_)
+BOUNDLESS = np.empty((0, 3))
 
 
 class Scene:
@@ -55,11 +56,11 @@ class Scene:
         counts: tuple[int, int] = (7, 8),
         barred: NDArray[np.bool_] = FREE,
         trusted: int = 1,
+        bounds: NDArray[np.float64] = BOUNDLESS,
     ) -> VelocityChoice:
         packed = np.array([tuple(weights[name] for name in WEIGHTS.names or ())], WEIGHTS)
-        return best(
-            np.array(self.pose), window, counts, barred, self.fields(trusted=trusted), self.table, packed
-        )
+        fields = self.fields(trusted=trusted)
+        return best(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
 
 
 @settings(max_examples=40, deadline=None)
@@ -123,6 +124,21 @@ def test_a_choice_lies_in_the_window_is_fast_enough_and_not_barred(
     assert abs(choice.speed) > 0.999 or abs(choice.turn) > 0.399
     signs = [choice.speed > 0, choice.speed < 0, choice.turn > 0, choice.turn < 0]
     assert not any(one and other for one, other in zip(signs, barred, strict=True))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), side=st.floats(-3.1, 3.1), room=st.floats(0.0, 3.0))
+def test_after_a_choice_the_body_can_stop_within_its_bounds(seed: int, side: float, room: float) -> None:
+    scene = Scene(seed, 3)
+    bounds = np.array([[math.cos(side), math.sin(side), room]])
+    choice = scene.choose(BASE, bounds=bounds)
+    assume(choice.score >= 0)
+    x, y, heading = 0.0, 0.0, scene.pose[2]
+    length = choice.speed * BASE["stop_buffer"] + choice.speed**2 / (2 * BASE["deceleration"])
+    for _ in range(1000):  # braking on the same arc
+        x, y = x + length / 1000 * math.cos(heading), y + length / 1000 * math.sin(heading)
+        heading += choice.turn * length / choice.speed / 1000 if choice.speed else 0.0
+    assert x * bounds[0, 0] + y * bounds[0, 1] <= room + 0.02
 
 
 def near(gap: float, heading: float = 0.0) -> Scene:

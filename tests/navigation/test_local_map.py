@@ -144,6 +144,31 @@ def test_free_floor_is_remembered_for_a_while_if_at_all() -> None:
     assert not local.trusted(Instant(seconds(3) + 1)).any()
 
 
+def test_what_is_marked_where_the_floor_was_seen_free_is_an_arrival() -> None:
+    wall, robot = dict.fromkeys(range(360), 800), dict.fromkeys(range(-5, 6), 500)
+    local = mapped(sweep(ORIGIN, only=wall), parameters=LOCAL_MAP_PRESETS["robust"])
+    assert (local.arrivals < START).all(), "a wall that comes into view does not move"
+    seen = Instant(100_000)
+    local.take(seen, ORIGIN, sweep(ORIGIN, only=wall | robot))
+    cells = np.argwhere(local.arrivals == seen)
+    assert cells.size and (local.squared[cells[:, 0], cells[:, 1]] == 0).all()
+    assert (np.hypot(*(cells - 39.5).T) < 11).all()
+    local.take(Instant(200_000), Pose(0.11, 0.0, 0.0), None)
+    assert (np.argwhere(local.arrivals == seen) == cells - (0, 2)).all()
+    with pytest.raises(ParameterError, match=r"local_map.free_memory is 0, but must be above 0"):
+        CostMapParameters(moving_memory=seconds(1))
+
+
+def test_a_robot_backs_off_no_nearer_to_a_wall_than_the_local_planner_may_drive() -> None:
+    local = mapped(sweep(ORIGIN, only={180: 500}), parameters=LOCAL_MAP_PRESETS["robust"])
+    ((x, y),) = local.marks().tolist()
+    room = -x - math.sqrt((RADIUS + 0.045) ** 2 - y**2)
+    assert local.free_behind(ORIGIN, room - 0.001) and not local.free_behind(ORIGIN, room + 0.001)
+    near = Pose(x + 0.19, y, 0.0)
+    assert not local.free_behind(near, 0.01, touching=True)
+    assert local.free_behind(Pose(near.x, near.y, math.pi), 0.15, touching=True)
+
+
 def test_below_the_body_nothing_is_marked_and_all_is_trusted() -> None:
     local = CostMap(ALL_ROUND, RADIUS, LOCAL_MAP_PRESETS["robust"])
     local.take(START, ORIGIN, sweep(ORIGIN, only=dict.fromkeys(range(360), 30)))

@@ -14,7 +14,7 @@ from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.robot.navigation.planning import PLANNER_PRESETS, Ground, Planner, ground
+from actors.robot.navigation.planning import PLANNER_PRESETS, Ground, Planner, ground, narrowest_door
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177
@@ -145,3 +145,23 @@ def test_every_area_of_the_corridor_map_can_be_reached_from_everywhere(corridor:
         for goal in spots:
             way = planner.path(start, goal)
             assert way is not None and tuple(way[-1]) == goal
+
+
+@pytest.mark.parametrize("resolution", [0.02, 0.025, 0.03125, 0.05, 0.1])
+@pytest.mark.parametrize("preset", ["improved", "robust"])
+def test_a_door_has_a_plan_from_the_narrowest_width_on(preset: str, resolution: float) -> None:
+    parameters = PLANNER_PRESETS[preset]
+    narrowest = round(narrowest_door(RADIUS, parameters, resolution) / resolution)
+    planned = set()
+    for width in range(narrowest - 3, narrowest + 2):
+        side = round(1.6 / resolution)
+        walls = np.ones((side + 4, 2 * side + 4 + round(0.2 / resolution)), np.bool_)
+        walls[2:-2, 2 : side + 2] = walls[2:-2, -side - 2 : -2] = False
+        first = side // 2 - width // 2
+        walls[first : first + width, 2:-2] = False
+        floor = OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), resolution)
+        start, goal = Point(0.8, 0.8), Point(floor.columns * resolution - 0.8, 0.8)
+        if Planner(ground(floor, RADIUS, parameters), parameters).path(start, goal) is not None:
+            planned.add(width)
+    assert {narrowest, narrowest + 1} <= planned
+    assert preset == "improved" or planned == {narrowest, narrowest + 1}

@@ -21,7 +21,7 @@ from actors.portable import arrays
 from actors.robot.cost_maps.cell_distance import check_reach, squared_within
 from actors.robot.cost_maps.footprint import inscribed, outline
 from actors.robot.cost_maps.inflation import Inflation
-from actors.robot.cost_maps.ray_tracing import stamp, take_in
+from actors.robot.cost_maps.ray_tracing import note_arrivals, stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from deeco.replacing import made
@@ -61,8 +61,13 @@ class CostMapParameters:
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
     free_range: float = 1.0
     """That far from the sensor it is remembered, m."""
+    moving_memory: Duration = field(default=Duration(0))
+    """For this long a cell that becomes marked counts as marked by something that moves, if it counted as
+    seen free before (needs `free_memory`); 0 = no cell does."""
 
     def __post_init__(self) -> None:
+        if self.moving_memory and not self.free_memory:
+            raise ParameterError("local_map.free_memory", 0.0, "above 0 where local_map.moving_memory is")
         ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "free_range")
         least = dict.fromkeys((*ranges, "allowance", "padding"), 0.0)
         check("local_map", self, positive=("cell", "size"), least=least, known={"body": ("polygon", "disc")})
@@ -77,7 +82,7 @@ _DISC: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_
 LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
     {
         "chapter": CostMapParameters(),
-        "robust": replace(_DISC, free_memory=seconds(3)),
+        "robust": replace(_DISC, free_memory=seconds(3), moving_memory=seconds(1)),
     }
 )
 """`robust`: own choices. Of its padding 0.01 is costmap_2d's, the rest half a cell's diagonal, as
@@ -138,6 +143,7 @@ class CostMap:
         self.table: Final = self.inflation.table(p.cell)
         """Cost by squared distance in cells."""
         self._radius = radius
+        self._room = within if p.body == "disc" else radius
         self._seen, self._body = np.zeros(3), np.array([0.0, 0.0, radius / p.cell])
         """Of the scan that is taken in: the sensor's place, cells from the corner, and heading; the body's
         place, cells, and radius."""
@@ -147,6 +153,8 @@ class CostMap:
         side = 2 * self._half
         self._marks: NDArray[np.uint8] = np.zeros((side, side), np.uint8)
         self._stamps: NDArray[np.int64] = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
+        self.arrivals = np.full((side, side) if p.moving_memory else (0, 0), _NEVER, np.int64)
+        """When a cell that counted as seen free was last marked; empty where `moving_memory` is 0."""
         self._squared: NDArray[np.int16] | None = None
         self._taken: Instant | None = None
         self.corner = Cell(-self._half, -self._half)
@@ -169,7 +177,11 @@ class CostMap:
         cell, corner, seen, body = self.parameters.cell, self.corner, self._seen, self._body
         seen[0], seen[1], seen[2] = mount.x / cell - corner.column, mount.y / cell - corner.row, mount.heading
         body[0], body[1] = here.x / cell - corner.column, here.y / cell - corner.row
+        before = self._marks.copy() if self.arrivals.size else self._marks
         take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
+        if self.arrivals.size:
+            oldest = instant - self.parameters.free_memory
+            note_arrivals(self.arrivals, instant, self._marks, before, self._stamps, oldest)
         if self._stamps.size:
             stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
         self._squared = None
@@ -204,23 +216,24 @@ class CostMap:
         )
 
     def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
-        """True if the body at `here` can back off straight by `distance`, m, and the map shows so far.
+        """Return True if the body at `here` can back off straight by `distance`, m, as far as the map shows.
 
-        Where it is too near to something already, that must not come nearer. `touching`: that may be nearer
-        than the body's radius, as where its bumper touches nothing, but marks are within its outline.
+        The centre keeps as far from marks as the local planner has to, or as far as it is now, if that is
+        less. `touching`: marks may be within the body's radius now.
         """
-        cell, apart = self.parameters.cell, math.inf
+        marks, cell = self.marks(), self.parameters.cell
+        least = math.inf
         for step in range(math.ceil(distance / cell) + 1):
             back = here.compose(Pose(-min(step * cell, distance), 0.0, 0.0))
             x, y = self._cells(back.x, back.y)
-            if not (0 <= x < len(self.squared) and 0 <= y < len(self.squared)):
+            if not (0 <= x < len(self._marks) and 0 <= y < len(self._marks)):
                 return False
-            near = cell * math.sqrt(self.squared[math.floor(y), math.floor(x)])
-            if touching and step == 0:
-                apart = near
-            if near < min(self._radius, apart):
+            away = marks - (back.x, back.y)
+            near = math.sqrt(np.square(away).sum(axis=1).min(initial=math.inf))
+            if step == 0:
+                least = min(self._room, near) if touching or near >= self._radius else math.inf
+            if near < least:
                 return False
-            apart = near
         return True
 
     def costs(self) -> NDArray[np.uint8]:
@@ -252,6 +265,8 @@ class CostMap:
             self._marks = _rolled(self._marks, up, right, 0)
             if self._stamps.size:
                 self._stamps = _rolled(self._stamps, up, right, _NEVER)
+            if self.arrivals.size:
+                self.arrivals = _rolled(self.arrivals, up, right, _NEVER)
             self._squared = None
 
 

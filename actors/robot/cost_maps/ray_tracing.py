@@ -38,7 +38,9 @@ def fingerprint() -> bytes:
     limits = np.array([0.02, 25.0, 30.0, 0.0])
     take_in(marks, ranges, rays, fan, eye, body, limits)
     stamp(stamps, 7, ranges, rays, eye, body, limits)
-    return bytes(marks) + bytes(stamps)
+    arrivals = np.zeros((40, 40), np.int64)
+    note_arrivals(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
+    return bytes(marks) + bytes(stamps) + bytes(arrivals)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -185,3 +187,22 @@ def stamp(
                 enter = to_y
                 to_y += per_y
                 row += north
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def note_arrivals(
+    arrivals: NDArray[np.int64],
+    instant: int,
+    marks: Marks,
+    before: Marks,
+    stamps: NDArray[np.int64],
+    oldest: int,
+) -> None:
+    """Write `instant` into every cell that is marked, was not so `before`, and has a stamp from `oldest` on.
+
+    All arrays: (rows, columns).
+    """
+    for row in range(marks.shape[0]):
+        for column in range(marks.shape[1]):
+            if marks[row, column] > before[row, column] and stamps[row, column] >= oldest:
+                arrivals[row, column] = instant

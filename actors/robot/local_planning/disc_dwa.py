@@ -99,6 +99,7 @@ def best(
     window: Floats,
     counts: tuple[int, int],
     barred: NDArray[np.bool_],
+    bounds: Floats,
     fields: Fields,
     table: Floats,
     weights: NDArray[np.void],
@@ -107,13 +108,14 @@ def best(
 
     `pose`: x and y, cells, heading, rad. `window`: lowest and highest speed, cells/s, and turn rate, rad/s;
     `counts`, each ≥ 2: so many of both are tried, from the lowest on, speeds in the outer loop. `barred`:
-    (4,), True if forward, backward, left turn, right turn must not be. `table`: weighted cost by squared
-    distance, as far as that goes. `weights`: (1,) of WEIGHTS.
+    (4,), True if forward, backward, left turn, right turn must not be. `bounds`: (k, 3), a unit
+    vector and the distance, cells, that the body may cover along it until it has stopped. `table`: weighted
+    cost by squared distance, as far as that goes. `weights`: (1,) of WEIGHTS.
     """
     speed: float
     turn: float
     score: float
-    speed, turn, score = _best(pose, window, *counts, barred, *fields, table, weights)
+    speed, turn, score = _best(pose, window, *counts, barred, bounds, *fields, table, weights)
     return VelocityChoice(speed, turn, score)
 
 
@@ -148,8 +150,9 @@ def fingerprint() -> bytes:
     table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
     table.setflags(write=False)
     window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
+    bounds = np.array([[0.6, 0.8, 1.5]])
     poses = [np.array([12.3, 20.4, heading]) for heading in (-3.0, 0.1, 1.4)]
-    chosen = [best(pose, window, counts, barred, fields, table, weights) for pose in poses]
+    chosen = [best(pose, window, counts, barred, bounds, fields, table, weights) for pose in poses]
     return (
         np.array(chosen).tobytes()
         + np.array([squared_at(squared, pose[0], pose[1]) for pose in poses]).tobytes()
@@ -299,6 +302,23 @@ def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
+    """Return True if a body that brakes `stop_buffer` from now on stays within all bounds."""
+    if bounds.shape[0] == 0 or speed == 0.0:
+        return True
+    length = speed * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
+    half = 0.5 * turn * length / speed
+    half_c, half_s = cos(half), sin(half)
+    if half != 0.0:
+        length *= half_s / half
+    x, y = length * (c * half_c - s * half_s), length * (s * half_c + c * half_s)
+    within = True
+    for k in range(bounds.shape[0]):
+        within = within and x * bounds[k, 0] + y * bounds[k, 1] <= bounds[k, 2]
+    return within
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _samples(low: float, high: float, count: int) -> Floats:
     """`count` values evenly from `low` to `high`, and 0 if it lies between two; one value if both are equal.
 
@@ -325,6 +345,7 @@ def _best(
     speed_count: int,
     turn_count: int,
     barred: NDArray[np.bool_],
+    bounds: Floats,
     squared: Squares,
     path: Steps,
     goal: Steps,
@@ -343,7 +364,7 @@ def _best(
     best_speed, best_turn, lowest = 0.0, 0.0, INVALID
     for speed in speeds:
         for turn in turns:
-            if _is_barred(speed, turn, barred, w):
+            if _is_barred(speed, turn, barred, w) or not _stops_within(bounds, speed, turn, c, s, w):
                 continue
             least, x, y, end_c, end_s = _driven(
                 pose[0], pose[1], c, s, speed, turn, squared, trusted, fleeing, w

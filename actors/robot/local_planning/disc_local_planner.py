@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
 from actors.portable import atan2, cos_sin, hypot
+from actors.robot.cost_maps.cell_distance import half_gaps
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.disc_dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.local_planning.dwa_parameters import DwaParameters
@@ -20,6 +21,7 @@ _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance: dwa_planner.cpp of ROS Indigo."""
 _BEHIND: Final = 0.75 * math.pi
 """From this angle on either side will do to turn to what lies behind, rad."""
+_BOUNDLESS: Final = np.empty((0, 3))
 _NOTHING: Final = np.zeros(4, np.bool_)
 """Barred: none of the four directions."""
 
@@ -60,6 +62,9 @@ class DiscLocalPlanner(BaseLocalPlanner):
         inscribed = local.inflation.inscribed / self._cell
         self._limit = inscribed * inscribed
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
+        slowing = min(p.acceleration, limits.acceleration)
+        self._farthest = self._max_speed * (p.stop_buffer + 0.5 * self._max_speed / slowing) / self._cell
+        """At full speed the body covers so many cells until it has stopped."""
         self._nearest = 0
 
     def follow(self, way: NDArray[np.float64]) -> None:
@@ -93,6 +98,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
             window,
             (self._p.speed_samples, self._p.turn_samples),
             barred,
+            self._bounds(instant, body),
             fields,
             self._table,
             self._weights,
@@ -128,6 +134,18 @@ class DiscLocalPlanner(BaseLocalPlanner):
         leads = bearing(squared, self._limit, cells, body, nose)
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
         return _Outlook(fields, hypot(dx, dy), leads, aside)
+
+    def _bounds(self, instant: Instant, body: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what moving things leave to this robot."""
+        local = self._local
+        if not local.arrivals.size:
+            return _BOUNDLESS
+        since = instant - local.parameters.moving_memory
+        room = math.sqrt(self._limit)
+        bounds: NDArray[np.float64] = half_gaps(
+            local.squared, local.arrivals, since, body, room, self._farthest
+        )
+        return bounds
 
     def _window(self, velocity: Twist, too_near: bool) -> NDArray[np.float64]:
         """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""

@@ -3,7 +3,7 @@
 import math
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final, Protocol
 
@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from actors.bounds import check, check_unused
 from actors.floor import flood
+from actors.floor.distance import squared_distance
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.sharing import Shared
 from actors.geometry import Point
 from actors.robot.cost_maps.cell_distance import check_reach, squared_within
+from actors.robot.cost_maps.footprint import inscribed
 from actors.robot.cost_maps.inflation import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
@@ -39,6 +41,9 @@ class PlanningParameters:
     0.177."""
     padding: float = 0.01
     """navfn: corners of the body's outline count as so much farther out along each axis, m (costmap_2d)."""
+    narrowest: float = 0.0
+    """grid: no plan leads through gaps between walls that are narrower than this, m; 0: as `margin` has it.
+    Own choice: what the local planner drives through with certainty."""
     inflation_radius: float = 0.5
     """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
     scaling: float = 10.0
@@ -60,7 +65,16 @@ class PlanningParameters:
     """grid: they take at most so much memory, MB; the last one is kept whatever it takes."""
 
     def __post_init__(self) -> None:
-        names = ("margin", "allowance", "padding", "inflation_radius", "scaling", "factor", "wall")
+        names = (
+            "margin",
+            "narrowest",
+            "allowance",
+            "padding",
+            "inflation_radius",
+            "scaling",
+            "factor",
+            "wall",
+        )
         lengths = dict.fromkeys((*names, "tolerance"), 0)
         check(
             "planner",
@@ -76,13 +90,13 @@ class PlanningParameters:
 HIGHEST: Final = 253
 """Cost of a cell in navfn, at most, that can be passed."""
 _IDLE: Final = {
-    "navfn": ("cell", "margin", "cached", "cached_mb"),
+    "navfn": ("cell", "margin", "narrowest", "cached", "cached_mb"),
     "grid": ("allowance", "padding"),
 }
 """By method: parameters that it does not use."""
 _GRID: Final = PlanningParameters(method="grid", factor=3.0)
 PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
-    {"chapter": PlanningParameters(), "robust": _GRID}
+    {"chapter": PlanningParameters(), "robust": replace(_GRID, narrowest=0.56)}
 )
 """As the presets of the table [navigation] are called."""
 
@@ -126,10 +140,10 @@ def ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = 
 
 
 def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> Ground:
-    factor = max(1, math.ceil(parameters.cell / plan.resolution - 1e-9))
+    factor = _factor(parameters, plan.resolution)
     clearance = _coarse(plan.clearance, factor)
     reach = radius + parameters.margin
-    passable = clearance >= reach
+    passable = (clearance >= reach) & _wide_enough(plan, reach, factor, parameters.narrowest)
     costs = np.where(passable, _costs(clearance, radius, parameters), 0).astype(np.int32)
     cells = np.where(passable, FREE, OCCUPIED).astype(np.uint8)
     for shared in (clearance, costs):
@@ -137,6 +151,45 @@ def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) 
     return Ground(
         OccupancyGrid(cells, plan.resolution * factor, plan.origin), clearance, costs, radius, reach
     )
+
+
+def narrowest_door(radius: float, parameters: PlanningParameters, resolution: float) -> float:
+    """Return the width, m, from which on a disc of `radius`, m, has a plan through any door of the map.
+
+    The door's jambs lie along the map's cells, of side `resolution`, m.
+    """
+    if parameters.method == "navfn":
+        within = inscribed(radius + parameters.allowance, parameters.padding)
+        return (2 * math.floor(within / resolution) + 1) * resolution
+    beside = math.ceil((radius + parameters.margin) / resolution - 0.5 - 1e-9)
+    by_margin = 2 * (beside + _factor(parameters, resolution)) - 1
+    return max(by_margin, math.ceil(parameters.narrowest / resolution - 1e-9)) * resolution
+
+
+def _factor(parameters: PlanningParameters, resolution: float) -> int:
+    """Return the side of a planning cell in cells of the map."""
+    return max(1, math.ceil(parameters.cell / resolution - 1e-9))
+
+
+def _wide_enough(
+    plan: OccupancyGrid, reach: float, factor: int, narrowest: float
+) -> NDArray[np.bool_] | np.bool_:
+    """Return which planning cells lie in no gap between walls that is narrower than `narrowest`, m.
+
+    A cell beside a wall is near the middle of a wide gap; a cell in a narrow gap is not. The middle of a gap
+    is a cell, or the line between two.
+    """
+    if not narrowest:
+        return np.True_
+    cell = plan.resolution
+    beside = plan.clearance >= (narrowest - cell) / 2 - 1e-9
+    square = beside[:-1, :-1] & beside[1:, :-1] & beside[:-1, 1:] & beside[1:, 1:]
+    middle = plan.clearance >= narrowest / 2 - 1e-9
+    middle[:-1, :-1] |= square
+    middle[1:, 1:] |= square
+    away = cell * np.sqrt(squared_distance(middle))
+    open_floor: NDArray[np.bool_] = _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
+    return open_floor
 
 
 def _costs(distance: NDArray[np.float64], radius: float, parameters: PlanningParameters) -> NDArray[np.int32]:
