@@ -153,7 +153,9 @@ class CostMap:
         side = 2 * self._half
         self._marks: NDArray[np.uint8] = np.zeros((side, side), np.uint8)
         self._stamps: NDArray[np.int64] = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
-        self.arrivals = np.full((side, side) if p.moving_memory else (0, 0), _NEVER, np.int64)
+        self.arrivals: NDArray[np.int64] = np.full(
+            (side, side) if p.moving_memory else (0, 0), _NEVER, np.int64
+        )
         """When a cell that counted as seen free was last marked; empty where `moving_memory` is 0."""
         self._squared: NDArray[np.int16] | None = None
         self._taken: Instant | None = None
