@@ -66,7 +66,7 @@ def test_a_run_is_read_by_every_cheap_command(tmp_path: Path) -> None:
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("strategy", [*STRATEGIES, EXAMPLE])
 def test_a_run_of_every_strategy_is_read_by_every_command(strategy: str, tmp_path: Path) -> None:
-    readers = (*READERS, *SLOW_READERS)
+    readers: tuple[str, ...] = (*READERS, *SLOW_READERS)
     if strategy == "oracle":  # its robots share memory, so none of them can be replayed alone
         alone = ("explain", "export", "replay {out} --robot")
         readers = tuple(words for words in readers if not words.startswith(alone))
