@@ -1,4 +1,4 @@
-"""`acrc record`: what a run has recorded, in figures, in full, drawn, in one file, and checked."""
+"""`acrc record`: what a run has recorded, in figures, in full, drawn, and checked."""
 
 import json as json_
 import time
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from observation.recordings.topics import Recorded
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Run = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
 _Recorded = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
 _Growing = Annotated[
     Path, typer.Argument(metavar="OUT", help="A run's folder, also while it goes on, or one recording.")
@@ -117,37 +116,17 @@ def plot(
 
 
 @app.command()
-def merge(
-    out: _Run,
-    file: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.mcap", help="New file.")],
-    json: Json = False,
-) -> None:
-    """Merge recordings into one file for any MCAP reader.
-
-    It has all messages of the run in canonical order.
-    """
-    from deploy.run import out_folder
-    from observation.recordings import merged_file
-
-    with out_folder.writing(file.absolute().parent):
-        report = merged_file.merge(out, file)
-    said = f"{file}: {report.about.messages} messages of digest {report.about.digest}; {report.size} B"
-    answer([said], {"file": file, "bytes": report.size, "about": report.about}, json=json)
-
-
-@app.command()
 def check(out: _Recorded, json: Json = False) -> None:
     """Check whether a run's files are as it left them.
 
-    Compares recordings with their checksums, one another and the result, and all files with the seal. Of one
-    file alone, also a merged one, say whether it is as it was written, and what it is.
+    Compare recordings with their checksums, one another and the result, and all files with the seal. A single
+    recording is compared with its checksums only.
     """
-    from observation.recordings import merged_file
     from observation.replay import record_check
     from observation.results import seal
 
     if out.is_file():
-        plainly, said = merged_file.told(out)
+        plainly, said = record_check.check_recording(out)
         answer([said], plainly, json=json)
         return
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:

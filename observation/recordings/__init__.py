@@ -1,1 +1,1 @@
-"""What recordings hold: told, followed while a run goes on, and merged into one file for any reader."""
+"""Contents of recordings, also while a run goes on."""

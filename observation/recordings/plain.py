@@ -12,7 +12,6 @@ from actors.topic import Message
 
 TAG: Final = "kind"
 """The field that says which of several a value is, such as `heard` of the events of Received."""
-_INTEGER: Final = {"type": "integer"}
 
 
 def plain(value: object) -> Any:
@@ -33,53 +32,6 @@ def _field(value: msgspec.Struct, name: str) -> object:
         count = len(value.ranges_mm) // 2
         return struct.unpack(f"<{count}H", value.ranges_mm[: 2 * count])
     return getattr(value, name)
-
-
-def schema(kind: type[Message]) -> dict[str, Any]:
-    """The JSON schema of what `plain` makes of messages of a type."""
-    return {"title": kind.__name__, **_schema(inspect.type_info(kind))}
-
-
-def _schema(kind: inspect.Type) -> dict[str, Any]:  # noqa: PLR0911  # one for each kind of field
-    match kind:
-        case inspect.StructType():
-            return _object(kind)
-        case inspect.TupleType():
-            return {"type": "array", "items": _schema(kind.item_types[0])}
-        case inspect.VarTupleType() | inspect.ListType():
-            return {"type": "array", "items": _schema(kind.item_type)}
-        case inspect.UnionType():
-            return _union(kind)
-        case inspect.BytesType():
-            return {"type": "string", "contentEncoding": "base64"}
-        case inspect.BoolType():
-            return {"type": "boolean"}
-        case inspect.IntType():
-            return dict(_INTEGER)
-        case inspect.FloatType():
-            return {"type": "number"}
-        case inspect.StrType():
-            return {"type": "string"}
-    raise AssertionError(f"a message has a field of a kind that has no schema yet: {kind}")
-
-
-def _object(kind: inspect.StructType) -> dict[str, Any]:
-    properties = {field.name: _schema(field.type) for field in kind.fields}
-    if kind.cls is Scan:
-        properties["ranges_mm"] = {"type": "array", "items": dict(_INTEGER)}
-    if kind.tag is not None:
-        properties = {TAG: {"type": "string", "enum": [kind.tag]}, **properties}
-    return {"type": "object", "properties": properties}
-
-
-def _union(kind: inspect.UnionType) -> dict[str, Any]:
-    """Of one type or nothing, that type; of several parts, all fields that any of them has."""
-    schemas = [_schema(one) for one in kind.types if not isinstance(one, inspect.NoneType)]
-    if len(schemas) == 1:
-        return schemas[0]
-    kinds = [name for one in schemas for name in one["properties"][TAG]["enum"]]
-    properties = {name: shape for one in schemas for name, shape in one["properties"].items()}
-    return {"type": "object", "properties": properties | {TAG: {"type": "string", "enum": kinds}}}
 
 
 def columns(kind: type[Message]) -> list[str]:

@@ -25,8 +25,6 @@ from actors.runtime.recording.reading import opened
 from actors.topic import Message, Topic
 from observation.replay.run_recordings import recordings
 
-MERGED: Final = "acrc-merged"
-"""The profile of a merged file."""
 _POLL_S: Final = 0.1
 _HASH: Final = 40
 """Bytes of a message of which only the hash was kept."""
@@ -81,17 +79,7 @@ def files(target: Path) -> dict[str, Path]:
     """The recordings by actor: of a run's folder, also of one that is going on, or the one that is named."""
     if not target.is_file():
         return recordings(target)
-    if is_merged(target):
-        raise TopicError(
-            f"{target}: a merged file, for other programs; must be a run's folder, or one of its recordings"
-        )
     return {target.stem: target}
-
-
-def is_merged(file: Path) -> bool:
-    """True for a file that `acrc record merge` has made, by its beginning."""
-    with opened(file) as stream:
-        return MERGED.encode() in stream.read(64)
 
 
 def messages(target: Path, wanted: str) -> Iterator[Recorded]:

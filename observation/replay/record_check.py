@@ -52,6 +52,19 @@ def sentences(report: CheckReport) -> Iterator[str]:
         )
 
 
+def check_recording(file: Path) -> tuple[dict[str, object], str]:
+    """Compare one process's recording with its checksums; return what it is, for programs and in words.
+
+    Raises RecordingError where it is damaged.
+    """
+    found = read_pass(file.stem, file, strict=True)
+    count, state = found.digest.count, "whole" if found.whole else "cut"
+    until = "" if found.step is None else f", good up to step {found.step}"
+    said = f"the recording of {found.actor}: {count} digested messages, {state}{until}"
+    told = {"actor": found.actor, "messages": count, "whole": found.whole, "good_until": found.step}
+    return {"is": "recording", **told}, said
+
+
 def check(out: Path, *, strict: bool = True) -> CheckReport:
     """Read all recordings of a run, and compare them, also with its result and its seal.
 

@@ -97,7 +97,6 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "tables/poses.parquet",
         ),
         Line("export runs/a --mcap ros2 --robot r1 --trust", r"messages of \d+ topics", "runs/a.ros2.mcap"),
-        Line("record merge runs/a --out all.mcap --json", r'"bytes":\d+', "all.mcap"),
         Line("record check runs/a --json", r'^\{"digest":"'),
         Line("replay runs/a --robot r1 --modules . --isolate", r"^r1: identical: \d+ outputs$"),
         Line("replay runs/a --robot r2 --no-isolate --trust", r"^r2: identical: \d+ outputs$"),

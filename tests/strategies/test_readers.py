@@ -25,7 +25,7 @@ SLOW_READERS = (
     "replay {out} --robot r2 --modules . --no-isolate", "export {out} --modules .",
     "export {out} --mcap ros2 --modules .", "export {out} --mcap foxglove --modules .",
     "report {out}", "causes {out} --what-if --modules .", "record echo {out} r1/drive",
-    "record plot {out} r1/drive vx --out {out}/vx.png", "record merge {out} --out {out}/all.mcap",
+    "record plot {out} r1/drive vx --out {out}/vx.png",
 )  # fmt: skip
 SHIPPED_FILES = {
     "scenario {file} --png {out}.png --modules .": [

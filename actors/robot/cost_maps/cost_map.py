@@ -230,8 +230,8 @@ class CostMap:
             x, y = self._cells(back.x, back.y)
             if not (0 <= x < len(self._marks) and 0 <= y < len(self._marks)):
                 return False
-            away = marks - (back.x, back.y)
-            near = math.sqrt(np.square(away).sum(axis=1).min(initial=math.inf))
+            squared = np.square(marks[:, 0] - back.x) + np.square(marks[:, 1] - back.y)
+            near = math.sqrt(squared.min(initial=math.inf))
             if step == 0:
                 least = min(self._room, near) if touching or near >= self._radius else math.inf
             if near < least:
