@@ -100,8 +100,12 @@ def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
 def _fields(path: Path, most: int) -> tuple[dict[str, str | list[str]], list[str]]:
     """The values of the known keys, with the defaults of those that are absent; the names of other keys."""
     try:
-        text = regular_file.content(path, most)
-        document = next(yaml.compose_all(text.replace(b"\t", b" "), Loader=yaml.BaseLoader), None)
+        content = regular_file.content(path, most).replace(b"\t", b" ")
+        try:
+            document = next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
+        except yaml.reader.ReaderError:  # comments in the Latin-1 of older editors
+            text = content.decode("latin-1")
+            document = next(yaml.compose_all(text, Loader=yaml.BaseLoader), None)
     except OSError as error:
         raise MapError(f"{path}: the map cannot be read: {error.strerror}.") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:

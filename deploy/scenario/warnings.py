@@ -22,7 +22,7 @@ from actors.robot.behaviour.goal import GoalStatus
 from actors.robot.cost_maps.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
 from actors.robot.navigation.navfn_potential import IMPASSABLE
-from actors.robot.navigation.planning import ground
+from actors.robot.navigation.planning import ground, narrowest_door
 from actors.robot.navigation.potential import descent, potential
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model
@@ -97,17 +97,20 @@ class _Floor:
 
     def _made(self, radius: float) -> _Room:
         stack, grid = self.resolved.stack, self.grid
-        clearance, cell = room_needed(radius, stack.local_map), grid.resolution
+        clearance, cell = room_needed(radius, stack.local_map), self.resolved.grid.resolution
         if stack.planner.method == "navfn":
-            costs = global_costs(grid, radius, stack.planner)
-            door, passable = 2 * costs.inflation.inscribed + cell, costs.costs < IMPASSABLE
+            passable = global_costs(grid, radius, stack.planner).costs < IMPASSABLE
         else:
             coarse = ground(grid, radius, stack.planner)
-            factor = round(coarse.grid.resolution / cell)
-            door, passable = 2 * coarse.reach + (2 * factor - 1) * cell, coarse.costs > 0
-            passable = passable.repeat(factor, axis=0).repeat(factor, axis=1)[: grid.rows, : grid.columns]
+            factor = round(coarse.grid.resolution / grid.resolution)
+            passable = (coarse.costs > 0).repeat(factor, axis=0).repeat(factor, axis=1)
+            passable = passable[: grid.rows, : grid.columns]
         wide = grid.clearance >= clearance - self.slack
-        return _Room(clearance, max(2 * clearance, door), flood.regions(passable & wide))
+        return _Room(
+            clearance,
+            max(2 * clearance, narrowest_door(radius, stack.planner, cell)),
+            flood.regions(passable & wide),
+        )
 
     def part(self, robot: BodySetup, room: _Room) -> int:
         """Return the part of the floor that the robot starts in, 0 for none.

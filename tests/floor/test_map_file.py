@@ -137,7 +137,7 @@ def test_keys_of_other_tools_are_ignored_with_one_warning(tmp_path: Path) -> Non
 def test_yaml_as_editors_save_it(tmp_path: Path, content: str, end: str) -> None:
     path = written(tmp_path)
     text = content.replace("{}", path.read_text()).replace("\n", end)
-    for encoding in ("utf-8", "utf-8-sig", "utf-16"):
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "latin-1"):
         path.write_bytes(text.encode(encoding))
         assert load_map(path).cells.tolist() == CELLS
 

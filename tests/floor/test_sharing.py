@@ -64,7 +64,7 @@ def test_every_copy_of_a_map_is_one_grid(tmp_path: Path) -> None:
 def test_equal_grids_have_one_ground_and_one_field_for_equal_parameters() -> None:
     grid = load_map(CORRIDOR)
     twin = OccupancyGrid(grid.cells, grid.resolution, grid.origin)
-    floor, field = ground(grid, 0.2), likelihood_field(grid, 2.0)
+    floor, field = ground(grid, 0.2, PLANNER_PRESETS["robust"]), likelihood_field(grid, 2.0)
     assert ground(twin, 0.2, PLANNER_PRESETS["robust"]) is floor
     assert likelihood_field(twin, 2.0) is field
     assert ground(twin, 0.25) is not floor

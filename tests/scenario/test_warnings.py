@@ -114,12 +114,12 @@ def test_a_place_that_the_robot_only_comes_near_or_not_even_that(tmp_path: Path)
 @pytest.mark.parametrize(
     ("preset", "cell", "width", "needed"),
     [
-        ("robust", 0.1, 0.5, "0.52"),
-        ("robust", 0.05, 0.45, "0.52"),
-        ("robust", 0.02, 0.2, "0.52"),
+        ("robust", 0.1, 0.5, "0.60"),
+        ("robust", 0.05, 0.55, "0.60"),
+        ("robust", 0.02, 0.2, "0.56"),
         ("chapter", 0.05, 0.5, "0.53"),
         ("chapter", 0.1, 0.6, None),
-        ("robust", 0.05, 0.55, None),
+        ("robust", 0.05, 0.6, None),
     ],
 )
 def test_a_door_that_is_too_narrow(
