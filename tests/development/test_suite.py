@@ -142,12 +142,19 @@ def test_under_ci_a_module_skipped_in_a_worker_is_named(
     assert "CI is set, so skipped tests are failures; skipped: test_gone.py" in done.stdout.splitlines()
 
 
-def test_no_assertion_of_the_product_has_an_effect() -> None:
-    """With -O assertions are gone."""
+PURE = {"abs", "all", "array", "array_equal", "int", "isinstance", "len", "reshape"}
+
+
+def test_the_product_works_without_assertions_and_docstrings() -> None:
+    """With -O and -OO they are gone."""
     root, wrong = Path(__file__).parents[2], []
     for path in (path for name in PACKAGES for path in (root / name).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            parts = list(ast.walk(node)) if isinstance(node, ast.Assert) else []
+            calls = {ast.unparse(one.func).rpartition(".")[2] for one in parts if isinstance(one, ast.Call)}
             effects = ast.NamedExpr | ast.Await | ast.Yield | ast.YieldFrom
-            if isinstance(node, ast.Assert) and any(isinstance(one, effects) for one in ast.walk(node)):
+            if any(isinstance(one, effects) for one in parts) or calls - PURE:
+                wrong.append(f"{path}:{node.lineno}")
+            if isinstance(node, ast.Attribute) and node.attr == "__doc__":
                 wrong.append(f"{path}:{node.lineno}")
     assert wrong == []

@@ -171,8 +171,8 @@ def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, "json.evil:behaviour", [study], INSTALLED)
     assert str(caught.value) == (
-        "bold.toml names the strategy json.evil:behaviour, and 'json', which is installed, has no such "
-        "module; rename a folder json/ of your own: the installed package of this name comes first"
+        "bold.toml names the strategy json.evil:behaviour, but 'json' is an installed package without such a "
+        "module; if json/ is your own folder, rename it"
     )
 
 

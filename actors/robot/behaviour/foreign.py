@@ -119,8 +119,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
             )
     if not is_installed(module):
         raise AcrcError(
-            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such "
-            f"module; rename a folder {top}/ of your own: the installed package of this name comes first"
+            f"{source} names the strategy {name}, but {top!r} is an installed package without such a module; "
+            f"if {top}/ is your own folder, rename it"
         )
 
 

@@ -1,0 +1,92 @@
+"""Commands in shells that users have: a sourced ROS, conda, optimised Python, odd folders, little space."""
+
+import json
+import os
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import Permit, admitted
+from actors.runtime.errors import AcrcError
+from deploy.scenario.scenario_file import load_scenario
+
+FOREIGN = ("numpy", "yaml", "zenoh", "msgpack", "typer", "rich")
+RUN = ("run", "--bus", "memory", "--robots", "1", "--duration", "1", "--json")
+
+
+@pytest.fixture(scope="module")
+def ros(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Packages of a sourced ROS, built for another Python, and modules that Python imports by itself."""
+    folder = tmp_path_factory.mktemp("ros")
+    for name in FOREIGN:
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text("raise ImportError('for another Python')\n")
+    for name in ("sitecustomize", "usercustomize", "typing_extensions", "launch_testing"):
+        (folder / f"{name}.py").write_text("raise SystemExit('foreign code ran')\n")
+    return folder
+
+
+def acrc(folder: Path, settings: Mapping[str, str], *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [REPOSITORY / "acrc", *words],
+        check=False, cwd=folder, env={**os.environ, **settings}, capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+
+
+def test_variables_of_another_environment_change_nothing(ros: Path, tmp_path: Path) -> None:
+    """One run with all of them: whichever had an effect, the run would fail."""
+    settings = {
+        "PYTHONPATH": str(ros), "PYTHONHOME": "/usr", "PYTHONOPTIMIZE": "2", "PYTHONWARNINGS": "error",
+        "PYTHONDEVMODE": "1", "PYTHONSAFEPATH": "", "PYTHONNOUSERSITE": "1", "PYTHONUSERBASE": str(ros),
+        "PYTHONINSPECT": "1", "PYTHONHASHSEED": "no number", "PYTHONIOENCODING": "ascii", "LC_ALL": "C",
+        "PYTHONPYCACHEPREFIX": "/nowhere", "PYTHONDONTWRITEBYTECODE": "1", "CONDA_PREFIX": str(ros),
+        "VIRTUAL_ENV": str(ros), "PATH": f"{ros}:{os.environ['PATH']}",
+        "HOME": "/nowhere", "TMPDIR": "/nowhere", "ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros",
+    }  # fmt: skip
+    (ros / "python3").write_text("#!/bin/sh\nexit 3\n")
+    (ros / "python3").chmod(0o755)
+    done = acrc(tmp_path, settings, *RUN)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["digest"] == json.loads(acrc(tmp_path, {}, *RUN).stdout)["digest"]
+
+
+def test_packages_of_pythonpath_come_last_where_the_script_is_not_used(ros: Path, tmp_path: Path) -> None:
+    python = REPOSITORY / ".venv" / "bin" / "python"
+    environment = {**os.environ, "PYTHONPATH": str(ros)}
+    (ros / "sitecustomize.py").unlink()
+    done = subprocess.run(
+        [python, "-P", "-W", "error", "-X", "dev", "-m", "command_line", "list", "presets"],
+        check=False, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("package", ["experiments", "deploy", "observation", "random"])
+def test_a_folder_of_the_users_with_a_name_that_is_taken(package: str, tmp_path: Path) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "mine.py").write_text("def behaviour(start): ...\n")
+    with pytest.raises(AcrcError, match=f"if {package}/ is your own folder, rename it"):
+        admitted(Path("s.toml"), f"{package}.mine:behaviour", [tmp_path], Permit((tmp_path,)))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-8", "utf-16"])
+def test_a_scenario_from_an_editor_on_windows(encoding: str, tmp_path: Path) -> None:
+    shipped = REPOSITORY / "scenarios" / "corridor.toml"
+    text = shipped.read_text().replace("../maps", str(REPOSITORY / "maps"))
+    file = tmp_path / "corridor.toml"
+    file.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    if encoding != "utf-16":
+        assert load_scenario(file).run == load_scenario(shipped).run.model_copy(
+            update={"modules": str(tmp_path)}
+        )
+        return
+    with pytest.raises(AcrcError, match=r"the scenario file is UTF-16; save it as UTF-8$"):
+        load_scenario(file)
+
+
+def test_a_folder_whose_name_is_not_utf_8_is_refused(tmp_path: Path) -> None:
+    done = acrc(tmp_path, {}, *RUN, "--out", os.fsdecode(b"\xff\xfeout"))
+    assert done.returncode == 2 and "the name is not UTF-8" in done.stderr and not list(tmp_path.iterdir())
