@@ -36,6 +36,8 @@ class _Outlook(NamedTuple):
     """Where the plan leads, rad, from the robot's heading."""
     aside: float
     """By how much it leads aside of the local goal, rad; 0 if something stands on it."""
+    ended: bool
+    """True if the local goal is where the plan ends."""
 
 
 class DiscLocalPlanner(BaseLocalPlanner):
@@ -87,7 +89,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         if outlook is None:
             return NOWHERE
         self._turning, fields = self._turns(outlook.bearing), outlook.fields
-        self._weigh(outlook, ended)
+        self._weigh(outlook)
         too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
         window, barred = self._window(velocity, too_near), self._oscillation.barred
         if self._turning and self._p.spot_rate:
@@ -119,8 +121,11 @@ class DiscLocalPlanner(BaseLocalPlanner):
         squared, side = self._local.squared, self._untrusted.shape[0]
         goal = free_goal(squared, self._limit, cells, self._p.goal_slack / self._cell if ended else -1.0)
         to_goal = wavefront(squared, self._limit, np.array([goal], np.int32))
-        if detour(to_goal, cells, body) > self._p.detour / self._cell:
+        more = detour(to_goal, cells, body)
+        if more > self._p.detour / self._cell:
             return None
+        if 0.0 < self._p.shortcut < -more * self._cell and cells.shape[0] > 1:
+            return self._outlook(instant, body, cells[: cells.shape[0] // 2], False)
         nose = self._p.forward_point / self._cell
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
         front = _ahead(goal, dx, dy, nose, side)
@@ -133,7 +138,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         )
         leads = bearing(squared, self._limit, cells, body, nose)
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
-        return _Outlook(fields, hypot(dx, dy), leads, aside)
+        return _Outlook(fields, hypot(dx, dy), leads, aside, ended)
 
     def _bounds(self, instant: Instant, body: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what moving things leave to this robot."""
@@ -165,14 +170,14 @@ class DiscLocalPlanner(BaseLocalPlanner):
         wanted = math.copysign(max(most, self._p.least_turn), side)
         return min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
 
-    def _weigh(self, outlook: _Outlook, ended: bool) -> None:
+    def _weigh(self, outlook: _Outlook) -> None:
         """Set the weights that change with where the local goal is."""
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
         near = outlook.goal <= self._p.forward_point / self._cell
         self._weights["alignment"] = 0.0 if near else self._alignment
         # behind a wall's end it would be drawn into the wall
         self._weights["front"] = 0.0 if outlook.aside > self._p.front_angle else self._front
-        self._weights["goal_distance"] = outlook.goal if ended else math.inf
+        self._weights["goal_distance"] = outlook.goal if outlook.ended else math.inf
 
     def _turns(self, angle: float) -> bool:
         """True if it turns on the spot now: from too large an angle on until it is half of that."""

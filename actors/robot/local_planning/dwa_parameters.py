@@ -11,7 +11,7 @@ from actors.instant import Duration, seconds
 _IDLE: Final = {
     "indigo": (
         *("min_speed", "stop_buffer", "scaling_speed", "max_scaling_factor"),
-        *("goal_slack", "detour", "spot_angle", "spot_rate", "front_angle", "escape"),
+        *("goal_slack", "detour", "shortcut", "spot_angle", "spot_rate", "front_angle", "escape"),
     ),
     "disc": ("heading_tolerance", "stopped_speed", "stopped_turn"),
 }
@@ -22,7 +22,7 @@ _LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", 
 _NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")
 _LEAST: Final = {
     **dict.fromkeys((*_NOT_NEGATIVE, "forward_point", "max_scaling_factor", "goal_slack"), 0.0),
-    **dict.fromkeys(("detour", "spot_angle", "spot_rate", "front_angle", *_IDLE["disc"]), 0.0),
+    **dict.fromkeys(("detour", "shortcut", "spot_angle", "spot_rate", "front_angle", *_IDLE["disc"]), 0.0),
     **dict.fromkeys(("oscillation_distance", "oscillation_angle"), 0.0),
     **dict.fromkeys(("speed_samples", "turn_samples"), 2.0),
     "min_speed": -10.0,
@@ -105,6 +105,10 @@ class DwaParameters:
     """Rules "disc": if the way to the local goal is longer than the plan by more than this, there is no
     trajectory, m. Own choice, half the window: what has not been seen counts as free, so that waves find ways
     behind walls, and dwa_local_planner turns on the spot before a door that is blocked."""
+    shortcut: float = 0.0
+    """Rules "disc": the local goal comes nearer along the plan until the plan is longer than the shortest way
+    to it by this at most, m; 0: it stays. Own choice: through a gap that the plan avoids, the shortest way
+    draws the robot back while the plan draws it on, and it stands between the two."""
     spot_angle: float = 1.6
     """Rules "disc": if the plan leads away at more than this angle and nothing stands there, the robot turns
     on the spot until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
@@ -153,6 +157,7 @@ DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
             path_bias=16.0,
             spot_rate=1.8,
             front_angle=0.8,
+            shortcut=1.5,
             escape=1.0,
         ),
     }
