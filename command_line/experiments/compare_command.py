@@ -81,6 +81,7 @@ def _told(found: CampaignJudgement) -> dict[str, object]:
             }
             for one in found.across
         ],
+        "too_few": list(found.too_few),
         "estimates": [dataclasses.asdict(one) for one in found.estimates],
     }  # fmt: skip
 

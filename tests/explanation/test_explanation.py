@@ -61,8 +61,8 @@ PLANTED = (
         ("frame", 4.866, "relayed once"))),
     Known("planted", "r3@9.5", "sets off for (4.00, 12.00)", (
         ("state", 9.0, "by Following.at_member with r1"),
-        ("frame", 8.852, "a frame of r4 brought it, relayed once"),
-        ("lost", 8.76, "below sensitivity"))),
+        ("frame", 8.872, "a frame of r4 brought it, relayed once"),
+        ("lost", 8.78, "below sensitivity"))),
     Known("planted", "r4@4.5", "sets off for (5.00, 12.50)", (
         ("state", 4.0, "by Following.at_member with r2"),
         ("frame", 3.444, "a frame of r2 brought it, its own"))),

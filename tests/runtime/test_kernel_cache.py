@@ -148,5 +148,8 @@ before = state()
 import actors, actors.kernels, actors.robot.program, actors.world.program, actors.radio.program, acrc_testbed
 print([(a, b) for a, b in zip(before, state()) if a != b])
 """
-    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
+    shell = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # it comes last then
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], env=shell, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
