@@ -178,9 +178,8 @@ def test_folders_that_a_run_names_count_for_nothing_whatever_their_order(
     received.forge("json.evil:behaviour", places)
     for trust in ((), ("--trust",)):
         assert received.refuses("replay", received.run, "--robot", "r1", *trust) == (
-            f"acrc: {received.run}/r1/r1.mcap names the strategy json.evil:behaviour, and 'json', which is "
-            "installed, has no such module; rename a folder json/ of your own: the installed package of this "
-            "name comes first\n"
+            f"acrc: {received.run}/r1/r1.mcap names the strategy json.evil:behaviour, but 'json' is an "
+            "installed package without such a module; if json/ is your own folder, rename it\n"
         )
 
 
