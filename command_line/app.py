@@ -35,7 +35,7 @@ app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(replaying.explain)
 app.command()(exporting.export)
-app.add_typer(record, name="record", help="Read what a run recorded; merge and check recordings.")
+app.add_typer(record, name="record", help="Read and check what a run recorded.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Set up real robots, start, watch and stop them.")
 app.command(

@@ -55,6 +55,11 @@ def signals_as_interrupts() -> Iterator[None]:
         if isinstance(error.__cause__, Interrupted):
             raise error.__cause__ from None
         raise
+    except ImportError:
+        # A package that is written in C, such as numpy, replaces what is raised while it is imported.
+        if heeding.raised is not None:
+            raise heeding.raised from None
+        raise
     finally:
         heeding.send_no_more()
         sys.unraisablehook = heeding.tell
@@ -67,6 +72,8 @@ class _Heeding:
 
     def __init__(self) -> None:
         self.tell = sys.unraisablehook
+        self.raised: Interrupted | None = None
+        """What the last signal raised."""
         self._raised_s = -math.inf
         self._lost: Interrupted | None = None
         self._sending: list[threading.Timer] = []
@@ -75,7 +82,8 @@ class _Heeding:
         """The signal has come: Interrupted, unless what an earlier one has set off is still under way."""
         if time.monotonic() > self._raised_s + _CLEARANCE_S:
             self._raised_s, self._lost = time.monotonic(), None
-            raise Interrupted(128 + number)
+            self.raised = Interrupted(128 + number)
+            raise self.raised
 
     def send_again(self, what: "UnraisableHookArgs") -> None:
         """What is raised while C calls Python, as where a kernel is loaded, gets no further than there."""

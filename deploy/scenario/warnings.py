@@ -60,7 +60,7 @@ def out_of_reach(resolved: ResolvedScenario) -> tuple[PlaceKey, ...]:
     return tuple(_floor(resolved, resolved.grid).unreached)
 
 
-class _Room(NamedTuple):
+class _RobotFloor(NamedTuple):
     """What one robot's body needs of the floor, with both planners of its navigation."""
 
     clearance: float
@@ -91,11 +91,11 @@ class _Floor:
         """Return the radius of the robot's body, m."""
         return self.model(robot.model, robot.sensor).footprint.circumradius
 
-    def room(self, robot: BodySetup) -> _Room:
+    def room(self, robot: BodySetup) -> _RobotFloor:
         """Return what the robot's body needs."""
         return self._room(self.radius(robot))
 
-    def _made(self, radius: float) -> _Room:
+    def _made(self, radius: float) -> _RobotFloor:
         stack, grid = self.resolved.stack, self.grid
         clearance, cell = room_needed(radius, stack.local_map), self.resolved.grid.resolution
         if stack.planner.method == "navfn":
@@ -106,13 +106,13 @@ class _Floor:
             passable = (coarse.costs > 0).repeat(factor, axis=0).repeat(factor, axis=1)
             passable = passable[: grid.rows, : grid.columns]
         wide = grid.clearance >= clearance - self.slack
-        return _Room(
+        return _RobotFloor(
             clearance,
             max(2 * clearance, narrowest_door(radius, stack.planner, cell)),
             flood.regions(passable & wide),
         )
 
-    def part(self, robot: BodySetup, room: _Room) -> int:
+    def part(self, robot: BodySetup, room: _RobotFloor) -> int:
         """Return the part of the floor that the robot starts in, 0 for none.
 
         A start too near to a wall counts as if it were a little farther away.
@@ -290,7 +290,7 @@ def _apart(floor: _Floor) -> Iterator[str]:
             yield f"no radio frame gets from the part of the floor of {names} to that of {rest}"
 
 
-def _heard(floor: _Floor, room: _Room, ones: list[BodySetup], others: list[BodySetup]) -> bool:
+def _heard(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
     """Return whether a frame gets from any floor of some robots to any of the others'."""
     grid, model = floor.grid, radio_model(floor.resolved.radio)
     ends = []

@@ -1,11 +1,14 @@
 """Ctrl-C at any moment of a command: one sentence, exit code 130, nothing left behind."""
 
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from actors.processes.signals import Interrupted, signals_as_interrupts
 from tests.swarm.command import ROOT
 
 INTERRUPTED = """
@@ -50,3 +53,11 @@ def test_ctrl_c_at_any_moment_is_one_sentence(tmp_path: Path, event: int, words:
         kept = f"; the same command resumes from {out}"
     assert done.stderr.splitlines()[-1:] == [f"acrc: ended from outside{kept}"]
     assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_while_a_package_written_in_c_is_imported() -> None:
+    with pytest.raises(Interrupted), signals_as_interrupts():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except Interrupted:
+            raise ImportError("numpy._core.multiarray failed to import") from None

@@ -98,7 +98,7 @@ def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tm
 
 def test_an_extra_that_is_missing_is_named(python: Path, tmp_path: Path) -> None:
     (tmp_path / "absent").mkdir()
-    (tmp_path / "absent" / "scipy.py").write_text("raise ModuleNotFoundError('scipy', name='scipy.stats')")
+    (tmp_path / "absent" / "sitecustomize.py").write_text("import sys\nsys.modules['scipy.stats'] = None\n")
     done = acrc(python, tmp_path, "study", "plan", path=str(tmp_path / "absent"))
     assert done.returncode == 1
     assert done.stderr == (

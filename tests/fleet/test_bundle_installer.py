@@ -201,7 +201,7 @@ def test_a_computer_is_one_robot_until_somebody_says_otherwise(robot: Robot) -> 
 
 
 FAULTS = {
-    "pip": {"PIP_FAILS": "yes"},
+    "pip": {"FAKE_PIP_FAILS": "yes"},
     "kernels": {"KERNELS_FAIL": "yes"},
 }
 
@@ -224,7 +224,7 @@ def test_an_update_that_does_not_end_leaves_the_old_version_and_what_the_robot_k
     service = (robot.etc / SERVICE).read_bytes()
     update = robot.changed()
     if fault == "killed":
-        process = robot.begin(update, PIP_TAKES="30")
+        process = robot.begin(update, FAKE_PIP_TAKES="30")
         while len(list(robot.folder.glob("srv/acrc/versions/*/.venv"))) < 2:
             assert process.poll() is None
             time.sleep(0.01)

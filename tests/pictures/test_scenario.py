@@ -44,6 +44,7 @@ def test_the_chapters_scenario_in_words_and_as_a_picture(tmp_path: Path) -> None
     assert done.stdout.splitlines() == [
         "4 robots, 40 places, 600 s at most, strategy chapter, seed 42",
         "floor: 29.4 m by 14.8 m, of which a robot's centre gets to 120 m²; 7 regions, 5 narrow places",
+        "navigation chapter, localisation chapter",
         "radio: half of the longest frames arrive over 10.0 m in line of sight",
         "places r2/1 and r2/9 are 0.16 m apart: who cleans one cleans the other",
         str(picture),
@@ -58,7 +59,7 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     assert found.out_of_reach == (PlaceKey("r1", 1),)
     assert found.parts.doors == ()
     done = acrc("scenario", file)
-    assert "nobody can reach place r1/1: no floor within its reach" in done.stdout
+    assert "warning: no way leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout
     labels = [
         handle.get_label() for handle in scenario_picture.draw(found).legends[0].legend_handles if handle
     ]

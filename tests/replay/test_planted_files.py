@@ -148,7 +148,7 @@ def test_what_is_no_file_or_has_no_end_is_one_sentence(
         (
             _huge,
             "may have at most 1000000 bytes, but has more",
-            "a map's YAML may have at most 65536 bytes, but this is larger.",
+            "the map cannot be read: has more than 65536 bytes.",
         ),
     ],
 )
