@@ -154,7 +154,7 @@ def test_the_product_works_without_assertions_and_docstrings() -> None:
             calls = {ast.unparse(one.func).rpartition(".")[2] for one in parts if isinstance(one, ast.Call)}
             effects = ast.NamedExpr | ast.Await | ast.Yield | ast.YieldFrom
             if any(isinstance(one, effects) for one in parts) or calls - PURE:
-                wrong.append(f"{path}:{node.lineno}")
+                wrong.append(f"{path}:{getattr(node, 'lineno', 0)}")
             if isinstance(node, ast.Attribute) and node.attr == "__doc__":
                 wrong.append(f"{path}:{node.lineno}")
     assert wrong == []
