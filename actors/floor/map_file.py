@@ -27,9 +27,9 @@ _FORMATS: Final = ("PNG", "PPM", "BMP", "GIF", "TIFF", "WEBP", "JPEG")
 _GREY_SPREAD: Final = 32
 """Difference of a pixel's channels above which it is a colour: JPEG and scanners make smaller ones."""
 _YAW_TOLERANCE: Final = 0.0025
-"""How far a yaw may be from a multiple of π/2, rad: people write 1.57 for π/2 and 4.71 for 3π/2."""
+"""Tolerance of a yaw beside a multiple of π/2, rad: files have 1.57 for π/2 and 4.71 for 3π/2."""
 _UNKNOWN: Final = 0.196
-"""How occupied the grey 205 is that map_saver writes for unknown, rounded down; brighter is floor."""
+"""Occupancy of the grey 205 that map_saver writes for unknown, rounded down; brighter is floor."""
 _POCKETS: Final = 0.01
 """Share of an image above which such grey within walls is warned of."""
 

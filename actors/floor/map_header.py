@@ -32,7 +32,7 @@ class MapHeader:
     resolution: float
     origin: Point
     yaw: float
-    """How far the image is turned counter-clockwise about `origin`, rad."""
+    """Rotation of the image about `origin`, counter-clockwise, rad."""
     negate: bool
     occupied: float
     free: float

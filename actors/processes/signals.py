@@ -73,7 +73,7 @@ class _Heeding:
     def __init__(self) -> None:
         self.tell = sys.unraisablehook
         self.raised: Interrupted | None = None
-        """What the last signal raised."""
+        """Exception of the last signal."""
         self._raised_s = -math.inf
         self._lost: Interrupted | None = None
         self._sending: list[threading.Timer] = []

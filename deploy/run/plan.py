@@ -57,7 +57,7 @@ class RunPlan(Swarm):
     warning: str = ""
     """What is missing of the robots' isolation, for the user; empty if nothing is."""
     warnings: tuple[str, ...] = ()
-    """What will fail in the scenario, a sentence each."""
+    """Expected failures of the scenario, a sentence each."""
     debug: Debugged | None = None
     """The robot at whose breakpoints the run stops; None: as Python has it."""
     timeout: Timeout = field(default=Timeout())

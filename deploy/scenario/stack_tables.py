@@ -37,7 +37,7 @@ IMPROVED_REMOVED: Final = (
     'local_map.body = "disc", local_map.allowance = 0.0, local_map.padding = 0.045, '
     'local_map.inf_is_valid = true, dwa.rules = "disc" and dwa.granularity = 0.05'
 )
-"""What a file or an option that names the navigation preset `improved` is told."""
+"""Error for a file or an option that names the removed navigation preset `improved`."""
 _P = TypeVar("_P")
 
 

@@ -44,7 +44,7 @@ class ScenarioSurvey:
     out_of_reach: tuple[PlaceKey, ...]
     """Places that their owner's navigation does not get near enough to."""
     warnings: tuple[str, ...]
-    """What will fail in a run, a sentence each."""
+    """Expected failures of the run, a sentence each."""
     close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
     """Pairs of one robot's places so near to each other, m, that the first visit may tick both off."""
     radio_reach: float

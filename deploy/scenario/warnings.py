@@ -61,7 +61,7 @@ def out_of_reach(resolved: ResolvedScenario) -> tuple[PlaceKey, ...]:
 
 
 class _RobotFloor(NamedTuple):
-    """What one robot's body needs of the floor, with both planners of its navigation."""
+    """Floor on which both planners of one robot's navigation find room for its body."""
 
     clearance: float
     """With which the local planner stands free at any angle, m."""
@@ -72,7 +72,7 @@ class _RobotFloor(NamedTuple):
 
 
 class _Floor:
-    """Where every robot's navigation gets to on a floor plan."""
+    """Reachable floor of every robot's navigation."""
 
     def __init__(self, resolved: ResolvedScenario, grid: OccupancyGrid, slack: float = 0.0) -> None:
         """`slack`: the clearance may be so much less at the centre of a cell, m, than robots need."""
@@ -253,7 +253,7 @@ def _width(grid: OccupancyGrid, row: int, column: int) -> float:
 
 
 def _closed_doors(floor: _Floor) -> Iterator[str]:
-    """Yield the places that nobody gets to any more once doors are closed for good."""
+    """Yield the places that become unreachable once doors are closed for good."""
     grid = floor.resolved.grid
     doors = Doorways(grid, max(map(floor.radius, floor.robots)))
     closed: dict[int, float] = {}

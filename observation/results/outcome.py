@@ -12,7 +12,7 @@ from actors.runtime.errors import AcrcError
 
 T = TypeVar("T")
 Outcomes = dict[str, dict[str, bool | int | float | str]]
-"""What behaviours' `outcome()` returned, by name and robot."""
+"""Values that behaviours' `outcome()` returned, by name and robot."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 """Of anything; also an instant, µs."""
 Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]

@@ -124,9 +124,9 @@ class RunResult(msgspec.Struct, frozen=True):
     refused_reports: tuple[str, ...] = ()
     """What robots said of themselves that cannot be, a sentence each; it is not counted."""
     outcome: Outcomes = {}
-    """What behaviours' `outcome()` returned, by name and robot; of a restarted robot, in its last process."""
+    """Values that behaviours' `outcome()` returned, by name and robot; after a restart the last ones."""
     warnings: tuple[str, ...] = ()
-    """What was known before the run to fail in it, a sentence each."""
+    """Failures that were expected before the run, a sentence each."""
     held_up: dict[str, HoldUp] = {}
     """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
 

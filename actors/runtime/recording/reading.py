@@ -80,7 +80,7 @@ class Reading:
         self.whole = False
         """True once the end has been read, and is one: the process closed its file. False: it was cut."""
         self.damage: RecordingError | None = None
-        """Where and why reading ended before the end of the file."""
+        """Error at which reading ended before the end of the file; None: there is none."""
         self.seals = 0
         """Checksums so far, all of them true."""
         self._crc = self._size = self._at = 0
