@@ -1,6 +1,7 @@
 """What holds for all tests: the longest begin first; a skip under CI, where nobody sees it, is a failure."""
 
 import gc
+import json
 import os
 import signal
 from collections.abc import Iterator
@@ -80,12 +81,24 @@ LONGEST: Final = (
     "swarm/test_alone.py",
 )
 """What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
+CLAIM: Final = "claim"
+"""The marker of tests that check a statement of docs/how-true.md: `@pytest.mark.claim("name")`."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
 _SKIPPED: list[str] = []
+_CLAIM_REPORT: list[Path] = []
 
 
-def pytest_configure() -> None:
-    """What a shell starts in the background ignores Ctrl-C, and what the tests start would inherit that."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("claims")
+    group.addoption("--full", action="store_true", help="Run claim tests in full size.")
+    group.addoption("--claim", action="append", metavar="NAME", help="Run only tests of this claim.")
+    group.addoption("--claim-report", type=Path, metavar="FILE", help="Append a JSON line per claim test.")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let tests inherit neither an ignored Ctrl-C nor another project's modules."""
+    if (report := config.getoption("--claim-report")) is not None and not hasattr(config, "workerinput"):
+        _CLAIM_REPORT.append(report)
     # Programs and strategies of the tests lie beside the project, where no process of it looks by itself.
     os.environ.setdefault("PYTHONPATH", str(Path(__file__).parents[1]))
     gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
@@ -102,6 +115,12 @@ def forked_servers() -> Iterator[None]:
 
 
 @pytest.fixture
+def full(request: pytest.FixtureRequest) -> bool:
+    """True if `--full` asks for the size whose figures docs/how-true.md reports."""
+    return bool(request.config.getoption("--full"))
+
+
+@pytest.fixture
 def browser(tmp_path: Path) -> "Iterator[Browser]":
     """A real one with an empty page; where there is none, the test is skipped."""
     found = pytest.importorskip(
@@ -113,11 +132,24 @@ def browser(tmp_path: Path) -> "Iterator[Browser]":
         yield page
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    _select_claims(config, items)
     for item in items:
         if item.get_closest_marker(ALONE) is not None and not says_alone(item.path):
             raise pytest.UsageError(f"{item.nodeid}: the marker {ALONE} must stand in the test's own file")
     items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))
+
+
+def _select_claims(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Note each test's claim in its report; with `--claim`, keep the tests of those claims only."""
+    wanted = config.getoption("--claim")
+    for item in items:
+        if (mark := item.get_closest_marker(CLAIM)) is not None:
+            item.user_properties.append((CLAIM, mark.args[0]))
+            if config.getoption("--full"):
+                item.add_marker(pytest.mark.timeout(0))
+    if wanted:
+        items[:] = [item for item in items if dict(item.user_properties).get(CLAIM) in wanted]
 
 
 def pytest_collection_finish() -> None:
@@ -129,6 +161,22 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     if report.skipped and not hasattr(report, "wasxfail"):
         _SKIPPED.append(report.nodeid)
+    _report_claim(report)
+
+
+def _report_claim(report: pytest.TestReport) -> None:
+    """Append claim, test, outcome, seconds and the recorded properties of a test to the report file."""
+    properties = dict(report.user_properties)
+    if _CLAIM_REPORT and CLAIM in properties and (report.when == "call" or report.outcome != "passed"):
+        row = {
+            "claim": properties.pop(CLAIM),
+            "test": report.nodeid,
+            "outcome": report.outcome,
+            "seconds": round(report.duration, 2),
+            "figures": properties,
+        }
+        with _CLAIM_REPORT[0].open("a") as file:
+            file.write(json.dumps(row) + "\n")
 
 
 def pytest_collectreport(report: pytest.CollectReport) -> None:

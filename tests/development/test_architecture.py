@@ -4,7 +4,6 @@ import ast
 import re
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -35,7 +34,6 @@ ELSEWHERE = {
     "PoseStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
 }  # fmt: skip
 """Names of ROS, Foxglove, JDEECo, systemd, Linux and Python."""
-ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 
 
@@ -112,21 +110,6 @@ def defined(path: Path) -> set[str]:
         if isinstance(node, ast.ClassDef):
             found |= {f"{node.name}.{one.name}" for one in node.body if isinstance(one, ast.FunctionDef)}
     return found
-
-
-def test_every_room_is_on_the_page_with_its_own_words() -> None:
-    told = {cells[0]: cells[1] for cells in rows("Rooms")}
-    rooms = sorted({path.parent for path in sources() if path.parts[0] in PACKAGES})
-    said = {}
-    for room in rooms:
-        words = ast.get_docstring(ast.parse((REPOSITORY / room / "__init__.py").read_text())) or ""
-        said[f"`{room}/`"] = words.partition("\n")[0]
-    assert told == said
-
-
-def test_nobody_stands_in_a_corridor() -> None:
-    sizes = Counter(path.parent for path in sources())
-    assert {str(room): size for room, size in sizes.items() if size > ROOM_LIMIT} == {}
 
 
 @pytest.mark.parametrize("page", PAGES)
