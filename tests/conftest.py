@@ -22,6 +22,8 @@ if "CI" not in os.environ:  # there hypothesis has a profile of its own, without
     settings.register_profile("here", deadline=None)  # no test may fail because others take the processor
     settings.load_profile("here")
 
+pytest_plugins = ["tests.recorded_runs"]
+
 LONGEST: Final = (
     "hosts/test_hosted_runs.py",
     "cli/test_every_option.py",

@@ -23,8 +23,8 @@ from actors.runtime.recording import (
 )
 from observation.replay.record_check import check
 from observation.replay.record_pass import CheckError
+from tests.in_process import acrc
 from tests.replay.forging import forge, with_payload
-from tests.swarm.command import acrc
 
 FLIPS = 220
 

@@ -10,7 +10,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions, checked
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.recheck import RecheckError, recheck
-from tests.swarm.command import acrc
+from tests.in_process import acrc
 
 
 def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path) -> None:

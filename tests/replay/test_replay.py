@@ -15,7 +15,7 @@ from command_line import replaying
 from deploy.branches.swarm_replay import replay_otherwise, replay_swarm
 from observation.replay import debugging
 from observation.replay.record_replay import Onlook, replay_actor
-from tests.swarm.command import acrc
+from tests.in_process import acrc
 
 
 def test_a_run_made_again_is_the_same(recorded: Path) -> None:
