@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actors.console import screen
-from actors.installation.usage import OptionError
+from actors.installation.usage import OptionError, wrong_value
 from command_line.options import Json, Modules, Trust, answer
 
 if TYPE_CHECKING:
@@ -25,12 +25,14 @@ def export(
         typer.Option(
             "--out",
             metavar="PATH",
-            help="Where to.  [default: the folder OUT/tables; with --mcap the file OUT.FORM.mcap]",
+            help="Output folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]",
         ),
     ] = None,
     mcap: Annotated[
         str | None,
-        typer.Option(metavar="FORM", help="Write an MCAP file for RViz (ros2) or Foxglove (foxglove)."),
+        typer.Option(
+            metavar="FORM", help="Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove."
+        ),
     ] = None,
     robot: Annotated[
         list[str] | None,
@@ -94,11 +96,12 @@ def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bo
 def _export_log(
     out: Path, file: Path | None, name: str, robots: Sequence[str], permit: "Permit", *, json: bool
 ) -> None:
+    if name != "ros2":
+        raise wrong_value("--mcap", name, "ros2, which RViz and Foxglove read")
     from actors.runtime.isolation.isolating import choose, warn
     from deploy.run import out_folder
-    from observation.robot_logs.logging_run import form_of, log_run
+    from observation.robot_logs.logging_run import log_run
 
-    form = form_of(name)
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")
     choice = choose(None)
     warn(choice.warning)
@@ -107,7 +110,6 @@ def _export_log(
         report = log_run(
             out,
             path,
-            form,
             robots,
             lambda actor: status.update(f"replaying {actor}" if actor else "writing"),
             permit=permit,

@@ -14,8 +14,6 @@ _LONGEST = 60
 _EXTRAS: Final = {
     "cryptography": "hardware",
     "distributed": "cluster",
-    "foxglove_schemas_protobuf": "logs",
-    "google": "logs",
     "matplotlib": "pictures",
     "pyarrow": "experiments",
     "pymunk": "sim",

@@ -1,4 +1,4 @@
-"""What all robots share: the floor plan, places, bodies, things that orders put there, radio links."""
+"""Log entries that all robots share: the floor plan, places, bodies, ordered obstacles, radio links."""
 
 from collections.abc import Iterator, Mapping
 from itertools import groupby
@@ -13,16 +13,15 @@ from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
 from observation.evidence.floor_things import FloorThing
-from observation.robot_logs.contents import (
+from observation.robot_logs.ros2_log import (
     UNKNOWN_CELL,
-    Disc,
-    Grid,
-    Label,
-    LineList,
     LogEntry,
-    MarkedScene,
-    MarkedShape,
-    entry,
+    Marker,
+    disc,
+    label,
+    lines,
+    marker_array,
+    occupancy_grid,
 )
 from observation.view.story import Story, Track
 
@@ -43,7 +42,7 @@ def map_entry(grid: OccupancyGrid) -> LogEntry:
     values = np.full(grid.cells.shape, UNKNOWN_CELL, np.int8)
     values[grid.cells == FREE], values[grid.cells == OCCUPIED] = 0, 100
     corner = Pose(grid.origin.x, grid.origin.y, 0.0)
-    return entry(0.0, "/map", Grid(corner, grid.resolution, values))
+    return LogEntry(0, "/map", occupancy_grid(corner, grid.resolution, values, 0), 0)
 
 
 def place_entries(story: Story) -> Iterator[LogEntry]:
@@ -55,26 +54,24 @@ def place_entries(story: Story) -> Iterator[LogEntry]:
     said += [(deed.second, 1, deed.place, "given up") for deed in story.given_up]
     said += [(deed.second, 2, deed.place, "done") for deed in story.reported]
     states = {PlaceKey(owner, n): "" for owner, count in story.begun_with.items() for n in range(count)}
-    yield entry(0.0, "/places", _places(story, states))
+    yield _scene(0.0, "/places", _places(story, states))
     for second, now in groupby(sorted(said, key=lambda one: one[:2]), key=lambda one: one[0]):
         before = dict(states)
         for _, _, key, state in now:
             if key.owner in story.places and 0 <= key.place < len(story.places[key.owner]):
                 states[key] = state or states.get(key, "")
         if states != before:
-            yield entry(second * 1e6, "/places", _places(story, states))
+            yield _scene(second, "/places", _places(story, states))
 
 
-def _places(story: Story, states: Mapping[PlaceKey, str]) -> MarkedScene:
-    shapes = []
+def _places(story: Story, states: Mapping[PlaceKey, str]) -> list[Marker]:
+    markers = []
     for key, state in states.items():
-        x, y = story.places[key.owner][key.place]
-        colour = colours.robot(story.robots.index(key.owner))
-        shape = MarkedShape(f"{key.owner}/{key.place}", Disc(x, y, _PLACE_RADIUS, _FLAT), colour)
-        if state:
-            shape = shape._replace(opacity=0.25, colour=colours.GREY if state == "given up" else colour)
-        shapes.append(shape)
-    return MarkedScene(tuple(shapes))
+        colour = colours.GREY if state == "given up" else colours.robot(story.robots.index(key.owner))
+        at = story.places[key.owner][key.place]
+        marker = disc(f"{key.owner}/{key.place}", at, _PLACE_RADIUS, _FLAT, colour)
+        markers.append(marker._replace(opacity=0.25) if state else marker)
+    return markers
 
 
 def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
@@ -86,41 +83,41 @@ def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[Log
         for second, act in track.acts
         if robot in acts
     ]
-    yield entry(0.0, "/robots", _bodies(story, models, acts))
+    yield _scene(0.0, "/robots", _bodies(story, models, acts))
     for second, now in groupby(sorted(said), key=lambda one: one[0]):
         before = dict(acts)
         acts |= {robot: act for _, robot, act in now}
         if acts != before:
-            yield entry(second * 1e6, "/robots", _bodies(story, models, acts))
+            yield _scene(second, "/robots", _bodies(story, models, acts))
 
 
-def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> MarkedScene:
-    shapes = []
+def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> list[Marker]:
+    markers = []
     for number, robot in enumerate(story.robots):
         if robot in models:
             frame = f"{robot}/{'truth' if story.true else 'base_link'}"
-            body = Disc(0.0, 0.0, models[robot].footprint.circumradius, _HIGH)
             colour = colours.GREY if acts[robot] == "off" else colours.robot(number)
-            shapes.append(MarkedShape(robot, body, colour, 0.4 if acts[robot] else 0.9, frame))
-            label = Label(0.0, 0.0, robot, _LETTERS)
-            shapes.append(MarkedShape(f"{robot}/name", label, colours.WHITE, frame=frame))
-    return MarkedScene(tuple(shapes))
+            body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
+            markers.append(body._replace(opacity=0.4 if acts[robot] else 0.9, frame=frame))
+            name = label(f"{robot}/name", robot, _LETTERS, colours.WHITE)
+            markers.append(name._replace(frame=frame))
+    return markers
 
 
 def thing_entries(story: Story) -> Iterator[LogEntry]:
     """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
     for second, things in story.things:
-        shapes = [_thing(number, thing) for number, thing in enumerate(things)]
-        yield entry(second * 1e6, "/things", MarkedScene(tuple(shapes)))
+        yield _scene(second, "/things", [_thing(number, thing) for number, thing in enumerate(things)])
 
 
-def _thing(number: int, thing: FloorThing) -> MarkedShape:
-    mark, (x, y) = MARKS[thing.kind], thing.points[0]
+def _thing(number: int, thing: FloorThing) -> Marker:
+    mark = MARKS[thing.kind]
     jams = mark.shape == "dashed ring"
-    form: Disc | LineList = LineList(thing.points, _WALL)
+    name, colour = f"{thing.kind} {number}", mark.colour or colours.GREY
+    marker = lines(name, thing.points, _WALL, colour)
     if thing.radius:
-        form = Disc(x, y, thing.radius, _FLAT if jams else _HIGH)
-    return MarkedShape(f"{thing.kind} {number}", form, mark.colour or colours.GREY, 0.3 if jams else 1.0)
+        marker = disc(name, thing.points[0], thing.radius, _FLAT if jams else _HIGH, colour)
+    return marker._replace(opacity=0.3 if jams else 1.0)
 
 
 def link_entries(story: Story) -> Iterator[LogEntry]:
@@ -134,8 +131,8 @@ def link_entries(story: Story) -> Iterator[LogEntry]:
         for one, other in pairs.tolist():
             ends = [_where(tracks[index], second) for index in (one, other)]
             points += [end for end in ends if end is not None] if None not in ends else []
-        shape = MarkedShape("links", LineList(tuple(points), _LINK), colours.LINK)
-        yield entry(second * 1e6, "/links", MarkedScene((shape,) if points else ()))
+        links = [lines("links", tuple(points), _LINK, colours.LINK)] if points else []
+        yield _scene(second, "/links", links)
 
 
 def _where(track: Track, second: float) -> tuple[float, float] | None:
@@ -145,3 +142,8 @@ def _where(track: Track, second: float) -> tuple[float, float] | None:
         return None
     x, y = track.poses[at, :2].tolist()
     return x, y
+
+
+def _scene(second: float, topic: str, markers: list[Marker]) -> LogEntry:
+    instant = round(second * 1e6)
+    return LogEntry(instant, topic, marker_array(markers, instant), instant)

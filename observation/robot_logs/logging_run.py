@@ -1,13 +1,11 @@
-"""What `acrc export --mcap` does: a run's folder as one log of all its robots."""
+"""`acrc export --mcap`: a run's folder as one ROS 2 log of all its robots."""
 
-import importlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from operator import attrgetter
 from pathlib import Path
-from typing import Final
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
@@ -19,8 +17,6 @@ from observation.evidence.run_evidence import world_setup
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
-from observation.robot_logs import log_file
-from observation.robot_logs.contents import LogEntry, LogForm
 from observation.robot_logs.floor_entries import (
     body_entries,
     link_entries,
@@ -36,41 +32,26 @@ from observation.robot_logs.robot_entries import (
     traced_entries,
     true_entries,
 )
-from observation.robot_logs.spool import Spool
+from observation.robot_logs.ros2_log import LogEntry, Spool, write
 from observation.trace.traces import BOUNDS, traces
 from observation.view.collected import collected_story
 from observation.view.simulated import simulated_story
 from observation.view.story import Source, Story
 
-FORMS: Final = ("ros2", "foxglove")
-
 
 @dataclass(frozen=True)
 class LogReport:
-    """What has come of it."""
+    """Messages and gaps of a written log."""
 
     counts: Counter[str]
     """Messages by topic."""
     notes: tuple[str, ...]
-    """What is missing or not known, a sentence each."""
-
-
-def form_of(name: str) -> LogForm:
-    """The form of that name. Raises OptionError for one that there is not."""
-    if name not in FORMS:
-        raise wrong_value("--mcap", name, f"one of {', '.join(FORMS)}")
-    made: LogForm = (
-        importlib.import_module("observation.robot_logs.ros2_form").Ros2Form()
-        if name == "ros2"
-        else importlib.import_module("observation.robot_logs.foxglove_form").FoxgloveForm()
-    )
-    return made
+    """What is missing or unknown, a sentence each."""
 
 
 def log_run(
     out: Path,
     path: Path,
-    form: LogForm,
     robots: Sequence[str] = (),
     on_actor: Callable[[str], object] = lambda actor: None,
     *,
@@ -93,14 +74,11 @@ def log_run(
             raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
     models, left_out = _models(story, files), Counter[str]()
     sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
-    with Spool(form) as spool, regular_file.replaced(path) as part:
+    with Spool() as spool, regular_file.replaced(path) as part:
         faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
         on_actor("")
-        # Foxglove has no schema of a velocity alone.
-        commands = [command_entries(files[actor], one) for actor, one in sources.items() if form.profile]
-        streams = _streams(story, files, sources, models, spool, left_out)
-        entries = merge(*streams, *commands, key=attrgetter("logged"))
-        counts = log_file.write(part, form, entries, left_out)
+        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        counts = write(part, entries, left_out)
     absent = [
         f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
         for topic, count in sorted(left_out.items())
@@ -151,6 +129,8 @@ def _streams(
         yield sensed_entries(files[actor], source, track, model, left_out)
     yield link_entries(story)
     yield spool.entries()
+    for actor, source in sources.items():
+        yield command_entries(files[actor], source)
 
 
 def _models(story: Story, files: Mapping[str, Path]) -> dict[str, RobotModel]:

@@ -1,4 +1,4 @@
-"""What one robot logs: of its recording odometry, scans and where it is, of its trace what it means."""
+"""Log entries of one robot: odometry, scans and poses of its recording, navigation state of its trace."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -14,22 +14,8 @@ from actors.message_limits import senses_fault
 from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Scan, Senses
 from actors.robot_model import RobotModel
 from observation.evidence.recorded import taken
-from observation.robot_logs.contents import (
-    MAP,
-    UNKNOWN_CELL,
-    Grid,
-    LogEntry,
-    LoggedCommand,
-    LoggedPlan,
-    LoggedScan,
-    PlacedMotion,
-    PlacedPose,
-    PointSet,
-    RobotWords,
-    Transform,
-    Transforms,
-    entry,
-)
+from observation.robot_logs import ros2_log
+from observation.robot_logs.ros2_log import MAP, UNKNOWN_CELL, LogEntry, Transform
 from observation.trace.rows import Trace
 from observation.view.story import Source, Story, Track
 
@@ -50,17 +36,16 @@ def true_entries(story: Story) -> Iterator[LogEntry]:
     tracks = list(story.tracks.items())
     for step, second in enumerate(tracks[0][1].seconds.tolist()):
         poses = [(robot, Pose(*track.poses[step].tolist())) for robot, track in tracks]
-        frames = tuple(Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses)
-        yield entry(second * 1e6, "/tf", Transforms(frames))
+        yield _frames(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
         for robot, pose in poses:
-            yield entry(second * 1e6, f"/{robot}/truth", PlacedPose(MAP, pose))
+            yield _placed(second * 1e6, f"/{robot}/truth", pose)
 
 
 def held_entries(robot: str, track: Track) -> Iterator[LogEntry]:
     """Where a robot held itself to be, as often as it said so."""
     for second, held in zip(track.seconds.tolist(), track.held.tolist(), strict=True):
         if held[0] == held[0]:
-            yield entry(second * 1e6, f"/{robot}/pose", PlacedPose(MAP, Pose(*held)))
+            yield _placed(second * 1e6, f"/{robot}/pose", Pose(*held))
 
 
 def sensed_entries(
@@ -84,17 +69,18 @@ def sensed_entries(
         second, *stamps = clock(instants).tolist()
         yield from _moved(robot, senses, second, _held(track, second))
         for scan, stamp in zip(scans, stamps, strict=True):
-            sweep = LoggedScan(f"{robot}/laser", model.sensor, _ranges(scan))
-            yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, round(stamp * 1e6))
+            at = round(stamp * 1e6)
+            sweep = ros2_log.laser_scan(f"{robot}/laser", model.sensor, _ranges(scan), at)
+            yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)
 
 
 def command_entries(path: Path, source: Source) -> Iterator[LogEntry]:
     """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
     for (_, senses), (_, drive) in zip(taken(path, SENSES), taken(path, DRIVE, "out"), strict=False):
         if abs(senses.instant) <= _FAR:
-            second = source.clock(np.array([senses.instant])).item()
-            velocity = LoggedCommand(drive.vx, drive.vy, drive.omega)
-            yield entry(second * 1e6, f"/{source.robot}/cmd_vel", velocity)
+            at = round(source.clock(np.array([senses.instant])).item() * 1e6)
+            velocity = ros2_log.twist(drive.vx, drive.vy, drive.omega)
+            yield LogEntry(at, f"/{source.robot}/cmd_vel", velocity, at)
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:
@@ -108,9 +94,9 @@ def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iter
     frames = [Transform(odom, base, odometry)]
     if held is not None:
         frames.insert(0, Transform(MAP, odom, held.frame(odometry)))
-    yield entry(second * 1e6, "/tf", Transforms(tuple(frames)))
-    motion = PlacedMotion(odom, base, odometry, told.vx, told.vy, told.omega)
-    yield entry(second * 1e6, f"/{robot}/odom", motion)
+    yield _frames(second * 1e6, frames)
+    at, velocity = round(second * 1e6), ros2_log.twist(told.vx, told.vy, told.omega)
+    yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
 
 
 def _held(track: Track, second: float) -> Pose | None:
@@ -135,27 +121,27 @@ def traced_entries(source: Source, trace: Trace) -> Iterator[LogEntry]:
     )  # fmt: skip
 
 
-def _times(source: Source, instants: NDArray[np.int64]) -> list[float]:
-    """µs of the run, never before one another."""
+def _times(source: Source, instants: NDArray[np.int64]) -> list[int]:
+    """Return µs of the run, in ascending order."""
     found: list[float] = (np.maximum.accumulate(source.clock(instants)) * 1e6).tolist()
-    return found
+    return [round(one) for one in found]
 
 
 def _clouds(source: Source, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.particles_at), trace.particles.rows(), strict=True):
-        yield entry(time, f"/{source.robot}/particles", PointSet(points))
+        yield LogEntry(time, f"/{source.robot}/particles", ros2_log.point_cloud(points, time), time)
 
 
 def _plans(source: Source, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.plans_at), trace.plans.rows(), strict=True):
-        yield entry(time, f"/{source.robot}/plan", LoggedPlan(points))
+        yield LogEntry(time, f"/{source.robot}/plan", ros2_log.path(points, time), time)
 
 
 def _costs(source: Source, trace: Trace) -> Iterator[LogEntry]:
     times = _times(source, trace.costs_at)
     for time, costs, corner in zip(times, trace.costs, trace.corners.tolist(), strict=True):
-        grid = Grid(Pose(*corner), trace.cell, occupancy(costs))
-        yield entry(time, f"/{source.robot}/local_costmap", grid)
+        grid = ros2_log.occupancy_grid(Pose(*corner), trace.cell, occupancy(costs), time)
+        yield LogEntry(time, f"/{source.robot}/local_costmap", grid, time)
 
 
 def _meant(source: Source, trace: Trace) -> Iterator[LogEntry]:
@@ -164,9 +150,9 @@ def _meant(source: Source, trace: Trace) -> Iterator[LogEntry]:
     times = _times(source, np.array([one.instant for one in trace.doings], np.int64))
     for time, one in zip(times, trace.doings, strict=True):
         where = f" to {one.destination}" if one.destination else ""
-        yield entry(time, "/rosout", RobotWords(source.robot, one.activity + where))
+        yield LogEntry(time, "/rosout", ros2_log.log_line(source.robot, one.activity + where, time), time)
         if one.point is not None and one.point != before:
-            yield entry(time, f"/{source.robot}/goal", PlacedPose(MAP, Pose(*one.point, 0.0)))
+            yield _placed(time, f"/{source.robot}/goal", Pose(*one.point, 0.0))
         before = one.point
 
 
@@ -188,4 +174,14 @@ def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
         Transform(f"{robot}/base_link", f"{robot}/laser", model.sensor.mount)
         for robot, model in models.items()
     ]
-    return entry(0.0, "/tf_static", Transforms(tuple(frames)))
+    return LogEntry(0, "/tf_static", ros2_log.transforms(frames, 0), 0)
+
+
+def _frames(microseconds: float, frames: list[Transform]) -> LogEntry:
+    at = round(microseconds)
+    return LogEntry(at, "/tf", ros2_log.transforms(frames, at), at)
+
+
+def _placed(microseconds: float, topic: str, pose: Pose) -> LogEntry:
+    at = round(microseconds)
+    return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)

@@ -203,7 +203,6 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("record", "plot", "out"), ["pictures"]),
         (("export", "out"), ["experiments", "sim"]),
         (("export", "out", "--mcap", "ros2"), ["logs", "sim"]),
-        (("export", "out", "--mcap=foxglove"), ["logs", "sim"]),
         (("verify", "onboard"), ["hardware", "sim"]),
         (("verify", "functions", "--full"), ["dev", "sim"]),
         (("verify", "radio", "causes"), ["experiments", "sim"]),

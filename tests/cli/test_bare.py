@@ -41,8 +41,7 @@ STARTS = {
     "explain": ("observation.trace.program", "actors.processes.forkserver", *ACTORS),
     "export": ("observation.trace.program", "actors.processes.forkserver", *ACTORS),
     "export --mcap": (
-        *("observation.robot_logs.logging_run", "observation.robot_logs.ros2_form"),
-        *("observation.robot_logs.foxglove_form", "observation.trace.program"),
+        *("observation.robot_logs.logging_run", "observation.trace.program"),
         *("actors.processes.forkserver", *ACTORS),
     ),
     "view --png": ("observation.evidence.run_evidence", "observation.picture.run_page"),

@@ -111,8 +111,6 @@ def test_every_package_of_an_extra_has_its_name() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     imported = {
-        "foxglove-schemas-protobuf": "foxglove_schemas_protobuf",
-        "protobuf": "google",
         "pyserial": "serial",
         "rerun-sdk": "rerun",
     }

@@ -1,24 +1,125 @@
-"""The log as ROS 2 has it, by a reader of another library, beside what was recorded."""
+"""`acrc export --mcap`: the ROS 2 log of one run with orders, read by a decoder of another library."""
 
 import math
+from collections import Counter, defaultdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import msgspec
 import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
-from actors.messages import DRIVE, SENSES
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError
+from actors.messages import DRIVE, SENSES, Odometry, Scan, Senses
+from actors.robot.behaviour.foreign import INSTALLED
+from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import sandbox
+from command_line.exporting import export
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import load_scenario
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import read_run
+from observation.robot_logs import robot_entries, ros2_log
+from observation.robot_logs.logging_run import LogReport, log_run
 from observation.robot_logs.robot_entries import occupancy
-from tests.robot_logs.conftest import Log
+from observation.robot_logs.ros2_log import TYPES, LogEntry
+from observation.view.story import Source, Track
+from tests.field_trial.rewriting import clock
+from tests.field_trial.runs import copies
 
+Log = dict[str, list[tuple[int, Any]]]
+"""Messages by topic: log time, ns, and the decoded message."""
 ADD, DELETE_ALL = 0, 3
 CYLINDER, LINES = 3, 5
+EVENTS: Final = """
+[[event]]
+at = 1.0
+obstacle = [14.0, 12.0]
+radius = 0.2
+
+[[event]]
+at = 2.0
+jam = [5.0, 12.0]
+radius = 1.5
+duration = 2.0
+
+[[event]]
+at = 3.0
+close = [12.5, 9.4]
+
+[[event]]
+at = 4.0
+freeze = "r2"
+
+[[event]]
+at = 6.0
+thaw = "r2"
+
+[[event]]
+at = 7.0
+restart = "r1"
+"""
+
+
+MODEL = load_model("turtlebot2")
+SCAN = Scan(0, b"\0\0" * MODEL.sensor.rays)
+GOOD = Senses(
+    step=0, instant=0, events=0, odometry=Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), bumper=0,
+    scan=SCAN,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots that localise, for ten seconds."""
+    folder = tmp_path_factory.mktemp("logs")
+    shipped = (REPOSITORY / "scenarios" / "head_on.toml").read_text()
+    own = shipped.replace('"odometry"', '"chapter"').replace("../maps", str(REPOSITORY / "maps"))
+    (folder / "own.toml").write_text(own.replace("duration = 600.0", "duration = 10.0") + EVENTS)
+    settled = load_scenario(folder / "own.toml")
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(folder / "run", bus="memory")), lambda progress: None)
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def evidence(out: Path) -> RunEvidence:
+    return read_run(out)
+
+
+def write(out: Path, path: Path, *robots: str) -> LogReport:
+    isolate = sandbox.available() is None
+    return log_run(out, path, robots, permit=INSTALLED, isolate=isolate)
+
+
+def decoded(path: Path) -> Log:
+    """Read a log with the schemas in the file only."""
+    found: Log = defaultdict(list)
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, content in reader.iter_decoded_messages(log_time_order=False):
+            found[channel.topic].append((message.log_time, content))
+    return dict(found)
+
+
+@pytest.fixture(scope="module")
+def ros2_file(out: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("ros2") / "log.mcap"
+    assert write(out, path).notes == ()
+    return path
+
+
+@pytest.fixture(scope="module")
+def ros2(ros2_file: Path) -> Log:
+    return decoded(ros2_file)
 
 
 def stamp(time: Any) -> int:
@@ -77,26 +178,10 @@ def test_every_topic_has_its_type(ros2_file: Path) -> None:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     found = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
-    own = {
-        "truth": "geometry_msgs/msg/PoseStamped",
-        "pose": "geometry_msgs/msg/PoseStamped",
-        "goal": "geometry_msgs/msg/PoseStamped",
-        "odom": "nav_msgs/msg/Odometry",
-        "cmd_vel": "geometry_msgs/msg/Twist",
-        "scan": "sensor_msgs/msg/LaserScan",
-        "plan": "nav_msgs/msg/Path",
-        "local_costmap": "nav_msgs/msg/OccupancyGrid",
-        "particles": "sensor_msgs/msg/PointCloud2",
-    }
-    assert found == {f"/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in own.items()} | {
-        "/tf": "tf2_msgs/msg/TFMessage",
-        "/tf_static": "tf2_msgs/msg/TFMessage",
-        "/map": "nav_msgs/msg/OccupancyGrid",
-        "/places": "visualization_msgs/msg/MarkerArray",
-        "/robots": "visualization_msgs/msg/MarkerArray",
-        "/things": "visualization_msgs/msg/MarkerArray",
-        "/links": "visualization_msgs/msg/MarkerArray",
-        "/rosout": "rcl_interfaces/msg/Log",
+    shared = ("tf", "tf_static", "map", "places", "robots", "things", "links", "rosout")
+    own = TYPES.keys() - set(shared)
+    assert found == {f"/{name}": TYPES[name] for name in shared} | {
+        f"/{robot}/{name}": TYPES[name] for robot in ("r1", "r2") for name in own
     }
 
 
@@ -256,3 +341,98 @@ def test_who_heard_whom_is_a_line_between_them(ros2: Log, evidence: RunEvidence)
     ends = [(one.x, one.y) for one in line.points]
     assert ends == [tuple(one) for one in evidence.true[step, :, :2].tolist()]
     assert any(second - 1 <= copy.second <= second for copy in evidence.receptions)
+
+
+def test_a_command_gives_the_same_bytes_and_never_overwrites(
+    out: Path, ros2_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    export(out, mcap="ros2")
+    path = out.with_name("run.ros2.mcap")
+    said = capsys.readouterr().out.replace("\n", " ")
+    assert said.startswith(f"{path}: ") and " messages of 26 topics, " in said
+    assert path.read_bytes() == ros2_file.read_bytes()
+    with pytest.raises(OptionError, match="must be a new file"):
+        export(out, mcap="ros2")
+
+
+def test_of_other_robots_it_is_where_they_were(out: Path, tmp_path: Path) -> None:
+    report = write(out, tmp_path / "one.mcap", "r2")
+    of_others = {topic for topic in report.counts if topic.startswith("/r1/")}
+    assert of_others == {"/r1/truth", "/r1/pose"} and report.counts["/r2/scan"] > 50
+
+
+def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
+    trial = copies(out, tmp_path / "trial", {"r1": clock(5_000_000), "r2": clock(0)})
+    bare, *faults, early = write(trial, tmp_path / "trial.mcap").notes
+    assert bare == "no map lies beside the recordings: the floor is drawn bare"
+    assert [fault.partition(":")[0] for fault in faults] == [
+        f"{trial / one / 'map.yaml'}" for one in ("r1", "r2")
+    ]
+    # The copies keep the stamps of scans, and the clock of r1 is 5 s ahead of them.
+    assert early.startswith("/r1/scan: 50 messages are left out")
+    log = decoded(tmp_path / "trial.mcap")
+    assert "/things" not in log and not any(topic.endswith("/truth") for topic in log)
+    frames = {one.child_frame_id for _, message in log["/tf"] for one in message.transforms}
+    assert frames == {f"{robot}/{name}" for robot in ("r1", "r2") for name in ("odom", "base_link")}
+    bodies = shapes(log, "/robots")[0.0]
+    assert {one.header.frame_id for one in bodies} == {"r1/base_link", "r2/base_link"}
+    assert max(logged for logged, _ in log["/r1/scan"]) < 11e9 and "/r1/plan" not in log
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"mcap": "foxglove"}, "--mcap: foxglove; must be ros2, which RViz and Foxglove read"),
+        ({"mcap": "ros2", "robot": ["r9"]}, "--robot: r9; must be one of r1, r2"),
+        ({"robot": ["r1"]}, "--robot: requires --mcap; tables are of all robots"),
+        ({"mcap": "ros2", "out": "empty"}, "empty: no run's folder: there is no */*.mcap in it"),
+    ],
+)
+def test_wrong_input_gets_a_sentence(
+    options: dict[str, Any], sentence: str, out: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    given = {"out": out, "folder": tmp_path / "new"} | options
+    given["out"] = tmp_path / given["out"]
+    with pytest.raises(AcrcError) as raised:
+        export(**given)
+    assert str(raised.value).endswith(sentence)
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]
+
+
+def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEntry], Counter[str]]:
+    """Return the log entries of a robot that reports no pose, and the counts of rejected messages."""
+    left_out = Counter[str]()
+    monkeypatch.setattr(robot_entries, "taken", lambda path, topic: (("r1", one) for one in told))
+    source = Source("r1", "r1", lambda instants: instants / 1e6)
+    track = Track(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), ())
+    found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
+    return list(found), +left_out
+
+
+def test_what_no_sensor_says_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    replace = msgspec.structs.replace
+    short, late = Scan(0, b"\0\0\0"), replace(SCAN, stamp=2**63)
+    nowhere = replace(GOOD, odometry=Odometry(float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0))
+    found, left_out = entries(
+        monkeypatch,
+        GOOD,
+        replace(GOOD, scan=short),
+        replace(GOOD, earlier_scans=(late,)),
+        replace(GOOD, instant=-(2**63)),
+        nowhere,
+        replace(GOOD, halt=True),
+    )
+    assert left_out == {"/r1/scan": 2, "/r1/odom": 2}
+    assert Counter(one.topic for one in found) == {"/tf": 3, "/r1/odom": 3, "/r1/scan": 2}
+
+
+@pytest.mark.parametrize("instant", [-1, 2**31 * 1_000_000])
+def test_an_instant_that_no_log_can_have_is_left_out(instant: int, tmp_path: Path) -> None:
+    left_out = Counter[str]()
+    given = [
+        LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0),
+        LogEntry(0, "/rosout", b"", instant),
+    ]
+    counts = ros2_log.write(tmp_path / "a.mcap", given, left_out)
+    assert (counts["/rosout"], left_out["/rosout"]) == (1, 1)

@@ -1,0 +1,338 @@
+"""ROS 2 messages and their MCAP file (profile `ros2`, CDR), which rosbag2, RViz and Foxglove read.
+
+Definitions are those of ROS 2 Humble, which later releases read as well. Frames are those of REP 105: `map`,
+and of each robot `rN/odom`, `rN/base_link` and `rN/laser`; `rN/truth` is the true pose of its base. Lengths
+are in m, angles in rad. The same entries give the same bytes.
+"""
+
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Self
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from actors.geometry import Pose
+from actors.observer.colours import Colour
+from actors.portable import cos_sin
+from actors.robot_model import RangeSensor
+
+Points = NDArray[np.float32]
+"""(n, 2): x and y, m."""
+MAP: Final = "map"
+"""The frame of the floor plan."""
+UNKNOWN_CELL: Final = -1
+"""An unknown cell of an occupancy grid. Else 0 is free, and 100 is occupied."""
+TYPES: Final = {
+    "tf": "tf2_msgs/msg/TFMessage",
+    "tf_static": "tf2_msgs/msg/TFMessage",
+    "map": "nav_msgs/msg/OccupancyGrid",
+    "places": "visualization_msgs/msg/MarkerArray",
+    "robots": "visualization_msgs/msg/MarkerArray",
+    "things": "visualization_msgs/msg/MarkerArray",
+    "links": "visualization_msgs/msg/MarkerArray",
+    "rosout": "rcl_interfaces/msg/Log",
+    "truth": "geometry_msgs/msg/PoseStamped",
+    "pose": "geometry_msgs/msg/PoseStamped",
+    "goal": "geometry_msgs/msg/PoseStamped",
+    "odom": "nav_msgs/msg/Odometry",
+    "cmd_vel": "geometry_msgs/msg/Twist",
+    "scan": "sensor_msgs/msg/LaserScan",
+    "plan": "nav_msgs/msg/Path",
+    "particles": "sensor_msgs/msg/PointCloud2",
+    "local_costmap": "nav_msgs/msg/OccupancyGrid",
+}
+"""Message type of each topic, by the last part of its name."""
+LATCHED: Final = frozenset({"tf_static", "map", "places", "robots", "things"})
+"""Topics whose last message late subscribers receive."""
+_FOR_EVER: Final = "{sec: 9223372036, nsec: 854775807}"
+_QOS: Final = (
+    "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline: {ever}\n"
+    "  lifespan: {ever}\n  liveliness: 1\n  liveliness_lease_duration: {ever}\n"
+    "  avoid_ros_namespace_conventions: false\n"
+)
+"""Keep last, reliable, automatic, in the numbers of rmw; rosbag2 reads them up to version 8 of a bag."""
+_TRANSIENT_LOCAL, _VOLATILE, _DEPTH = 1, 2, 10
+_INFO: Final = 20
+_FLOAT32: Final = 7
+_ADD, _DELETE_ALL = 0, 3
+_CYLINDER, _LINE_LIST, _TEXT = 3, 5, 9
+_LATEST: Final = 2**31 * 1_000_000
+"""End of the instants that a ROS 2 time can hold, µs."""
+_CHUNK: Final = 4 << 20
+"""Bytes of one chunk of the file, which a reader holds in memory."""
+_STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
+_CLASSES: Final[dict[str, Any]] = dict(_STORE.types)
+
+_Spot = tuple[float, float, float]
+
+
+class LogEntry(NamedTuple):
+    """One message of the log."""
+
+    logged: int
+    """When it is logged, µs of the run."""
+    topic: str
+    """Such as `/map` or `/r1/scan`."""
+    message: Any
+    """A ROS 2 message, or its CDR bytes."""
+    stamp: int
+    """The instant that it describes, µs."""
+
+
+class Transform(NamedTuple):
+    """Pose of a frame in its parent's."""
+
+    parent: str
+    child: str
+    pose: Pose
+
+
+class Marker(NamedTuple):
+    """A shape to draw."""
+
+    name: str
+    """Unique within its topic; the part before the first `/` is its namespace."""
+    kind: int
+    position: _Spot
+    scale: _Spot
+    colour: Colour
+    opacity: float = 1.0
+    frame: str = MAP
+    points: tuple[tuple[float, float], ...] = ()
+    text: str = ""
+
+
+def disc(name: str, at: tuple[float, float], radius: float, height: float, colour: Colour) -> Marker:
+    """Return an upright cylinder that stands on the floor."""
+    return Marker(name, _CYLINDER, (*at, height / 2), (2 * radius, 2 * radius, height), colour)
+
+
+def lines(name: str, points: tuple[tuple[float, float], ...], width: float, colour: Colour) -> Marker:
+    """Return straight lines, each between two consecutive points."""
+    return Marker(name, _LINE_LIST, (0.0, 0.0, 0.0), (width, 0.0, 0.0), colour, points=points)
+
+
+def label(name: str, text: str, size: float, colour: Colour) -> Marker:
+    """Return a text above the origin of its frame."""
+    return Marker(name, _TEXT, (0.0, 0.0, 2 * size), (0.0, 0.0, size), colour, text=text)
+
+
+def transforms(frames: Iterable[Transform], stamp: int) -> Any:
+    """Return a TFMessage."""
+    return _new("tf2_msgs/TFMessage", transforms=[_transform(one, stamp) for one in frames])
+
+
+def placed_pose(frame: str, pose: Pose, stamp: int) -> Any:
+    """Return a PoseStamped."""
+    return _new("geometry_msgs/PoseStamped", header=_header(frame, stamp), pose=_pose(pose))
+
+
+def odometry(frame: str, child: str, pose: Pose, velocity: Any, stamp: int) -> Any:
+    """Return an Odometry; `velocity` is a Twist in the child's frame. It estimates no covariance."""
+    unknown = np.zeros(36)
+    placed = _new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=unknown)
+    moving = _new("geometry_msgs/TwistWithCovariance", twist=velocity, covariance=unknown)
+    header = _header(frame, stamp)
+    return _new("nav_msgs/Odometry", header=header, child_frame_id=child, pose=placed, twist=moving)
+
+
+def twist(vx: float, vy: float, omega: float) -> Any:
+    """Return a Twist, m/s and rad/s."""
+    return _new("geometry_msgs/Twist", linear=_vector(vx, vy), angular=_vector(0.0, 0.0, omega))
+
+
+def laser_scan(frame: str, sensor: RangeSensor, ranges: NDArray[np.float32], stamp: int) -> Any:
+    """Return a LaserScan of (rays,) ranges, m, counter-clockwise; inf: no echo within range (REP 117)."""
+    return _new(
+        "sensor_msgs/LaserScan", header=_header(frame, stamp), angle_min=sensor.first_angle,
+        angle_max=sensor.first_angle + (sensor.rays - 1) * sensor.increment,
+        angle_increment=sensor.increment, time_increment=0.0, scan_time=1 / sensor.rate,
+        range_min=sensor.range_min, range_max=sensor.range_max, ranges=ranges,
+        intensities=np.zeros(0, np.float32),
+    )  # fmt: skip
+
+
+def path(points: Points, stamp: int) -> Any:
+    """Return a Path in the map frame; it is empty when the plan was dropped."""
+    poses = [placed_pose(MAP, Pose(x, y, 0.0), stamp) for x, y in points.tolist()]
+    return _new("nav_msgs/Path", header=_header(MAP, stamp), poses=poses)
+
+
+def point_cloud(points: Points, stamp: int) -> Any:
+    """Return a PointCloud2 in the map frame with z = 0."""
+    fields = [
+        _new("sensor_msgs/PointField", name=name, offset=4 * number, datatype=_FLOAT32, count=1)
+        for number, name in enumerate("xyz")
+    ]
+    data = np.pad(points.astype("<f4"), ((0, 0), (0, 1))).tobytes()
+    return _new(
+        "sensor_msgs/PointCloud2", header=_header(MAP, stamp), height=1, width=len(points), fields=fields,
+        is_bigendian=False, point_step=12, row_step=len(data), data=np.frombuffer(data, np.uint8),
+        is_dense=True,
+    )  # fmt: skip
+
+
+def occupancy_grid(corner: Pose, cell: float, values: NDArray[np.int8], stamp: int) -> Any:
+    """Return an OccupancyGrid of (rows, columns) cells of side `cell`, m, whose first lies at `corner`."""
+    rows, columns = values.shape
+    info = _new(
+        "nav_msgs/MapMetaData", map_load_time=_time(stamp), resolution=cell, width=columns, height=rows,
+        origin=_pose(corner),
+    )  # fmt: skip
+    return _new("nav_msgs/OccupancyGrid", header=_header(MAP, stamp), info=info, data=values.reshape(-1))
+
+
+def marker_array(markers: Sequence[Marker], stamp: int) -> Any:
+    """Return a MarkerArray that replaces everything its topic has drawn."""
+    drawn = [_marker(label("", "", 0.0, (0, 0, 0)), 0, stamp, _DELETE_ALL)]
+    drawn += [_marker(one, number, stamp, _ADD) for number, one in enumerate(markers)]
+    return _new("visualization_msgs/MarkerArray", markers=drawn)
+
+
+def log_line(robot: str, text: str, stamp: int) -> Any:
+    """Return a Log message of level INFO."""
+    return _new(
+        "rcl_interfaces/Log", stamp=_time(stamp), level=_INFO, name=robot, msg=text, file="", function="",
+        line=0,
+    )  # fmt: skip
+
+
+def write(file: Path, entries: Iterable[LogEntry], left_out: Counter[str]) -> Counter[str]:
+    """Write a file, replacing it, and return the number of messages by topic. OSError as for any file.
+
+    `left_out` counts, by topic, entries whose instant a ROS 2 time cannot hold.
+    """
+    counts = Counter[str]()
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_data_crcs=True)
+        writer.start(profile="ros2", library="acrc")
+        # Without it rosbag2 of ROS 2 Jazzy and later expects QoS as words, and refuses numbers.
+        writer.add_metadata("rosbag2", {"serialized_metadata": ""})
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for one in entries:
+            if not (0 <= one.logged < _LATEST and 0 <= one.stamp < _LATEST):
+                left_out[one.topic] += 1
+                continue
+            if one.topic not in channels:
+                channels[one.topic] = _channel(writer, one.topic, schemas)
+            sequence = counts[one.topic]
+            writer.add_message(
+                channels[one.topic], one.logged * 1000, _encoded(one), one.stamp * 1000, sequence
+            )
+            counts[one.topic] += 1
+        writer.finish()  # type: ignore[no-untyped-call]
+    return counts
+
+
+class Spool:
+    """Encoded messages in a temporary file until the log reaches their instant; a context manager."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        self._index: list[tuple[int, str, int, int]] = []
+        """Instant, topic, offset in the file, and size of each message."""
+        self._end = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def extend(self, entries: Iterable[LogEntry]) -> None:
+        """Store messages."""
+        for one in entries:
+            data = _encoded(one)
+            self._file.write(data)
+            self._index.append((one.logged, one.topic, self._end, len(data)))
+            self._end += len(data)
+
+    def entries(self) -> Iterator[LogEntry]:
+        """Yield all messages by instant, then by topic, then in the order of storing."""
+        for logged, topic, begin, size in sorted(self._index):
+            self._file.seek(begin)
+            yield LogEntry(logged, topic, self._file.read(size), logged)
+
+
+def _type(topic: str) -> str:
+    return TYPES[topic.rpartition("/")[2]]
+
+
+def _encoded(one: LogEntry) -> bytes:
+    if isinstance(one.message, bytes):
+        return one.message
+    return bytes(_STORE.serialize_cdr(one.message, _type(one.topic)))
+
+
+def _channel(writer: Writer, topic: str, schemas: dict[str, int]) -> int:
+    kind = _type(topic)
+    if kind not in schemas:
+        text, _ = _STORE.generate_msgdef(kind, ros_version=2)
+        schemas[kind] = writer.register_schema(kind, "ros2msg", text.encode())
+    depth, durability = _DEPTH, _VOLATILE
+    if topic.rpartition("/")[2] in LATCHED:
+        depth, durability = 1, _TRANSIENT_LOCAL
+    qos = _QOS.format(depth=depth, durability=durability, ever=_FOR_EVER)
+    return int(writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": qos}))
+
+
+def _new(kind: str, **fields: Any) -> Any:
+    package, name = kind.split("/")
+    return _CLASSES[f"{package}/msg/{name}"](**fields)
+
+
+def _marker(one: Marker, number: int, stamp: int, action: int) -> Any:
+    red, green, blue = (part / 255 for part in one.colour)
+    nothing = np.zeros(0, np.uint8)
+    return _new(
+        "visualization_msgs/Marker", header=_header(one.frame, stamp), ns=one.name.partition("/")[0],
+        id=number, type=one.kind, action=action,
+        pose=_new("geometry_msgs/Pose", position=_point(*one.position), orientation=_rotation(0.0)),
+        scale=_vector(*one.scale), color=_new("std_msgs/ColorRGBA", r=red, g=green, b=blue, a=one.opacity),
+        lifetime=_new("builtin_interfaces/Duration", sec=0, nanosec=0), frame_locked=one.frame != MAP,
+        points=[_point(x, y) for x, y in one.points], colors=[], texture_resource="",
+        texture=_new("sensor_msgs/CompressedImage", header=_header("", 0), format="", data=nothing),
+        uv_coordinates=[], text=one.text, mesh_resource="",
+        mesh_file=_new("visualization_msgs/MeshFile", filename="", data=nothing),
+        mesh_use_embedded_materials=False,
+    )  # fmt: skip
+
+
+def _transform(one: Transform, stamp: int) -> Any:
+    shift, rotation = _vector(one.pose.x, one.pose.y), _rotation(one.pose.heading)
+    placed = _new("geometry_msgs/Transform", translation=shift, rotation=rotation)
+    header = _header(one.parent, stamp)
+    return _new("geometry_msgs/TransformStamped", header=header, child_frame_id=one.child, transform=placed)
+
+
+def _pose(pose: Pose) -> Any:
+    position, rotation = _point(pose.x, pose.y), _rotation(pose.heading)
+    return _new("geometry_msgs/Pose", position=position, orientation=rotation)
+
+
+def _point(x: float, y: float, z: float = 0.0) -> Any:
+    return _new("geometry_msgs/Point", x=x, y=y, z=z)
+
+
+def _vector(x: float, y: float, z: float = 0.0) -> Any:
+    return _new("geometry_msgs/Vector3", x=x, y=y, z=z)
+
+
+def _rotation(heading: float) -> Any:
+    cosine, sine = cos_sin(heading / 2)
+    return _new("geometry_msgs/Quaternion", x=0.0, y=0.0, z=sine, w=cosine)
+
+
+def _header(frame: str, stamp: int) -> Any:
+    return _new("std_msgs/Header", stamp=_time(stamp), frame_id=frame)
+
+
+def _time(stamp: int) -> Any:
+    seconds, rest = divmod(stamp, 1_000_000)
+    return _new("builtin_interfaces/Time", sec=seconds, nanosec=rest * 1000)
