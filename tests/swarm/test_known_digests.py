@@ -1,7 +1,7 @@
 """Digests of short runs, as they were when a change of them was last recorded in CHANGELOG.md.
 
-A digest covers every message of a run, so a change of behaviour in any core shows here. After an intended change,
-`python -m tests.swarm.test_known_digests` prints the new values; CHANGELOG.md says why they changed.
+A digest covers every message of a run, so a change of behaviour in any core shows here. After an intended
+change, `python -m tests.swarm.test_known_digests` prints the new values; CHANGELOG.md says why they changed.
 """
 
 from pathlib import Path
