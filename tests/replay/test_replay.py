@@ -1,4 +1,4 @@
-"""`acrc replay`: a run made again, one robot replayed, stopped in, or given another strategy."""
+"""`acrc replay` and `acrc run --check`: a run or a robot executed again, debugged, or with another strategy."""
 
 import io
 import re
@@ -9,13 +9,27 @@ from pathlib import Path
 
 import pytest
 
-from actors.robot.behaviour.foreign import INSTALLED
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.errors import AcrcError
 from command_line import replaying
 from deploy.branches.swarm_replay import replay_otherwise, replay_swarm
+from deploy.run import swarm
+from deploy.run.options import RunOptions, checked
+from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
+from observation.evidence.run_evidence import world_setup
+from observation.evidence.run_reader import read_run
+from observation.explanation.explain import Explainer
 from observation.replay import debugging
+from observation.replay.recheck import RecheckError, recheck
 from observation.replay.record_replay import Onlook, replay_actor
+from observation.replay.recorded_setup import code_folders, setup_of
+from observation.replay.run_recordings import recordings
 from tests.in_process import acrc
+from tests.recorded_runs import record
 
 
 def test_a_run_made_again_is_the_same(recorded: Path) -> None:
@@ -43,6 +57,10 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
         ),
         ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; there are r1, r2, radio, world"),
         ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
+        (
+            (recorded, "--robot", "r2", "--from", 100, "--pdb"), 1,
+            "--from: is 100, but r2's recording ends before",
+        ),
     ):  # fmt: skip
         done = acrc("replay", *words)
         assert (done.returncode, done.stderr) == (code, f"acrc: {sentence}\n")
@@ -98,7 +116,7 @@ def test_the_debugger_steps_over_what_a_strategy_of_ones_own_is_derived_from(
 ) -> None:
     (tmp_path / "derived_strategy.py").write_text(DERIVED)
     (tmp_path / "leads_nowhere").symlink_to("leads_nowhere")  # is no reason not to run
-    out, words = tmp_path / "out", ("--robots", 1, "--duration", 2)
+    out, words = tmp_path / "out", ("--robots", 1, "--duration", 1.5, "--bus", "memory")
     own = ("--strategy", "derived_strategy:behaviour", "--modules", tmp_path)
     assert acrc("run", *words, *own, "--out", out).returncode == 0
     monkeypatch.setattr(sys, "stdin", io.StringIO("continue\n"))
@@ -113,12 +131,6 @@ def test_who_leaves_the_debugger_has_seen_enough(
     monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
     replaying.replay(recorded, "r2", begin=1.0, pdb=True)
     assert re.search(r"r2: identical: \d+ outputs so far\n$", capsys.readouterr().out)
-
-
-def test_a_debugger_that_is_never_come_to_is_told(recorded: Path) -> None:
-    done = acrc("replay", recorded, "--robot", "r2", "--from", 100, "--pdb")
-    assert done.returncode == 1
-    assert done.stderr == "acrc: --from: is 100, but r2's recording ends before\n"
 
 
 def test_without_a_recording_of_the_world_there_is_nothing_to_compare_with(copy: Path) -> None:
@@ -144,3 +156,138 @@ def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) 
     assert same.whole, "the same strategy, and the scenario sets none of its numbers"
     with pytest.raises(ReplayError, match=r"r1\.mcap: step \d+: swarm/up/r1/"):
         replay_otherwise(recorded, "r1", "examples.courteous:behaviour", Onlook())
+
+
+def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path) -> None:
+    record(
+        tmp_path / "out", DEFAULT_SCENARIO, robots=5, duration=1.2, strategy="tests.replay.fickle:behaviour"
+    )
+    with pytest.raises(RecheckError) as caught:
+        recheck(tmp_path / "out")
+    said = str(caught.value)
+    assert said.startswith(
+        "r1 and r2 and r3 and r4: not the same again, so what they do follows more than what they are "
+        "told, such as a clock, random numbers of their own, the order of a set or id(). "
+    )
+    faults = re.findall(
+        r"/(r\d)\.mcap: step 10: swarm/up/r\d/drive: Drive\.given_up\[0\]\.reason is '(.*?)'; "
+        r"recorded was '(.*?)'",
+        said,
+    )
+    assert [robot for robot, _, _ in faults] == ["r1", "r2", "r3", "r4"]
+    assert all(now != then for _, now, then in faults)
+
+
+def test_an_honest_run_is_the_same_again(recorded: Path) -> None:
+    again = recheck(recorded)
+    assert again.actors == 4 and again.outputs > 120
+
+
+def test_a_run_is_checked_and_sealed_at_its_end(tmp_path: Path) -> None:
+    words = ("--bus", "memory", "--robots", 1, "--duration", 1, "--check", "--out", tmp_path / "out")
+    done = acrc("run", *words)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"checked: 3 actors replayed, all \d+ messages equal", done.stderr.splitlines()[-1])
+    assert (tmp_path / "out" / "SHA256SUMS").is_file()
+
+
+def test_it_needs_a_run_that_can_be_executed_again(tmp_path: Path) -> None:
+    with pytest.raises(OptionError) as caught:
+        checked(RunOptions(tmp_path, hardware=True, check=True))
+    assert str(caught.value) == (
+        "--check: replays a simulated run; cannot be combined with --hardware-in-the-loop"
+    )
+
+
+SCENARIO = """
+map = "floor/corridor.yaml"
+[run]
+duration = 2.0
+strategy = "moved_strategy:behaviour"
+modules = "code"
+[robots]
+count = 2
+model = "mine.toml"
+[localisation]
+preset = "odometry"
+[places]
+preset = "golden"
+per_robot = 1
+"""
+STRATEGY = """
+from actors.robot.behaviour.ports import Decision
+
+class Goes:
+    def __init__(self, start):
+        self.goal = start.places[0]
+
+    def advance(self, view, until):
+        goal, self.goal = self.goal, None
+        return Decision() if goal is None else Decision(goal)
+
+def behaviour(start):
+    return Goes(start)
+"""
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a map, a model and a strategy of one's own, whose whole folder goes elsewhere afterwards."""
+    there = tmp_path_factory.mktemp("there") / "study"
+    (there / "floor").mkdir(parents=True)
+    (there / "code").mkdir()
+    for file in (REPOSITORY / "maps").glob("corridor.*"):
+        shutil.copy(file, there / "floor")
+    (there / "code" / "moved_strategy.py").write_text(STRATEGY)
+    shutil.copy(REPOSITORY / "actors" / "models" / "turtlebot2.toml", there / "mine.toml")
+    (there / "study.toml").write_text(SCENARIO)
+    options = RunOptions(there / "out", bus="memory", modules=(there / "code",))
+    swarm.run_in_memory(swarm.plan(load_scenario(there / "study.toml"), options), lambda progress: None)
+    here = tmp_path_factory.mktemp("here") / "study"
+    shutil.move(there, here)
+    for name in ("floor", "mine.toml", "study.toml"):
+        (here / name).rename(here / f"not-{name}")  # all of it lies in the run's folder, too
+    return here / "out"
+
+
+def test_every_actor_is_the_same_again(moved: Path) -> None:
+    for actor in ("world", "radio", "r1", "r2"):
+        assert replay_actor(moved, actor).outputs > 10
+    assert replay_swarm(moved, permit=Permit(trust=True)).complete
+    assert read_run(moved).grid.cells.any()
+    assert Explainer(moved, permit=Permit(trust=True), isolate=False).listed("r1")
+
+
+def test_a_command_finds_the_strategy_where_it_lay_beside_the_run(moved: Path) -> None:
+    done = acrc("explain", moved, "r1", "--trust")
+    assert done.returncode == 0 and "sets off for" in done.stdout, done.stderr
+
+
+def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(moved, out)
+    done = acrc("replay", out, "--robot", "r1", "--trust")
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        f"acrc: {out / 'r1' / 'r1.mcap'} names the strategy moved_strategy:behaviour, and there is no module "
+        "'moved_strategy' here, nor in "
+    )
+    shutil.copytree(moved.parent / "code", tmp_path / "code")
+    (out / "r1" / "model.toml").unlink()
+    with pytest.raises(AcrcError) as caught:
+        replay_actor(out, "r1")
+    assert str(caught.value).startswith(f"{out / 'r1' / 'model.toml'}: the robot model file cannot be read")
+
+
+def test_a_copy_beside_its_original_has_files_of_its_own(moved: Path, tmp_path: Path) -> None:
+    twice = [tmp_path / name / "out" for name in ("one", "two")]
+    for out in twice:
+        shutil.copytree(moved, out)
+    for out in (moved, *twice):
+        setup = setup_of(recordings(out)["r1"], RobotSetup, "a robot")
+        assert (setup.map, setup.model) == ("map.yaml", "model.toml")
+        world = world_setup(recordings(out)["world"])
+        assert Path(world.map).resolve() == (out / "map" / "map.yaml").resolve()
+        assert Path(world.robots[0].model).resolve() == (out / "r1" / "model.toml").resolve()
+        assert [folder.name for folder in code_folders(out)] == ["code"]
+    assert code_folders(moved) == (moved.parent / "code",)
