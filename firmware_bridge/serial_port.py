@@ -2,6 +2,8 @@
 
 import errno
 import importlib
+import os
+import select
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,3 +141,52 @@ def _why(path: str, device: PortDevice, error: Exception) -> str:
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
     return errno.errorcode.get(number, str(number)) if number is not None else str(error)
+
+
+class BoardPort(SerialPort):
+    """An open port to a board, 921 600 baud, DTR and RTS off; a terminal that is no serial port will do, too.
+
+    Whoever waits for several things at once waits for `fileno()` to be readable.
+    """
+
+    def __init__(self, path: str) -> None:
+        """Open `path`, for us alone. Raises PortError, with what would help."""
+        super().__init__(path, BOARD, patience=0.0)
+        self.set_dtr(False)
+        with suppress(OSError):  # a pseudo-terminal has no such line
+            self._port.rts = False
+        self._pending = b""
+        os.set_blocking(self.fileno(), False)
+
+    @property
+    def is_idle(self) -> bool:
+        """True if all that was written is with the system: only then `Link.due` is to be asked for more."""
+        return not self._pending
+
+    def read(self) -> bytes:
+        """What has come, at most 4096 bytes; nothing if nothing has. Raises PortError when unplugged."""
+        try:
+            if not select.select([self.fileno()], [], [], 0.0)[0]:
+                return b""
+            data = os.read(self.fileno(), _CHUNK)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError, TypeError) as error:
+            raise self._gone(error) from None
+        if not data:  # readable, and yet nothing: hung up
+            raise self._gone(EOFError("end of file"))
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send, as far as the system takes it; call again, also with nothing, until `is_idle`.
+
+        Raises PortError when unplugged.
+        """
+        self._pending += data
+        try:
+            while self._pending:
+                self._pending = self._pending[os.write(self.fileno(), self._pending) :]
+        except BlockingIOError:
+            return
+        except (OSError, ValueError, TypeError) as error:
+            raise self._gone(error) from None

@@ -16,9 +16,9 @@ from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Ref
 from actors.radio.frame import size_fault
 from actors.radio.frame_codec import DataFrame
 from actors.radio.signal_codes import rssi_dbm
-from firmware_bridge.beeclick.emulation.air import BoardRadio
-from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.air import BoardRadio
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
+from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 
 _LONGEST: Final = 1 << 16
 """Of a line, bytes: far above 32 frames."""

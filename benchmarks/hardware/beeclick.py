@@ -14,15 +14,14 @@ from actors.radio.frame import octets
 from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from firmware_bridge.beeclick.answers import Answer, PacketSent
-from firmware_bridge.beeclick.emulation.air import BoardRadio, EmulatedAir
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.lab import Desk, Lab
-from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
-from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.lab import Desk, Lab
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.wire import byte_time
+from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.wire import Answer, PacketSent, byte_time
+from firmware_bridge.device_lines import CLEAN, Disturbance
 
 SIZES: Final = (1, 20, 60, 118)
 """Data bytes of the packets whose throughput is measured."""

@@ -7,11 +7,20 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.instant import START, Instant
-from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.frame import FrameReader, WireCounts
-from firmware_bridge.kobuki.packets import UDID, Basic, Feedback, Inertial
-from firmware_bridge.kobuki.wire import decode_feedback, encode_feedback
+from firmware_bridge.kobuki.wire import (
+    HEADER,
+    LONGEST,
+    UDID,
+    Basic,
+    Feedback,
+    FrameReader,
+    Inertial,
+    WireCounts,
+    decode_feedback,
+    encode_feedback,
+    encode_frame,
+)
 
 _FEW: int = 3
 """So many say nothing, however short the stream."""
@@ -48,7 +57,7 @@ class BaseSoak:
         """
         few = self.believed <= max(_FEW, self.damaged / 50)
         few &= self.missed <= min(self.believed, max(_FEW, self.intact / 1000))
-        return few and self.cut_differently == 0 and self.longest_pending <= frame.LONGEST + 3
+        return few and self.cut_differently == 0 and self.longest_pending <= LONGEST + 3
 
 
 def soak(bytes_: int, seed: int) -> BaseSoak:
@@ -124,7 +133,7 @@ class _Stream:
                 data += self._damaged(bytearray(self._frame()))
             else:
                 data += self._noise()
-        return bytes(data) + bytes(frame.LONGEST + 4), intact, damaged
+        return bytes(data) + bytes(LONGEST + 4), intact, damaged
 
     def _frame(self) -> bytes:
         numbers = self._rng.integers(0, 256, 8).tolist()
@@ -134,7 +143,7 @@ class _Stream:
         inertial = Inertial(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
         packets: list[Feedback] = [basic, inertial, UDID((self._next, 0, 0))]
         self._next += 1
-        return frame.encode(b"".join(map(encode_feedback, packets)))
+        return encode_frame(b"".join(map(encode_feedback, packets)))
 
     def _damaged(self, data: bytearray) -> bytearray:
         """Bytes replaced, lost or doubled; surely not the same as before."""
@@ -149,7 +158,7 @@ class _Stream:
     def _noise(self) -> bytes:
         """Random bytes, with headers of frames that never were."""
         noise = self._rng.bytes(int(self._rng.integers(1, 120)))
-        return noise + frame.HEADER[: int(self._rng.integers(0, 3))] + self._rng.bytes(1)
+        return noise + HEADER[: int(self._rng.integers(0, 3))] + self._rng.bytes(1)
 
 
 def _number(packets: list[Feedback]) -> int:

@@ -20,13 +20,12 @@ from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
+from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, Disturbance, Jack
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE, Jack, Laboratory
+from firmware_bridge.laboratory.laboratory import Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
-from firmware_bridge.onboard.last_word import LastWord
-from firmware_bridge.onboard.vehicle import Lidar, TurtleBot
+from firmware_bridge.onboard.vehicle import LastWord, Lidar, TurtleBot
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import SerialPort
 

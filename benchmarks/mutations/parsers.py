@@ -32,22 +32,24 @@ from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from firmware_bridge.beeclick import answers, commands, sentence
-from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Synchronised
-from firmware_bridge.beeclick.reader import Reader
-from firmware_bridge.beeclick.wire import NoiseError
-from firmware_bridge.kobuki import frame
-from firmware_bridge.kobuki.packets import UDID, BaseControl, Inertial
+from firmware_bridge.beeclick import wire as board_wire
+from firmware_bridge.beeclick.reception import Reader, parse_rmc
+from firmware_bridge.beeclick.wire import NoiseError, PacketSent, ReceivedPacket, Synchronised
 from firmware_bridge.kobuki.wire import (
+    UDID,
+    BaseControl,
+    FrameReader,
+    Inertial,
     MalformedError,
     decode_commands,
     decode_feedback,
     encode_command,
     encode_feedback,
+    encode_frame,
 )
-from firmware_bridge.range_sensors.rplidar_wire import Sample, SampleReader
-from observation.field_trial.laboratory_truth import read_truth
+from firmware_bridge.range_sensors.rplidar import Sample, SampleReader
 from observation.field_trial.recordings import read_field_trial
+from observation.field_trial.trial_result import read_truth
 from observation.replay.record_check import check
 
 T = TypeVar("T")
@@ -183,21 +185,24 @@ Made = tuple[str, tuple[bytes, ...], Callable[[bytes], object]]
 
 def device_parsers() -> Iterator[Made]:
     """Of the radio board, the base and the lidar; a depth image is an array of a fixed size."""
-    said = answers.encode(Synchronised()) + b"".join(
-        answers.encode(ReceivedPacket(1, 2, 30, 200, 7, bytes(range(n))))
-        + answers.encode(PacketSent(n, True))
+    said = board_wire.encode_answer(Synchronised()) + b"".join(
+        board_wire.encode_answer(ReceivedPacket(1, 2, 30, 200, 7, bytes(range(n))))
+        + board_wire.encode_answer(PacketSent(n, True))
         for n in range(10)
     )
     yield "board's answers", (said,), _answers
-    ordered = (commands.encode(commands.SendPacket(3, b"hello")), commands.encode(commands.SetChannel(4)))
-    yield "board's commands", ordered, _noisy(commands.decode)
+    ordered = (
+        board_wire.encode_command(board_wire.SendPacket(3, b"hello")),
+        board_wire.encode_command(board_wire.SetChannel(4)),
+    )
+    yield "board's commands", ordered, _noisy(board_wire.decode_command)
     yield (
         "board's sentence",
         (b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",),
-        (sentence.parse),
+        parse_rmc,
     )
     payload = encode_feedback(Inertial(5, -7)) + encode_feedback(UDID((1, 2, 3)))
-    yield "base's frames", (frame.encode(payload) * 4,), frame.FrameReader(decode_feedback).take
+    yield "base's frames", (encode_frame(payload) * 4,), FrameReader(decode_feedback).take
     yield "base's packets", (payload,), _noisy(decode_feedback)
     yield "base's commands", (encode_command(BaseControl(100, 0)),), _noisy(decode_commands)
     turn = b"".join(Sample(angle == 0, 20, angle * 64, 4000).encode() for angle in range(360))

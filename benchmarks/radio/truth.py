@@ -22,7 +22,7 @@ from actors.runtime.errors import AcrcError
 from benchmarks.radio.reference import FAMILIES, LATENCIES, OperatingPoint, ReferenceEstimate, points
 from benchmarks.radio.trials import NS3_MAC_OCTETS, measure
 from benchmarks.statistics.measured import Measured
-from observation.field_trial.clocks.student_t import quantile
+from observation.field_trial.clock_alignment import quantile
 
 _FREEDOM_ENOUGH: Final = 200.0
 _ROUNDING: Final = 1e-5

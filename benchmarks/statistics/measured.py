@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from rich.table import Table
 
 from actors.console import print_table, screen
-from observation.field_trial.clocks.student_t import quantile
+from observation.field_trial.clock_alignment import quantile
 
 _WIDTH: Final = 250
 """Characters that the widest table needs, where no terminal says how wide it is."""

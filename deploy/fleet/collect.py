@@ -7,10 +7,15 @@ import msgspec
 
 from deploy.run.out_folder import make_folder
 from observation.field_trial.aligned_clocks import AlignedClocks
-from observation.field_trial.laboratory_truth import read_truth, with_true_frames, with_truth
 from observation.field_trial.recordings import read_field_trial
 from observation.field_trial.reported_places import reported_places
-from observation.field_trial.trial_result import TrialResult, trial_result
+from observation.field_trial.trial_result import (
+    TrialResult,
+    read_truth,
+    trial_result,
+    with_true_frames,
+    with_truth,
+)
 from observation.results.place_table import write_table
 from observation.results.seal import seal
 

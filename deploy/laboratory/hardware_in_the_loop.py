@@ -37,7 +37,7 @@ from deploy.run.preflight import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE
+from firmware_bridge.device_lines import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from observation.field_trial.trial_result import TrialResult
 from observation.results.seal import seal

@@ -1,16 +1,13 @@
-"""The host's end of the line to a board: keeps it in step and set up, and knows what became of every packet.
+"""Host side of the line to a board: synchronises it, sets it up, and tracks the outcome of every packet.
 
-Without I/O, clock and threads: `take` gets what the port has given (also nothing), `due` gives what it is to
-be given, `wake` says when to come again. One exchange brings a board into step, whatever state it and the
-line are in: filler that ends any command which the board believes to be in, SYNC, and once that is answered
-address, channel and power, each confirmed by its echo.
+Without I/O, clock and threads: `take` gets the bytes read (also none), `due` returns the bytes to write,
+`wake` the time of the next call. One exchange synchronises a board from any state: filler that ends any
+unfinished command, SYNC, and once that is answered address, channel and power, each confirmed by its echo.
 
-The board works strictly in order, and so are its answers. Hence each answer settles all that was asked
-before: whatever of that has not been answered yet never will be. In particular the answer to a SYNC settles
-the packets that were in flight, after their confirmations, which come first. A packet that is settled
-without a confirmation is `UnconfirmedPacket`; nothing is ever guessed. A board that lets a command wait is
-sent a SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by
-it.
+The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
+will never get one. The answer to a SYNC settles the packets in flight, whose confirmations come first. A
+packet settled without a confirmation is an `UnconfirmedPacket`. If a command is overdue, a SYNC is sent
+early: if the board was only busy, its answer comes after the others; lost bytes become visible.
 """
 
 from collections import deque
@@ -18,19 +15,23 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from actors.instant import Instant
+from actors.board_readings import LinkState
+from actors.instant import Duration, Instant
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import size_fault
-from firmware_bridge.beeclick.answers import Answer, PacketSent, Synchronised
-from firmware_bridge.beeclick.commands import SendPacket, Setting, Synchronise, encode
-from firmware_bridge.beeclick.counters import LinkCounters
-from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
-from firmware_bridge.beeclick.news import news
-from firmware_bridge.beeclick.pace import SendingPace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.reader import Reader
-from firmware_bridge.beeclick.standing import LinkStanding
-from firmware_bridge.beeclick.wire import NUMBER_END, NoiseError
+from firmware_bridge.beeclick.reception import Event, LinkCounters, Reader, UnconfirmedPacket, news
+from firmware_bridge.beeclick.wire import (
+    NUMBER_END,
+    Answer,
+    NoiseError,
+    PacketSent,
+    SendPacket,
+    Setting,
+    Synchronise,
+    Synchronised,
+    encode_command,
+)
 
 _FILLER: Final = b"\xff"
 """No type of command; and not 00, after which the board would miss the SYNC."""
@@ -322,7 +323,7 @@ class BoardLink:
             self._asked.append(_Asked(Synchronised(), now))
         self.counters.add("syncs")
         self._pace.synchronising(now)
-        return _FILLER * self._p.filler + encode(Synchronise())
+        return _FILLER * self._p.filler + encode_command(Synchronise())
 
     def _sync_asked(self) -> bool:
         return bool(self._asked) and self._asked[-1].answer == Synchronised()
@@ -330,14 +331,14 @@ class BoardLink:
     def _ask(self, now: Instant, command: Setting) -> bytes:
         self._asked.append(_Asked(command, now))
         self._pace.asked()
-        return encode(command)
+        return encode_command(command)
 
     def _ask_packet(self, now: Instant, packet: _Packet) -> bytes:
         number = (self._packets * _SPREAD + self.settings.address) % NUMBER_END
         self._packets += 1
         self._asked.append(_Asked(None, now, number, packet.tag))
         self._pace.asked()
-        return encode(SendPacket(number, packet.data))
+        return encode_command(SendPacket(number, packet.data))
 
     def _was_used(self, number: int) -> bool:
         """Has a packet had that number? Those of 2^32 packets differ."""
@@ -361,3 +362,123 @@ class BoardLink:
         events = self._events.copy()
         self._events.clear()
         return events
+
+
+class SendingPace:
+    """What has gone to the board since it answered last, and what has come."""
+
+    def __init__(self, parameters: BeeClickParameters) -> None:
+        self._p = parameters
+        self.last: int = -parameters.sync_interval
+        """When the last SYNC was sent."""
+        self._unheard = 0
+        """SYNCs since the last byte came."""
+        self._unasked = 0
+        """Messages since the last answer."""
+        self.unanswered = 0
+        """Commands since the last answer, of which none has had one."""
+
+    def connected(self, now: Instant) -> None:
+        """Another connection, perhaps another board: a SYNC may be sent at once."""
+        self.last = now - self._p.sync_interval
+        self._unheard = self._unasked = self.unanswered = 0
+
+    def asked(self) -> None:
+        """A command has been sent."""
+        self.unanswered += 1
+
+    def synchronising(self, now: Instant) -> None:
+        """A SYNC has been sent."""
+        self.asked()
+        self.last = now
+        self._unheard += 1
+
+    def heard(self) -> None:
+        """Bytes have come."""
+        self._unheard = 0
+
+    def told(self) -> None:
+        """The board has said something unasked that makes sense."""
+        self._unasked += 1
+
+    def answered(self, left: int) -> None:
+        """A command has been answered, and of those behind it so many have not."""
+        self.unanswered, self._unasked = left, 0
+
+    @property
+    def has_room(self) -> bool:
+        """True if the board can take another command, whatever holds it up."""
+        return self.unanswered < self._p.ring
+
+    def due(self, searching: bool) -> Instant:
+        """When the next SYNC may be sent. `searching`: what comes makes no sense."""
+        return Instant(self.last + self._pause(searching))
+
+    def _pause(self, searching: bool) -> Duration:
+        p = self._p
+        if self.has_room:
+            return p.sync_interval if self._unheard < p.quick_syncs else p.slow_sync_interval
+        if self.unanswered == p.ring:  # the board's own has room for one more
+            return p.slow_sync_interval
+        if self._unasked > 1 and not searching:
+            return p.deaf_sync_interval
+        if self._unheard:
+            return p.slow_sync_interval
+        return p.noisy_sync_interval if searching else p.sync_interval
+
+
+_FRUITLESS: Final = 2
+"""After so many packets in a row of which nothing has become the radio counts as silent, though the board is
+not: one may be lost on the line."""
+
+
+class LinkStanding:
+    """Up and Down in turns, however often a board is found and lost; silent once, until it is up again."""
+
+    def __init__(self, counters: LinkCounters, events: list[Event]) -> None:
+        """`events`: where what is said goes."""
+        self._counters = counters
+        self._events = events
+        self.is_up = False
+        self._silent = False
+        self._fruitless = 0
+
+    def ready(self, now: Instant) -> None:
+        """The board is set up; it is up unless its radio has to be heard of first."""
+        if self._fruitless < _FRUITLESS:
+            self._up(now)
+
+    def confirmed(self, now: Instant, ready: bool) -> None:
+        """Something has become of a packet."""
+        self._fruitless = 0
+        if ready and not self.is_up:
+            self._up(now)
+
+    def fruitless(self, now: Instant) -> None:
+        """Nothing has become of a packet for too long."""
+        self._fruitless += 1
+        if self._fruitless >= _FRUITLESS:
+            self.silent(now)
+
+    def down(self, now: Instant, cause: str) -> None:
+        """The board must be found again."""
+        if self.is_up:
+            self.is_up = False
+            self._events.append(LinkState(now, False, cause))
+
+    def silent(self, now: Instant) -> None:
+        """It has not answered for long, or nothing becomes of its packets."""
+        self.is_up = False
+        if not self._silent:
+            self._silent = True
+            self._counters.add("silent")
+            self._events.append(LinkState(now, False, "silent"))
+
+    def connected(self) -> None:
+        """Another board, perhaps."""
+        self._fruitless = 0
+
+    def _up(self, now: Instant) -> None:
+        self.is_up, self._silent = True, False
+        self._counters.add("ups")
+        self._events.append(LinkState(now, True, ""))

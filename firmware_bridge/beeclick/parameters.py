@@ -1,12 +1,11 @@
-"""What the link to a board can be told."""
+"""Settings of a board and parameters of the link to it."""
 
 from dataclasses import dataclass, field
 from typing import Final
 
 from actors.bounds import ParameterError, check, check_range
 from actors.instant import Duration, milliseconds, seconds
-from firmware_bridge.beeclick.commands import SetAddress, SetChannel, SetPower, Setting
-from firmware_bridge.beeclick.wire import LONGEST_COMMAND
+from firmware_bridge.beeclick.wire import LONGEST_COMMAND, SetAddress, SetChannel, SetPower, Setting
 
 POWERS: Final = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
 """Which there are, in words that go on after "must be"."""

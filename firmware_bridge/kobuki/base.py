@@ -8,7 +8,7 @@ import math
 import struct
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple, Protocol
 
 from numpy.random import Generator
 
@@ -17,11 +17,8 @@ from actors.instant import START, Instant, in_seconds
 from actors.portable import cos, sin
 from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
-from firmware_bridge.kobuki import frame, motion
-from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.body import Body, BodyTruth
-from firmware_bridge.kobuki.frame import FrameReader
-from firmware_bridge.kobuki.packets import (
+from firmware_bridge.kobuki import motion, wire
+from firmware_bridge.kobuki.wire import (
     UDID,
     BaseControl,
     Basic,
@@ -29,12 +26,43 @@ from firmware_bridge.kobuki.packets import (
     Feedback,
     Firmware,
     FirmwareVersion,
+    FrameReader,
     Hardware,
     Inertial,
     RequestExtra,
     Unknown,
+    WireCounts,
+    decode_commands,
+    encode_feedback,
+    encode_frame,
 )
-from firmware_bridge.kobuki.wire import decode_commands, encode_feedback
+
+
+class BodyTruth(NamedTuple):
+    """Where a body truly is, and how it moves."""
+
+    pose: Pose
+    v: float
+    """Forward, m/s."""
+    omega: float
+    """rad/s."""
+
+
+class Body(Protocol):
+    """What an emulated base drives, in a simulated world or all alone."""
+
+    def drive(self, v: float, omega: float) -> None:
+        """Turn the wheels for `v` m/s forward and `omega` rad/s from now on."""
+
+    def advance(self, now: Instant) -> None:
+        """Let time pass until `now`; nothing, where somebody else moves the body."""
+
+    def truth(self) -> BodyTruth:
+        """Where it is now."""
+
+    def bumper(self) -> int:
+        """Pressed sectors: bit 0 right, 1 centre, 2 left."""
+
 
 EXACT: Final = KobukiErrors(
     gyro_noise_deg=0.0, gyro_bias_deg=0.0, gyro_walk_deg=0.0, wheel_scale=0.0, slip=0.0
@@ -140,13 +168,13 @@ class EmulatedKobuki:
         self._last_stamp = parameters.stamp_ms
         self._line: deque[_Sending] = deque(maxlen=64)
         self.faults = Faults()
-        self.outputs = wire_packets.POWER_RAILS
+        self.outputs = wire.POWER_RAILS
         """Digital outputs, power rails and LEDs, as last set."""
         self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
         """The last commands and when they came."""
 
     @property
-    def reception(self) -> frame.WireCounts:
+    def reception(self) -> WireCounts:
         """Frames and noise of the commands' bytes."""
         return self._reader.reception
 
@@ -177,17 +205,17 @@ class EmulatedKobuki:
     def _obey(self, command: Command) -> None:
         if isinstance(command, BaseControl):
             self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else motion.velocity(command)))
-        elif isinstance(command, wire_packets.GeneralOutput):
+        elif isinstance(command, wire.GeneralOutput):
             self.outputs = command.flags
         elif isinstance(command, RequestExtra):
             self._answer(command.flags)
 
     def _answer(self, flags: int) -> None:
-        if flags & wire_packets.HARDWARE_REQUEST:
+        if flags & wire.HARDWARE_REQUEST:
             self._extra[Hardware] = Hardware(self._p.hardware)
-        if flags & wire_packets.FIRMWARE_REQUEST:
+        if flags & wire.FIRMWARE_REQUEST:
             self._extra[Firmware] = Firmware(self._p.firmware)
-        if flags & wire_packets.UDID_REQUEST:
+        if flags & wire.UDID_REQUEST:
             self._extra[UDID] = self._p.udid
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
@@ -228,7 +256,7 @@ class EmulatedKobuki:
     def _feed_back(self, at: Instant) -> None:
         """Put one feedback on the wire."""
         payload = b"".join(encode_feedback(packet) for packet in self._packets(at))
-        data = frame.encode(payload)
+        data = encode_frame(payload)
         if self.faults.scramble:
             data = self._scrambled(data)
         if self.faults.silent:

@@ -1,6 +1,6 @@
 """The last word to a Kobuki: a process that says stop until the wheels stand, whatever became of the base.
 
-`python -I -S guardian.py beside CHANNEL PORT` is started by a base (firmware_bridge.onboard.last_word)
+`python -I -S guardian.py beside CHANNEL PORT` is started by a base (firmware_bridge.onboard.vehicle)
 and has the very port that the base has. CHANNEL is a descriptor of theirs: each pulse of the base comes back,
 so that each knows that the other lives. Its end is the base's end, and means stop at once; no pulse for
 PATIENCE_S means stop until there are pulses again; none for HUNG_S, and the base is killed, so that whoever
@@ -32,7 +32,7 @@ PERIOD_S: Final = 0.02
 LIMIT_S: Final = 10.0
 """So long stop is said to a base that cannot be heard to stand; own choice."""
 STOP: Final = bytes.fromhex("aa 55 06 01 04 00 00 00 00 03")
-"""Base control: speed 0, radius 0 (firmware_bridge.kobuki.frame and .wire, which a test holds it against)."""
+"""Base control: speed 0, radius 0 (firmware_bridge.kobuki.wire and .wire, which a test holds it against)."""
 _HEADER: Final = b"\xaa\x55"
 _BASIC: Final = b"\x01\x0f"
 """Id and length of the packet that a feedback begins with."""

@@ -1,13 +1,18 @@
-"""A Kobuki's base control: wheel speed and radius for a wanted velocity, and the velocity they make.
+"""Differential drive of a Kobuki: base control for a velocity, and odometry from encoders and gyro.
 
-Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp; the formula in protocol.rst lacks brackets.
+Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp, and kobuki_node, odometry; the formula of
+base control in protocol.rst lacks brackets.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
-from firmware_bridge.kobuki.packets import BaseControl
-from firmware_bridge.kobuki.wire import WireMisuseError
+from actors.geometry import wrap
+from actors.instant import Instant, in_seconds
+from actors.messages import Odometry
+from actors.portable import cos, sin
+from firmware_bridge.kobuki.wire import BaseControl, Basic, Inertial, WireMisuseError
 
 TRACK: Final = 0.230
 """Between the wheels, m."""
@@ -61,3 +66,199 @@ def signed(difference: int) -> int:
 def _whole(value: float) -> int:
     """Towards zero, as far as an int16 goes."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))
+
+
+_CENTIDEGREE: Final = math.radians(0.01)
+_STANDING: Final = 0.02
+"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
+
+
+@dataclass(frozen=True)
+class OdometryParameters:
+    """How a base's numbers are read."""
+
+    track: float = TRACK
+    """Between the wheels, m."""
+    metres_per_tick: float = METRES_PER_TICK
+    """m."""
+    fastest: float = 2.0
+    """A wheel that seems to have turned faster has not: the numbers are damaged, m/s. Own choice, twice what
+    a wheel can do at 0.7 m/s while turning."""
+    fastest_turn: float = 12.0
+    """The same for the gyro, rad/s. Own choice, twice what its rate's field can say."""
+    slack: float = 0.02
+    """Added to the time between two stamps when judging speeds, s: the stamp is not taken with the ticks."""
+    longest_gap: float = 3.0
+    """Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of
+    65536 is 4 s."""
+    still_turn: float = 0.2
+    """The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
+    rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
+    still_feedbacks: int = 25
+    """And for so many feedbacks."""
+
+
+@dataclass
+class OdometryCounts:
+    """What was wrong with the feedback."""
+
+    repeated: int = 0
+    """Same stamp as before: nothing to learn."""
+    implausible: int = 0
+    """Moved faster than a base can: left out, the next is compared with the last that was right."""
+    restarts: int = 0
+    """The base's counters began anew; what it moved meanwhile is not known."""
+    gaps: int = 0
+    """Too long without feedback; the same."""
+    on_wheels: int = 0
+    """Feedbacks whose turn was taken from the wheels, for want of a gyro."""
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The numbers of one feedback that motion shows in."""
+
+    arrived: Instant
+    stamp_ms: int
+    left: int
+    right: int
+    angle: Inertial | None
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Between two readings."""
+
+    time: float
+    left: float
+    right: float
+    turn: float | None
+
+
+class KobukiOdometry:
+    """Adds up feedback to a pose in the frame of the first one."""
+
+    def __init__(self, parameters: OdometryParameters = OdometryParameters()) -> None:
+        self._p = parameters
+        self._last: _Reading | None = None
+        self._odd: _Reading | None = None
+        """The reading that was left out last: if the next agrees with it, the base has restarted."""
+        self._x = self._y = 0.0
+        self._v = self._omega = 0.0
+        self._unmoved = 0
+        self._owed = 0.0
+        """Turn of the wheels since the gyro's numbers last changed, rad."""
+        self._frozen = False
+        self.heading = 0.0
+        """Turned since the first feedback, unwrapped, rad."""
+        self.counts = OdometryCounts()
+
+    @property
+    def unknown(self) -> int:
+        """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
+        return self.counts.gaps + self.counts.restarts
+
+    @property
+    def gyro_is_still(self) -> bool:
+        """True if its numbers stay the same while the wheels turn: either of them lies."""
+        return self._unmoved >= self._p.still_feedbacks and abs(self._owed) >= self._p.still_turn
+
+    @property
+    def on_wheels(self) -> bool:
+        """True while the heading is that of the wheels, for want of a gyro that works."""
+        return self._frozen
+
+    def trust_wheels(self) -> None:
+        """A gyro that is still is frozen, as scans or a person say: the wheels are right until it moves."""
+        self._frozen = True
+
+    @property
+    def moves(self) -> bool:
+        """True if it moved between the last two feedbacks."""
+        return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
+
+    def read(self) -> Odometry:
+        """Pose since the first feedback, and velocity between the last two."""
+        return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)
+
+    def stand(self) -> None:
+        """Nothing is heard of the base: say no velocity that may long be over."""
+        self._v = self._omega = 0.0
+
+    def take(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
+        """Take in one feedback that arrived `now`; `inertial`: None where it carried none."""
+        reading = _Reading(now, basic.stamp_ms, basic.left_ticks, basic.right_ticks, inertial)
+        if self._last is None:
+            self._last = reading
+            return
+        if in_seconds(now - self._last.arrived) > self._p.longest_gap:
+            self.counts.gaps += 1
+            self._begin_again(reading)
+            return
+        motion = self._between(self._last, reading)
+        if motion.time == 0:
+            self.counts.repeated += 1
+        elif self._plausible(motion):
+            self._odd = None
+            self._add(motion, reading)
+            self._last = reading
+        elif self._odd is not None and self._plausible(self._between(self._odd, reading)):
+            self.counts.restarts += 1
+            self._begin_again(reading)
+        else:
+            self.counts.implausible += 1
+            self._odd = reading
+
+    def _begin_again(self, reading: _Reading) -> None:
+        """Go on from here, as if nothing had moved."""
+        self._last, self._odd = reading, None
+        self._v = self._omega = 0.0
+        self._unmoved, self._owed, self._frozen = 0, 0.0, False
+
+    def _between(self, before: _Reading, after: _Reading) -> _Motion:
+        turn = None
+        if before.angle is not None and after.angle is not None:
+            turn = wrap((after.angle.angle_cdeg - before.angle.angle_cdeg) * _CENTIDEGREE)
+        return _Motion(
+            ((after.stamp_ms - before.stamp_ms) & 0xFFFF) / 1000,
+            signed(after.left - before.left) * self._p.metres_per_tick,
+            signed(after.right - before.right) * self._p.metres_per_tick,
+            turn,
+        )
+
+    def _plausible(self, motion: _Motion) -> bool:
+        time = motion.time + self._p.slack
+        return (
+            0 < motion.time <= self._p.longest_gap
+            and max(abs(motion.left), abs(motion.right)) <= self._p.fastest * time
+            and (self._frozen or abs(motion.turn or 0.0) <= self._p.fastest_turn * time)
+        )
+
+    def _add(self, motion: _Motion, reading: _Reading) -> None:
+        turn = self._turn(motion, reading)
+        forward = (motion.left + motion.right) / 2
+        self._x += forward * cos(self.heading + turn / 2)
+        self._y += forward * sin(self.heading + turn / 2)
+        self.heading += turn
+        self._v, self._omega = forward / motion.time, turn / motion.time
+
+    def _turn(self, motion: _Motion, reading: _Reading) -> float:
+        """The gyro's, unless it is absent or known to be frozen; then the wheels'."""
+        assert self._last is not None
+        by_wheels = (motion.right - motion.left) / self._p.track
+        if motion.turn is None:
+            self.counts.on_wheels += 1
+            self._unmoved, self._owed, self._frozen = 0, 0.0, False
+            return by_wheels
+        if reading.angle != self._last.angle:
+            thawed = self._frozen  # and may jump to where it should have been, which the wheels have said
+            self._unmoved, self._owed, self._frozen = 0, 0.0, False
+            self.counts.on_wheels += thawed
+            return by_wheels if thawed else motion.turn
+        self._unmoved += 1
+        self._owed += by_wheels
+        if not self._frozen:
+            return motion.turn
+        self.counts.on_wheels += 1
+        owed, self._owed = self._owed, 0.0
+        return owed

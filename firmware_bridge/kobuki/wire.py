@@ -1,29 +1,165 @@
-"""The bytes of packets: a payload is a row of them, each `id, length, data`, little-endian.
+"""Packets of a Kobuki and their bytes: commands to the base, feedback from it.
 
-Commands and feedback have ids of their own that overlap, so the direction must be known.
-Source: as for `packets`.
+A frame is `AA 55`, length, payload, and the exclusive or of length and payload. A payload is a row of packets
+`id, length, data`, little-endian. Ids of commands and feedback overlap, so the direction must be known.
+Source: kobuki-base/kobuki_documentation, doc/protocol.rst, compared with the code of kobuki-base/kobuki_core.
 """
 
 import struct
 from collections.abc import Callable
-from dataclasses import astuple
-from typing import Any, Final
+from dataclasses import astuple, dataclass
+from enum import IntEnum
+from functools import reduce
+from operator import xor
+from typing import Any, Final, Generic, TypeVar
 
-from firmware_bridge.kobuki.packets import (
-    UDID,
-    BaseControl,
-    Basic,
-    Command,
-    Feedback,
-    Firmware,
-    FirmwareVersion,
-    GeneralOutput,
-    Hardware,
-    Inertial,
-    RequestExtra,
-    SoundSequence,
-    Unknown,
-)
+# --- commands ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BaseControl:
+    """Drive; `motion` says what the pair of numbers means."""
+
+    speed: int
+    """mm/s."""
+    radius: int
+    """mm; 0 straight, 1 turn on the spot."""
+
+
+class Melody(IntEnum):
+    """The base's own sounds."""
+
+    ON = 0
+    OFF = 1
+    RECHARGE = 2
+    BUTTON = 3
+    ERROR = 4
+    CLEANING_START = 5
+    CLEANING_END = 6
+
+
+@dataclass(frozen=True)
+class SoundSequence:
+    """Play one of the base's own sounds."""
+
+    melody: int
+
+
+HARDWARE_REQUEST: Final = 0x01
+FIRMWARE_REQUEST: Final = 0x02
+UDID_REQUEST: Final = 0x08
+
+
+@dataclass(frozen=True)
+class RequestExtra:
+    """Ask for versions and the unique device id; they ride in the next feedback."""
+
+    flags: int
+
+
+POWER_RAILS: Final = 0x00F0
+"""The outputs of 3.3 V, 5 V, 12 V 5 A and 12 V 1.5 A: whatever computer hangs on them goes out with them."""
+LED1_RED: Final = 0x0100
+LED1_GREEN: Final = 0x0200
+LED2_RED: Final = 0x0400
+LED2_GREEN: Final = 0x0800
+
+
+@dataclass(frozen=True)
+class GeneralOutput:
+    """Set digital outputs (0x000F), power rails and LEDs, all at once."""
+
+    flags: int
+
+
+Command = BaseControl | SoundSequence | RequestExtra | GeneralOutput
+
+
+# --- feedback ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Basic:
+    """What every feedback starts with."""
+
+    stamp_ms: int
+    """The base's clock, uint16: wraps every 65.536 s."""
+    bumper: int
+    """Bit 0 right, 1 centre, 2 left."""
+    wheel_drop: int
+    """Bit 0 right, 1 left."""
+    cliff: int
+    """Bit 0 right, 1 centre, 2 left."""
+    left_ticks: int
+    """uint16, wraps."""
+    right_ticks: int
+    left_pwm: int
+    right_pwm: int
+    buttons: int
+    """Bit 0 B0, 1 B1, 2 B2."""
+    charger: int
+    """0 none, 2 docked and full, 6 docked and charging, 18 adapter and full, 22 adapter and charging."""
+    battery_dv: int
+    """0.1 V."""
+    overcurrent: int
+    """Bit 0 left wheel, 1 right wheel."""
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Heading and turn rate of the gyro."""
+
+    angle_cdeg: int
+    """0.01°, counter-clockwise."""
+    rate_cdeg: int
+    """0.01°/s."""
+
+
+@dataclass(frozen=True, order=True)
+class FirmwareVersion:
+    """A version number."""
+
+    major: int
+    minor: int
+    patch: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.patch}"
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """The base's hardware version."""
+
+    version: FirmwareVersion
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """The base's firmware version."""
+
+    version: FirmwareVersion
+
+
+@dataclass(frozen=True)
+class UDID:
+    """The base's unique device id."""
+
+    words: tuple[int, int, int]
+
+    def __str__(self) -> str:
+        return "-".join(str(word) for word in self.words)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A packet of a kind that nobody here reads: docking, currents, raw sensors, or of a newer firmware."""
+
+    kind: int
+    data: bytes
+
+
+Feedback = Basic | Inertial | Hardware | Firmware | UDID | Unknown
 
 
 class WireMisuseError(ValueError):
@@ -160,3 +296,103 @@ _SPECIAL: Final[dict[int, Callable[[bytes], Feedback]]] = {
     _UDID: _udid,
 }
 """Packets that are more than a row of numbers."""
+
+
+HEADER: Final = b"\xaa\x55"
+SHORTEST: Final = 3
+"""Bytes of the shortest payload: one packet with one byte of data."""
+LONGEST: Final = 160
+"""Bytes of the longest payload that is believed. All that a base can say at once makes 124; each byte more
+lets noise that looks like a header hold up what follows, 87 µs per byte."""
+
+P = TypeVar("P")
+
+
+@dataclass
+class WireCounts:
+    """What came over a wire: frames that were right, and bytes that were skipped, by cause."""
+
+    frames: int = 0
+    noise: int = 0
+    """Bytes before a header."""
+    bad_length: int = 0
+    """Headers with an impossible length after them; one byte skipped for each, as for the next two."""
+    bad_checksum: int = 0
+    malformed: int = 0
+    """Right checksum, wrong packets."""
+
+    @property
+    def skipped(self) -> int:
+        """Bytes that belonged to no frame."""
+        return self.noise + self.bad_length + self.bad_checksum + self.malformed
+
+
+def encode_frame(payload: bytes) -> bytes:
+    """The frame of a payload. Raises WireMisuseError where its length is impossible."""
+    if not SHORTEST <= len(payload) <= LONGEST:
+        raise WireMisuseError(f"a payload of {len(payload)} bytes; it should have {SHORTEST} to {LONGEST}")
+    body = bytes((len(payload),)) + payload
+    return HEADER + body + bytes((reduce(xor, body),))
+
+
+class FrameReader(Generic[P]):
+    """Finds the frames in a stream of bytes, whatever else is in it, and decodes their payloads.
+
+    After anything wrong it goes on one byte after the header's first, so a frame within what looked like one
+    is found; it holds at most one frame's bytes between calls.
+    """
+
+    def __init__(self, decode: Callable[[bytes], P]) -> None:
+        """`decode`: gives the packets of a payload, or raises MalformedError."""
+        self._decode = decode
+        self._pending = bytearray()
+        self.reception = WireCounts()
+
+    @property
+    def pending(self) -> int:
+        """Bytes that may become a frame."""
+        return len(self._pending)
+
+    def take(self, data: bytes) -> list[P]:
+        """What the frames that end in `data` decode to, in order."""
+        self._pending += data
+        found: list[P] = []
+        at = 0
+        while True:
+            header = self._pending.find(HEADER, at)
+            if header < 0:
+                kept = int(self._pending.endswith(HEADER[:1], at))
+                self.reception.noise += len(self._pending) - at - kept
+                at = len(self._pending) - kept
+                break
+            self.reception.noise += header - at
+            at = header
+            step = self._frame_at(at, found)
+            if step == 0:
+                break
+            at += step
+        del self._pending[:at]
+        return found
+
+    def _frame_at(self, at: int, found: list[P]) -> int:
+        """How many bytes to go on from a header: 0 = the frame's end is still to come."""
+        bytes_ = self._pending
+        if len(bytes_) < at + 3:
+            return 0
+        length = bytes_[at + 2]
+        if not SHORTEST <= length <= LONGEST:
+            self.reception.bad_length += 1
+            return 1
+        end = at + 3 + length
+        if len(bytes_) <= end:
+            return 0
+        if reduce(xor, bytes_[at + 2 : end + 1]):
+            self.reception.bad_checksum += 1
+            return 1
+        try:
+            found.append(self._decode(bytes(bytes_[at + 3 : end])))
+        except MalformedError:
+            self.reception.malformed += 1
+            return 1
+        self.reception.frames += 1
+        return length + 4

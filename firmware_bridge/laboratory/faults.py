@@ -7,19 +7,11 @@ from typing import Final, Literal, TypeVar
 
 from actors.instant import START, Duration, in_seconds
 from actors.runtime.errors import AcrcError
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, Jack, Lines
 from firmware_bridge.kobuki.base import Faults
-from firmware_bridge.laboratory.laboratory import (
-    BASE,
-    DEVICES,
-    RADIO,
-    RANGE,
-    EmulatedHardware,
-    Jack,
-    Laboratory,
-)
-from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.range_sensors.rplidar_wire import Health
+from firmware_bridge.laboratory.laboratory import EmulatedHardware, Laboratory
+from firmware_bridge.range_sensors.rplidar import Health
 
 _BUMPER: Final = {"bumper": 2, "left": 4, "centre": 2, "right": 1}
 _GYRO: Final[Mapping[str, Literal["works", "frozen", "absent"]]] = {

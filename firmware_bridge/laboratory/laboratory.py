@@ -24,11 +24,11 @@ from actors.world.participants import Participants
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import drifting
-from firmware_bridge.beeclick.emulation.air import air
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.air import air
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
-from firmware_bridge.kobuki.body import BodyTruth
+from firmware_bridge.device_lines import BASE, RADIO, RANGE, Jack
+from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters, Sight
 from firmware_bridge.transceiver_line import SimulatedTransceiver
@@ -86,7 +86,7 @@ def _with_lidar(model: RobotModel) -> RobotModel:
 
 
 class RobotBody:
-    """A kobuki.body.Body that the simulated world moves."""
+    """A kobuki.base.Body that the simulated world moves."""
 
     def __init__(self, bodies: Bodies, index: int) -> None:
         self._bodies = bodies
@@ -122,20 +122,6 @@ class RobotBody:
     def bumper(self) -> int:
         """As in Body: pressed at any time since the last call."""
         return self._bodies.senses(self._index, 0, Instant(0), 0, False).bumper
-
-
-BASE: Final = "base"
-RADIO: Final = "radio"
-RANGE: Final = "range"
-DEVICES: Final = (BASE, RADIO, RANGE)
-
-
-class Jack(NamedTuple):
-    """Where a device is plugged in."""
-
-    robot: str
-    device: str
-    """One of DEVICES."""
 
 
 Out = Callable[[Jack, bytes], None]

@@ -29,15 +29,21 @@ from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
-from firmware_bridge.onboard.conduct import Clock, conduct
+from firmware_bridge.onboard.device_loop import Clock, conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
-from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.onboard_setup import OPENNI, BaseProgram, BaseSetup
-from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, MotionUnknownError, Ranger, Say, TurtleBot
+from firmware_bridge.onboard.vehicle import (
+    DepthRanger,
+    LastWord,
+    Lidar,
+    MotionUnknownError,
+    Ranger,
+    Say,
+    TurtleBot,
+)
 from firmware_bridge.range_sensors import rplidar
-from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthScanner
-from firmware_bridge.range_sensors.openni import OpenNICamera
+from firmware_bridge.range_sensors.depth_camera import CameraFeed, OpenNICamera
 from firmware_bridge.serial_port import KOBUKI, SerialPort
 
 

@@ -1,17 +1,49 @@
-"""The bridge as a program: `python -m firmware_bridge.onboard.bridge SETUP`."""
+"""Bridge process of a radio board: the simulated radio's counterpart for one robot.
+
+`python -m firmware_bridge.onboard.bridge SETUP`. Frames of the robot go to the board at their instants. When
+the base opens a step with Truth, the board's events since the last step go to the robot as Received and
+their number to the base. When the robot restarts, everything of its previous epoch is dropped, but the
+board still sends the frames that it has.
+"""
 
 import functools
+import heapq
 import os
 import sys
 from collections.abc import Sequence
+from typing import Final
 
+import msgspec
+
+from actors.board_readings import BoardNote
 from actors.instant import Instant
-from actors.messages import RADIO_READY, Ready
+from actors.messages import (
+    AIRED,
+    BOARD,
+    RADIO_READY,
+    RECEIVED,
+    TRANSMIT,
+    TRUTH,
+    AccessFailure,
+    Aired,
+    Board,
+    EventCount,
+    Heard,
+    Overflow,
+    RadioEvent,
+    Ready,
+    Received,
+    Refused,
+    Sent,
+    Transmit,
+    Truth,
+    Unconfirmed,
+)
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.command_line import setup_parser
-from actors.runtime.core import to
+from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
@@ -19,12 +51,161 @@ from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.port import BoardPort
-from firmware_bridge.onboard.bridge_core import BridgeCore
-from firmware_bridge.onboard.conduct import Clock, conduct
+from firmware_bridge.beeclick.reception import Event, PacketEnd, UnconfirmedPacket
+from firmware_bridge.onboard.device_loop import Clock, ReconnectingPort, conduct
 from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
-from firmware_bridge.onboard.wire import ReconnectingPort
+from firmware_bridge.serial_port import BoardPort
 from firmware_bridge.transceiver_line import TransceiverLink
+
+MOST_EVENTS: Final = 256
+"""Events held for a robot that takes none; about what a busy channel brings in a second."""
+MOST_PLANNED: Final = 256
+"""Frames that may wait for their instants."""
+
+
+class BridgeCore:
+    """One robot's board; `expect` announces each message, bytes come by `hear`, and go by `due`."""
+
+    def __init__(self, robot: str, link: BoardLink | TransceiverLink) -> None:
+        self.now = Instant(0)
+        self.finished = False
+        self.step = 0
+        self._robot = robot
+        self._link = link
+        self._planned: list[tuple[int, int, int, bytes]] = []
+        self._added = 0
+        self._held: list[RadioEvent] = []
+        self._notes: list[BoardNote] = []
+        self._expected: Address | None = None
+        self._epoch: int | None = None
+        """The robot's; None: it has not been told yet."""
+        self._tags: dict[int, int] = {}
+        """The robot's tags of the frames that the link has, by the link's own."""
+        self._handed = 0
+        self.dropped_events = self.dropped_frames = self.forgotten_events = self.forgotten_frames = 0
+
+    @property
+    def wake(self) -> Instant | None:
+        """When something is due if nothing comes before; None: nothing is."""
+        due = [self._planned[0][0]] if self._planned else []
+        link = self._link.wake()
+        due += [] if link is None else [link]
+        return Instant(min(due)) if due else None
+
+    def listens(self) -> Sequence[Address]:
+        """Every address that a message may come in on."""
+        return (at(TRUTH), at(TRANSMIT, self._robot))
+
+    def expect(self, key: str) -> None:
+        """The next advance takes the message that has come on that key."""
+        self._expected = next(address for address in self.listens() if address.key == key)
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """What was announced by `expect`."""
+        expected = self._expected
+        return () if expected is None or expected.key in have else (expected,)
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Take in one message; without one, give the news for people."""
+        self._expected = None
+        for message in inputs.values():
+            if isinstance(message, Transmit):
+                self._plan(message)
+            elif isinstance(message, Truth):
+                return self._truth(message)
+        notes, self._notes = tuple(self._notes), []
+        return (to(BOARD, Board(self.step, notes)),) if notes else ()
+
+    @property
+    def has_news(self) -> bool:
+        """True if an advance without a message has something to give."""
+        return bool(self._notes)
+
+    def hear(self, data: bytes) -> None:
+        """Take in what the port has given, also nothing, and the passing of time."""
+        self._note(self._link.take(self.now, data))
+
+    def lost(self) -> None:
+        """The port has gone."""
+        self._note(self._link.lost(self.now))
+
+    def due(self) -> bytes:
+        """What is to be written to the port now."""
+        while self._planned and self._planned[0][0] <= self.now:
+            _, _, tag, data = heapq.heappop(self._planned)
+            self._handed += 1
+            self._tags[self._handed] = tag
+            self._note(self._link.send(self.now, self._handed, data))
+        return self._link.due(self.now)
+
+    def outcome(self) -> dict[str, object]:
+        """What has been counted."""
+        return {
+            "board": dict(self._link.counters),
+            "frames": {
+                "events_dropped": self.dropped_events,
+                "events_forgotten": self.forgotten_events,
+                "frames_dropped": self.dropped_frames,
+                "frames_forgotten": self.forgotten_frames,
+            },
+        }
+
+    def _plan(self, transmit: Transmit) -> None:
+        for frame in transmit.frames:
+            if len(self._planned) >= MOST_PLANNED:
+                self.dropped_frames += 1
+                self._hold(Overflow(self.now, frame.tag))
+                continue
+            self._added += 1
+            heapq.heappush(self._planned, (frame.instant, self._added, frame.tag, frame.data))
+
+    def _truth(self, truth: Truth) -> Sequence[Output]:
+        if truth.halt:
+            self.finished = True
+            return ()
+        for robot in truth.robots:
+            self._follow(robot.epoch)
+        self.step = truth.step + 1
+        held, self._held = tuple(self._held), []
+        if not held:
+            return (to(AIRED, Aired(truth.step, ())),)
+        received = to(RECEIVED, Received(truth.step + 1, held), self._robot)
+        return (received, to(AIRED, Aired(truth.step, (EventCount(self._robot, len(held)),))))
+
+    def _follow(self, epoch: int) -> None:
+        """Forget what belonged to the robot before its last restart."""
+        if self._epoch not in (None, epoch):
+            self.forgotten_frames += len(self._planned) + self._link.forget()
+            self.forgotten_events += len(self._held)
+            self._planned.clear()
+            self._held.clear()
+            self._tags.clear()
+        self._epoch = epoch
+
+    def _note(self, told: Sequence[Event]) -> None:
+        for event in told:
+            match event:
+                case Heard():
+                    self._hold(event)
+                case Sent() | AccessFailure() | Overflow() | Refused() | UnconfirmedPacket():
+                    self._ended(event)
+                case _:
+                    self._notes.append(event)
+
+    def _ended(self, end: PacketEnd) -> None:
+        tag = self._tags.pop(end.tag, None)
+        if tag is None:  # a frame of the epoch before
+            self.forgotten_events += 1
+        elif isinstance(end, UnconfirmedPacket):
+            self._hold(Unconfirmed(end.instant, tag))
+        else:
+            self._hold(msgspec.structs.replace(end, tag=tag))
+
+    def _hold(self, event: RadioEvent) -> None:
+        if len(self._held) >= MOST_EVENTS:
+            self.dropped_events += 1
+        else:
+            self._held.append(event)
 
 
 class Bridge:

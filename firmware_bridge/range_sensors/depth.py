@@ -17,8 +17,7 @@ from actors.messages import Scan
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
-from firmware_bridge.range_sensors.repeats import Repeats
-from firmware_bridge.range_sensors.sensor import REACH, Rays, SensorSweep
+from firmware_bridge.range_sensors.sensor import REACH, Rays, Repeats, SensorSweep
 
 _KEPT: Final = 64
 """Earlier images that one is compared with, 2 s; own choice."""

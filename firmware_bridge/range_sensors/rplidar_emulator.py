@@ -10,8 +10,17 @@ from numpy.typing import NDArray
 
 from actors.instant import START, Instant, in_seconds
 from actors.portable.draws import normals
-from firmware_bridge.range_sensors import rplidar_wire as wire
-from firmware_bridge.range_sensors.rplidar_wire import FULL_TURN_Q6, Health, LidarInfo, LidarRequest, Sample
+from firmware_bridge.range_sensors.rplidar import (
+    FULL_TURN_Q6,
+    HEALTH,
+    INFO,
+    REQUEST,
+    SCANNING,
+    Health,
+    LidarInfo,
+    LidarRequest,
+    Sample,
+)
 
 Sight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """(n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf = nothing."""
@@ -105,7 +114,7 @@ class EmulatedRplidar:
         """Bytes from the driver, that end `now`."""
         self._skip_to(now)
         self._pending += data
-        while (at := self._pending.find(wire.REQUEST)) >= 0 and len(self._pending) > at + 1:
+        while (at := self._pending.find(REQUEST)) >= 0 and len(self._pending) > at + 1:
             request = self._pending[at + 1]
             del self._pending[: at + 2]
             self._obey(request)
@@ -128,13 +137,13 @@ class EmulatedRplidar:
             self._scanning = False
             self._out += b"RP LIDAR System.\r\n"
         elif request == LidarRequest.HEALTH:
-            self._out += wire.HEALTH.encode() + self.health.encode()
+            self._out += HEALTH.encode() + self.health.encode()
         elif request == LidarRequest.INFO:
-            self._out += wire.INFO.encode() + self._p.info.encode()
+            self._out += INFO.encode() + self._p.info.encode()
         elif request == LidarRequest.SCAN and self.health.status != 2:
             self._scanning = True
             self._last_turn = int(self._sampled / self._p.samples * self._p.turns)
-            self._out += wire.SCANNING.encode()
+            self._out += SCANNING.encode()
 
     def _until(self, now: Instant) -> int:
         return int(in_seconds(now - self._started) * self._p.samples)
@@ -144,7 +153,7 @@ class EmulatedRplidar:
             self._sampled = self._until(now)
 
     def _sample(self, now: Instant) -> None:
-        """Put the samples up to `now` on the wire."""
+        """Put the samples up to `now` on the"""
         numbers = np.arange(self._sampled, self._until(now))
         if not numbers.size:
             return

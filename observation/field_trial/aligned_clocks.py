@@ -5,10 +5,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from observation.field_trial.clocks.alignment import Fit, align
-from observation.field_trial.clocks.equations import AlignmentParameters
-from observation.field_trial.clocks.segments import ClockSegments
-from observation.field_trial.clocks.shared_frames import shared_frames
+from observation.field_trial.clock_alignment import AlignmentParameters, Fit, align
+from observation.field_trial.frame_stamps import ClockSegments, shared_frames
 from observation.field_trial.recordings import FieldTrial, FieldTrialError
 from observation.field_trial.robot_log import Moment, RobotLog
 

@@ -1,22 +1,81 @@
-"""What a field trial comes to: the result of a run whose truth nobody knows."""
+"""Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.instant import Duration, in_seconds
+from actors.instant import Duration, Instant, in_seconds
 from actors.radio.frame import octets
+from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome
+from deeco.replication.packet import unpack
+from deeco.replication.reassembly import Reassembly
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from observation.field_trial.aligned_clocks import AlignedClocks, ClockReport
-from observation.field_trial.node_counts import node_account
-from observation.field_trial.recordings import FieldTrial
+from observation.field_trial.recordings import FieldTrial, FieldTrialError
 from observation.field_trial.reported_places import ReportedPlaces
 from observation.field_trial.robot_log import FRAME_OUTCOMES, RobotLog
-from observation.results.deeco_result import DeecoResult, deeco_result, nearest_rank
+from observation.results.deeco_result import (
+    DeecoResult,
+    NodeOutcome,
+    deeco_result,
+    nearest_rank,
+    node_outcome,
+)
+from observation.results.outcome import OutcomeError
 from observation.results.place_table import counted
 from observation.results.result import rate
+
+
+class NodeAccount(NamedTuple):
+    """What is known of one node."""
+
+    node: NodeOutcome | None
+    """None: the robot has none, as far as can be told."""
+    notes: tuple[str, ...]
+    """What is not known, a sentence each."""
+
+
+def node_account(log: RobotLog) -> NodeAccount:
+    """What the node of one robot's process did."""
+    if log.final is not None:
+        try:
+            return NodeAccount(node_outcome(log.path, log.final.outcome), ())
+        except OutcomeError as error:
+            return NodeAccount(_told(log), (f"{error}; counted from its messages instead",))
+    told = _told(log)
+    if told is None:
+        return NodeAccount(None, ())
+    note = f"{log.path}: has no last record, so of its node only packets and frames are counted"
+    return NodeAccount(told, (note,))
+
+
+def _told(log: RobotLog) -> NodeOutcome | None:
+    """What the frames tell: packets published, relayed and heard; None if there are no packets in them."""
+    robot = log.identity.id
+    counters = Counter(
+        dict.fromkeys(("published", "frames", "packets", "packets_junk", "packets_own", "relayed"), 0)
+    )
+    counters["frames"] = log.frames_handed
+    own = Reassembly()
+    for sent in log.sent:
+        for data in own.take(Instant(sent.handed.instant), log.identity.address, sent.data):
+            packet = unpack(data)
+            if packet is not None:
+                counters["relayed" if packet.component != robot else "published"] += 1
+    others = Reassembly()
+    for heard in log.heard:
+        for data in others.take(Instant(heard.heard.instant), heard.sender, heard.data):
+            packet = unpack(data)
+            counters["packets"] += 1
+            counters["packets_junk"] += packet is None
+            counters["packets_own"] += packet is not None and packet.component == robot
+    if not counters["published"] and counters["packets"] == counters["packets_junk"]:
+        return None
+    return NodeOutcome(dict(counters), {}, {})
 
 
 class RecordingReport(msgspec.Struct, frozen=True):
@@ -168,3 +227,65 @@ def _recording(log: RobotLog) -> RecordingReport:
     else:
         ended = "cut short" if log.final is None else "as planned"
     return RecordingReport(str(log.path), log.identity.epoch, len(log.ticks), ended)
+
+
+BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
+"""Ends that a frame may come to in front of its transceiver."""
+
+
+def read_truth(path: Path) -> LaboratoryResult:
+    """A laboratory's result. Raises FieldTrialError."""
+    try:
+        return typed_json.decode(regular_file.content(path), LaboratoryResult)
+    except (OSError, ValueError) as error:
+        raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
+
+
+def with_truth(told: ReportedPlaces, truth: LaboratoryResult, clocks: AlignedClocks) -> ReportedPlaces:
+    """The places with when they were truly reached, s of the field trial, and by whom.
+
+    The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
+    its own, too. Raises FieldTrialError if the field trial lies outside of the laboratory's time.
+    """
+    ahead = truth.began_us - clocks.begin
+    if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
+        raise FieldTrialError(
+            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the field trial and went on for "
+            f"{truth.simulated_s:.0f} s; it should be that of this field trial"
+        )
+    known = {(place.owner, place.place): place for place in truth.places}
+    places = tuple(_judged(place, known.get((place.owner, place.place)), ahead) for place in told.places)
+    notes = list(told.notes)
+    if truth.lost_ms:
+        notes.append(
+            f"the laboratory fell behind, so the true instants are early by up to {truth.lost_ms} ms"
+        )
+    return ReportedPlaces(places, tuple(notes), contacts=truth.contacts)
+
+
+def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:
+    """One place as said, with what is true of it."""
+    if true is None:
+        return told
+    said = msgspec.structs.asdict(told)
+    reached = None if true.reached_at is None else true.reached_at + ahead
+    return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
+
+
+def with_true_frames(result: TrialResult, truth: LaboratoryResult) -> TrialResult:
+    """The result with what truly became of all frames, by the causes of a simulated run.
+
+    What a board, or the line to it, never gave to the air stands as the robots were told.
+    """
+    robots = {
+        robot: msgspec.structs.replace(
+            part, frames=_true_frames(part.frames, truth.frames_by_robot.get(robot, {}))
+        )
+        for robot, part in result.per_robot.items()
+    }
+    return msgspec.structs.replace(result, frames=_true_frames(result.frames, truth.frames), per_robot=robots)
+
+
+def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
+    before = {name: max(told.get(name, 0), true.get(name, 0)) for name in BEFORE_THE_AIR}
+    return told | true | before

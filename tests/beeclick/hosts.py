@@ -4,13 +4,20 @@ from collections.abc import Iterable
 
 from actors.board_readings import LinkState
 from actors.instant import Instant
-from firmware_bridge.beeclick import answers, commands
-from firmware_bridge.beeclick.answers import Answer, PacketSent
-from firmware_bridge.beeclick.commands import Command, SendPacket, SetAddress, SetChannel, SetPower
-from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.wire import SYNC_PATTERN
+from firmware_bridge.beeclick.reception import Event
+from firmware_bridge.beeclick.wire import (
+    SYNC_PATTERN,
+    Answer,
+    Command,
+    PacketSent,
+    SendPacket,
+    SetAddress,
+    SetChannel,
+    SetPower,
+)
 
 SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
 ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
@@ -18,7 +25,7 @@ ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
 
 def said(parts: Iterable[Answer | bytes]) -> bytes:
     """What a board says, noise included."""
-    return b"".join(part if isinstance(part, bytes) else answers.encode(part) for part in parts)
+    return b"".join(part if isinstance(part, bytes) else wire.encode_answer(part) for part in parts)
 
 
 class Host:
@@ -41,9 +48,9 @@ class Host:
         """What the board is told now."""
         data, found = self.due(), []
         while data:
-            size = commands.size(data)
+            size = wire.command_size(data)
             assert size is not None
-            found.append(commands.decode(data[:size]))
+            found.append(wire.decode_command(data[:size]))
             data = data[size:]
         return found
 

@@ -9,28 +9,27 @@ from actors.radio.frame_codec import DataFrame
 from actors.radio.medium.state import Cca
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from firmware_bridge.beeclick import answers, commands
-from firmware_bridge.beeclick.answers import (
+from firmware_bridge.beeclick import wire
+from firmware_bridge.beeclick.air import EmulatedAir
+from firmware_bridge.beeclick.emulated_board import BoardParameters, EmulatedBoard
+from firmware_bridge.beeclick.wire import (
+    SYNC_PATTERN,
     Answer,
+    Command,
     Moisture,
     Notes,
     PacketSent,
     ReceivedPacket,
-    Sentence,
-    Synchronised,
-    Warmth,
-)
-from firmware_bridge.beeclick.commands import (
-    Command,
     SendPacket,
+    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     Synchronise,
+    Synchronised,
+    Warmth,
+    byte_time,
 )
-from firmware_bridge.beeclick.emulation.air import EmulatedAir
-from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
-from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
 from firmware_bridge.emulate import standing
 
 
@@ -52,7 +51,7 @@ class Bench:
         self.log = bytearray()
 
     def tell(self, *parts: Command | bytes, board: int = 0) -> None:
-        data = b"".join(part if isinstance(part, bytes) else commands.encode(part) for part in parts)
+        data = b"".join(part if isinstance(part, bytes) else wire.encode_command(part) for part in parts)
         self.boards[board].take(self.now, data)
 
     def wait(self, duration: int) -> bytes:
@@ -63,7 +62,7 @@ class Bench:
 
     def said(self, duration: int = 20_000) -> list[Answer]:
         data, at, found = self.wait(duration), 0, []
-        while (one := answers.read(data, at, len(data))) is not None:
+        while (one := wire.read_answer(data, at, len(data))) is not None:
             answer, at = one
             found.append(answer)
         assert at == len(data)

@@ -4,9 +4,8 @@ import pytest
 
 from actors.messages import Heard, Sent
 from actors.radio.frame_codec import DataFrame
-from firmware_bridge.beeclick.answers import Answer, ReceivedPacket, Warmth
-from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
-from firmware_bridge.beeclick.wire import SYNC_PATTERN
+from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.wire import SYNC_PATTERN, Answer, ReceivedPacket, Warmth
 from tests.beeclick.hosts import ECHOES, Host, confirm, said
 
 TEXT = b"hello " + SYNC_PATTERN

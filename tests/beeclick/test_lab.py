@@ -11,13 +11,13 @@ from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
 from firmware_bridge import emulate
-from firmware_bridge.beeclick.emulation.air import Device, EmulatedAir
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.lab import Desk, Lab
-from firmware_bridge.beeclick.emulation.line import Disturbance
-from firmware_bridge.beeclick.events import PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.air import Device, EmulatedAir
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.lab import Desk, Lab
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
+from firmware_bridge.beeclick.reception import PacketEnd, UnconfirmedPacket
+from firmware_bridge.device_lines import Disturbance
 from tests.beeclick.hosts import causes, states
 
 QUICK = BeeClickParameters(

@@ -2,11 +2,18 @@ from actors.board_readings import LinkState, Temperature
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame_codec import DataFrame
-from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Warmth
-from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
-from firmware_bridge.beeclick.events import UnconfirmedPacket
 from firmware_bridge.beeclick.link import LinkPhase
-from firmware_bridge.beeclick.wire import SYNC_PATTERN
+from firmware_bridge.beeclick.reception import UnconfirmedPacket
+from firmware_bridge.beeclick.wire import (
+    SYNC_PATTERN,
+    PacketSent,
+    ReceivedPacket,
+    SendPacket,
+    SetAddress,
+    SetChannel,
+    SetPower,
+    Warmth,
+)
 from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, states
 
 

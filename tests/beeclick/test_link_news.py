@@ -4,10 +4,9 @@ import pytest
 
 from actors.board_readings import Fix, Humidity, Info, LinkState, Temperature
 from actors.messages import Heard
-from firmware_bridge.beeclick.answers import Moisture, Notes, ReceivedPacket, Sentence, Warmth
-from firmware_bridge.beeclick.commands import SetChannel
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters
+from firmware_bridge.beeclick.wire import Moisture, Notes, ReceivedPacket, Sentence, SetChannel, Warmth
 from tests.beeclick.hosts import Host
 from tests.beeclick.test_link import packet
 

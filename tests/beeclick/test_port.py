@@ -12,12 +12,11 @@ import pytest
 
 from actors.instant import Instant
 from actors.messages import Heard, Sent
-from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.port import BoardPort
+from firmware_bridge.beeclick.reception import Event
 from firmware_bridge.emulate import main
-from firmware_bridge.serial_port import PortError
+from firmware_bridge.serial_port import BoardPort, PortError
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_bridge.beeclick.sentence import parse
+from firmware_bridge.beeclick.reception import parse_rmc
 
 
 def sentence(body: str) -> bytes:
@@ -17,7 +17,7 @@ FIX = "GPRMC,123519.50,A,5005.2460,N,01425.1230,E,000.0,084.4,230614,,"
 
 
 def test_a_fix_is_degrees_and_utc() -> None:
-    position = parse(sentence(FIX))
+    position = parse_rmc(sentence(FIX))
     assert position is not None
     assert position.valid
     assert position.latitude == pytest.approx(50.087433333333334)
@@ -26,14 +26,14 @@ def test_a_fix_is_degrees_and_utc() -> None:
 
 
 def test_a_well_known_sentence_is_read() -> None:
-    position = parse(b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A")
+    position = parse_rmc(b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A")
     assert position is not None
     assert position.latitude == pytest.approx(48.1173)
     assert position.longitude == pytest.approx(11.516666667)
 
 
 def test_south_and_west_are_negative() -> None:
-    position = parse(sentence("GPRMC,000000,A,3351.0000,S,15112.0000,W,0,0,010100"))
+    position = parse_rmc(sentence("GPRMC,000000,A,3351.0000,S,15112.0000,W,0,0,010100"))
     assert position is not None
     assert (position.latitude, position.longitude) == (-33.85, -151.2)
 
@@ -41,13 +41,13 @@ def test_south_and_west_are_negative() -> None:
 @given(st.integers(0, 89), st.integers(0, 59), st.integers(0, 10**7 - 1), st.integers(0, 7))
 def test_minutes_may_have_any_number_of_decimals(whole: int, minute: int, fraction: int, digits: int) -> None:
     decimals = f".{fraction:07d}"[: digits + 1] if digits else ""
-    position = parse(sentence(f"GPRMC,000000,A,{whole:02d}{minute:02d}{decimals},N,00000.0,E,0,0,010100"))
+    position = parse_rmc(sentence(f"GPRMC,000000,A,{whole:02d}{minute:02d}{decimals},N,00000.0,E,0,0,010100"))
     assert position is not None
     assert position.latitude == pytest.approx(whole + float(f"{minute}{decimals}") / 60, abs=1e-12)
 
 
 def test_without_a_fix_there_is_no_position() -> None:
-    position = parse(sentence("GPRMC,,V,,,,,,,,,,N"))
+    position = parse_rmc(sentence("GPRMC,,V,,,,,,,,,,N"))
     assert position is not None
     assert (position.valid, position.latitude, position.longitude, position.utc) == (False, None, None, None)
 
@@ -82,9 +82,9 @@ def test_without_a_fix_there_is_no_position() -> None:
     ],
 )
 def test_anything_else_is_no_sentence(text: bytes) -> None:
-    assert parse(text) is None
+    assert parse_rmc(text) is None
 
 
 @given(st.binary(max_size=100))
 def test_any_bytes_are_borne(text: bytes) -> None:
-    assert parse(b"$GPRMC," + text) is None
+    assert parse_rmc(b"$GPRMC," + text) is None

@@ -3,27 +3,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.bounds import ParameterError
-from firmware_bridge.beeclick import answers, commands
-from firmware_bridge.beeclick.answers import (
+from firmware_bridge.beeclick import wire
+from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
+from firmware_bridge.beeclick.wire import (
     Answer,
+    Command,
     Moisture,
+    NoiseError,
     Notes,
     PacketSent,
     ReceivedPacket,
-    Sentence,
-    Synchronised,
-    Warmth,
-)
-from firmware_bridge.beeclick.commands import (
-    Command,
     SendPacket,
+    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     Synchronise,
+    Synchronised,
+    Warmth,
+    byte_time,
+    bytes_in,
 )
-from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.wire import NoiseError, byte_time, bytes_in
 
 COMMANDS: list[tuple[str, Command]] = [
     ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronise()),
@@ -58,19 +58,19 @@ ANSWERS: list[tuple[str, Answer]] = [
 @pytest.mark.parametrize(("text", "command"), COMMANDS)
 def test_a_command_is_these_bytes(text: str, command: Command) -> None:
     data = bytes.fromhex(text)
-    assert commands.encode(command) == data
-    assert commands.size(data) == len(data)
-    assert commands.decode(data) == command
+    assert wire.encode_command(command) == data
+    assert wire.command_size(data) == len(data)
+    assert wire.decode_command(data) == command
 
 
 @pytest.mark.parametrize(("text", "answer"), ANSWERS)
 def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
     data = bytes.fromhex(text)
-    assert answers.encode(answer) == data
-    assert answers.read(data, 0, len(data)) == (answer, len(data))
-    assert answers.read(b"\xff" + data + b"\xff", 1, len(data) + 1) == (answer, len(data) + 1)
+    assert wire.encode_answer(answer) == data
+    assert wire.read_answer(data, 0, len(data)) == (answer, len(data))
+    assert wire.read_answer(b"\xff" + data + b"\xff", 1, len(data) + 1) == (answer, len(data) + 1)
     for end in range(len(data)):
-        assert answers.read(data, 0, end) is None
+        assert wire.read_answer(data, 0, end) is None
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
 )
 def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentence: str) -> None:
     with pytest.raises(ParameterError) as caught:
-        commands.encode(command)
+        wire.encode_command(command)
     assert str(caught.value) == sentence
 
 
@@ -107,7 +107,7 @@ def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentenc
 )
 def test_an_answer_that_does_not_fit_is_refused(answer: Answer, sentence: str) -> None:
     with pytest.raises(ParameterError) as caught:
-        answers.encode(answer)
+        wire.encode_answer(answer)
     assert str(caught.value) == sentence
 
 
@@ -136,9 +136,9 @@ def test_an_answer_that_does_not_fit_is_refused(answer: Answer, sentence: str) -
 def test_what_no_board_says_is_noise_by_its_last_byte(text: str, cause: str) -> None:
     data = bytes.fromhex(text)
     with pytest.raises(NoiseError) as caught:
-        answers.read(data, 0, len(data))
+        wire.read_answer(data, 0, len(data))
     assert str(caught.value) == cause
-    assert answers.read(data, 0, len(data) - 1) is None
+    assert wire.read_answer(data, 0, len(data) - 1) is None
 
 
 @pytest.mark.parametrize(
@@ -146,19 +146,19 @@ def test_what_no_board_says_is_noise_by_its_last_byte(text: str, cause: str) -> 
 )
 def test_what_no_host_says_is_noise(text: str, cause: str) -> None:
     with pytest.raises(NoiseError) as caught:
-        commands.decode(bytes.fromhex(text))
+        wire.decode_command(bytes.fromhex(text))
     assert str(caught.value) == cause
 
 
 @given(st.binary(max_size=300))
 def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
     try:
-        one = answers.read(data, 0, len(data))
+        one = wire.read_answer(data, 0, len(data))
     except NoiseError:
         return
     if one is not None:
         answer, end = one
-        assert answers.encode(answer) == data[:end]
+        assert wire.encode_answer(answer) == data[:end]
 
 
 @pytest.mark.parametrize(

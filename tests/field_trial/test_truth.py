@@ -9,8 +9,8 @@ import pytest
 from actors.task.referee import PlaceOutcome
 from deploy.fleet.collect import collect
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
-from observation.field_trial.laboratory_truth import read_truth, with_true_frames
 from observation.field_trial.recordings import FieldTrialError
+from observation.field_trial.trial_result import read_truth, with_true_frames
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import clock
 from tests.field_trial.runs import copies, table

@@ -23,7 +23,7 @@ from deploy.fleet.doctor.machine import (
 )
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.usb_ports import UsbPort
-from firmware_bridge.pseudo_terminal import PseudoTerminal
+from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot

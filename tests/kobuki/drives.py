@@ -6,11 +6,9 @@ import numpy as np
 
 from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
+from firmware_bridge.emulate import Room, Unicycle
 from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
-from firmware_bridge.kobuki.body import Unicycle
-from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.events import Event, Fed
-from firmware_bridge.room import Room
+from firmware_bridge.kobuki.driver import Event, Fed, KobukiDriver
 
 ROUND = milliseconds(5)
 HALL = Room(20.0, 20.0)

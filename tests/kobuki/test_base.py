@@ -8,21 +8,20 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import START, Instant
 from firmware_bridge import emulate
-from firmware_bridge.kobuki.base import EmulatedKobuki
-from firmware_bridge.kobuki.body import BodyTruth, Unicycle
+from firmware_bridge.emulate import Room, Unicycle
+from firmware_bridge.kobuki.base import BodyTruth, EmulatedKobuki
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.frame import FrameReader
-from firmware_bridge.kobuki.packets import (
+from firmware_bridge.kobuki.wire import (
     FIRMWARE_REQUEST,
     HARDWARE_REQUEST,
     UDID,
     UDID_REQUEST,
     Firmware,
+    FrameReader,
     Hardware,
     RequestExtra,
+    decode_feedback,
 )
-from firmware_bridge.kobuki.wire import decode_feedback
-from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
 
 

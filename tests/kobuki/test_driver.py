@@ -3,12 +3,11 @@
 import pytest
 
 from actors.instant import Instant
-from firmware_bridge.kobuki import frame
-from firmware_bridge.kobuki.driver import Colour
-from firmware_bridge.kobuki.events import (
+from firmware_bridge.kobuki.driver import (
     BaseIdentity,
     BatteryChanged,
     BatteryLevel,
+    Colour,
     FieldChanged,
     Found,
     Identified,
@@ -16,7 +15,8 @@ from firmware_bridge.kobuki.events import (
     Sense,
     StopsChanged,
 )
-from firmware_bridge.kobuki.packets import (
+from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.kobuki.wire import (
     POWER_RAILS,
     UDID,
     BaseControl,
@@ -26,8 +26,8 @@ from firmware_bridge.kobuki.packets import (
     Melody,
     RequestExtra,
     SoundSequence,
+    encode_frame,
 )
-from firmware_bridge.kobuki.safety import HoldCause
 from tests.kobuki.drives import Rig
 
 
@@ -213,7 +213,7 @@ def test_feedback_takes_its_time_on_the_wire() -> None:
 
 
 def test_the_last_word_is_to_stand() -> None:
-    assert Rig().driver.farewell() == frame.encode(bytes.fromhex("01 04 00 00 00 00"))
+    assert Rig().driver.farewell() == encode_frame(bytes.fromhex("01 04 00 00 00 00"))
 
 
 def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from firmware_bridge.kobuki import motion
 from firmware_bridge.kobuki.motion import base_control, velocity
-from firmware_bridge.kobuki.packets import BaseControl
-from firmware_bridge.kobuki.wire import WireMisuseError
+from firmware_bridge.kobuki.wire import BaseControl, WireMisuseError
 
 
 @pytest.mark.parametrize(

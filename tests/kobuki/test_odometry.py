@@ -9,8 +9,8 @@ from actors.geometry import Pose, wrap
 from actors.instant import Instant
 from actors.world.odometry import KobukiErrors
 from firmware_bridge.kobuki.base import BaseParameters
-from firmware_bridge.kobuki.odometry import KobukiOdometry
-from firmware_bridge.kobuki.packets import Basic, Inertial
+from firmware_bridge.kobuki.motion import KobukiOdometry
+from firmware_bridge.kobuki.wire import Basic, Inertial
 from tests.kobuki.drives import Rig
 
 DRIVE = (

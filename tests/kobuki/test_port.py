@@ -15,8 +15,8 @@ import pytest
 from actors.instant import Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge import serial_port
+from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.pseudo_terminal import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 
 

@@ -8,11 +8,17 @@ from hypothesis import strategies as st
 
 from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
+from firmware_bridge.emulate import Room
 from firmware_bridge.kobuki.motion import TRACK, velocity
-from firmware_bridge.kobuki.packets import BaseControl, Basic, Inertial
-from firmware_bridge.kobuki.ramp import Ramp, RampParameters
-from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop
-from firmware_bridge.room import Room
+from firmware_bridge.kobuki.safety import (
+    Allowed,
+    HoldCause,
+    Ramp,
+    RampParameters,
+    SafetyParameters,
+    SafetyStop,
+)
+from firmware_bridge.kobuki.wire import BaseControl, Basic, Inertial
 from tests.kobuki.drives import Rig
 
 

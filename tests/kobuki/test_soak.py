@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from benchmarks.hardware import boards, kobuki
-from firmware_bridge.kobuki import frame
+from firmware_bridge.kobuki.wire import LONGEST
 
 
 def test_every_intact_frame_is_heard_through_noise_and_next_to_nothing_else() -> None:
@@ -15,7 +15,7 @@ def test_every_intact_frame_is_heard_through_noise_and_next_to_nothing_else() ->
         {"cut_differently": 1},
         {"believed": result.damaged},
         {"missed": result.believed + 1},
-        {"longest_pending": frame.LONGEST + 4},
+        {"longest_pending": LONGEST + 4},
     ):
         assert not replace(result, **worse).borne  # type: ignore[arg-type]
     reception = result.reception

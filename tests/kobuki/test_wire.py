@@ -4,9 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_bridge.kobuki import frame
-from firmware_bridge.kobuki.frame import FrameReader
-from firmware_bridge.kobuki.packets import (
+from firmware_bridge.kobuki.wire import (
     UDID,
     BaseControl,
     Basic,
@@ -14,20 +12,20 @@ from firmware_bridge.kobuki.packets import (
     Feedback,
     Firmware,
     FirmwareVersion,
+    FrameReader,
     GeneralOutput,
     Hardware,
     Inertial,
+    MalformedError,
     RequestExtra,
     SoundSequence,
     Unknown,
-)
-from firmware_bridge.kobuki.wire import (
-    MalformedError,
     WireMisuseError,
     decode_commands,
     decode_feedback,
     encode_command,
     encode_feedback,
+    encode_frame,
 )
 
 COMMANDS = [
@@ -59,7 +57,7 @@ FEEDBACK = [
 
 @pytest.mark.parametrize(("command", "wire"), COMMANDS)
 def test_a_command_has_these_bytes(command: Command, wire: str) -> None:
-    assert frame.encode(encode_command(command)) == bytes.fromhex(wire)
+    assert encode_frame(encode_command(command)) == bytes.fromhex(wire)
     assert FrameReader(decode_commands).take(bytes.fromhex(wire)) == [[command]]
 
 
@@ -95,7 +93,7 @@ def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
 
 def test_payloads_of_impossible_length_are_our_own_misuse() -> None:
     with pytest.raises(WireMisuseError, match=r"^a payload of 161 bytes; it should have 3 to 160$"):
-        frame.encode(bytes(161))
+        encode_frame(bytes(161))
 
 
 INT16 = st.integers(-0x8000, 0x7FFF)
@@ -130,13 +128,13 @@ ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
 def test_whatever_is_said_is_heard_however_it_is_cut(
     feedbacks: list[list[Feedback]], commands: list[Command], chunk: int
 ) -> None:
-    wire = b"".join(frame.encode(b"".join(map(encode_feedback, packets))) for packets in feedbacks)
+    wire = b"".join(encode_frame(b"".join(map(encode_feedback, packets))) for packets in feedbacks)
     reader = FrameReader(decode_feedback)
     heard = [p for at in range(0, len(wire), chunk) for p in reader.take(wire[at : at + chunk])]
     assert heard == feedbacks
     assert reader.reception.skipped == 0
     payload = b"".join(map(encode_command, commands))
-    assert FrameReader(decode_commands).take(frame.encode(payload)) == [commands]
+    assert FrameReader(decode_commands).take(encode_frame(payload)) == [commands]
 
 
 RIGHT = bytes.fromhex("aa 55 06 01 04 64 00 00 00 67")

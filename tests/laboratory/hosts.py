@@ -17,16 +17,15 @@ from actors.messages import Scan
 from actors.radio.radio_setup import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.port import BoardPort
+from firmware_bridge.beeclick.reception import Event
 from firmware_bridge.kobuki.driver import DriverParameters, KobukiDriver
-from firmware_bridge.kobuki.odometry import OdometryParameters
+from firmware_bridge.kobuki.motion import OdometryParameters
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.serial_port import KOBUKI, SerialPort
+from firmware_bridge.serial_port import KOBUKI, BoardPort, SerialPort
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0

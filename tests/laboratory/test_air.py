@@ -26,12 +26,12 @@ from actors.radio.propagation.walls import WallPatch
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.signal_codes import rssi_codes, rssi_dbm
-from firmware_bridge.beeclick.commands import SetChannel, Synchronise, encode
-from firmware_bridge.beeclick.emulation.air import Device, EmulatedAir, State, air
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.beeclick.reception import Event
+from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
 from firmware_bridge.transceiver_line import SimulatedTransceiver, TransceiverLink
 from tests.laboratory.hosts import ROOT
 
@@ -202,7 +202,7 @@ def test_a_board_on_another_channel_is_heard_there_only_and_comes_back() -> None
     heard = []
     now = START
     for code in (4, 0, 4):
-        boards[1].take(now, b"\xff" + encode(Synchronise()) + encode(SetChannel(code)))
+        boards[1].take(now, b"\xff" + encode_command(Synchronise()) + encode_command(SetChannel(code)))
         now = Instant(now + 20_000)
         room.advance(now)
         room.transmit(boards[0], now, 1, b"on 11")

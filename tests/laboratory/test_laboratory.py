@@ -15,19 +15,19 @@ from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import TimedOrder
-from firmware_bridge.beeclick.commands import SendPacket, Synchronise, encode
-from firmware_bridge.kobuki import frame
+from firmware_bridge.beeclick.wire import SendPacket, Synchronise
+from firmware_bridge.beeclick.wire import encode_command as encode_for_board
+from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, Jack, Lines
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import encode_command
+from firmware_bridge.kobuki.wire import encode_command, encode_frame
 from firmware_bridge.laboratory.faults import Bench
-from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Jack, Laboratory
-from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.range_sensors.rplidar_wire import LidarRequest
+from firmware_bridge.laboratory.laboratory import Laboratory
+from firmware_bridge.range_sensors.rplidar import LidarRequest
 from tests.laboratory.hosts import setup
 
-FAST = frame.encode(encode_command(base_control(0.4, 0.3)))
+FAST = encode_frame(encode_command(base_control(0.4, 0.3)))
 
 
 USUAL = Uncertainty()
@@ -51,8 +51,8 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     laboratory.take(Jack("r1", BASE), START, FAST)
     laboratory.take(Jack("r1", RANGE), START, LidarRequest.SCAN.bytes)
     for robot in ("r1", "r2"):
-        packets = b"".join(encode(SendPacket(number, bytes(118))) for number in range(4))
-        laboratory.take(Jack(robot, RADIO), START, b"\xff" + encode(Synchronise()) + packets)
+        packets = b"".join(encode_for_board(SendPacket(number, bytes(118))) for number in range(4))
+        laboratory.take(Jack(robot, RADIO), START, b"\xff" + encode_for_board(Synchronise()) + packets)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire
@@ -211,7 +211,7 @@ def test_a_deaf_base_drives_on_and_a_lifted_one_does_not(laboratory: Laboratory,
     laboratory.take(Jack("r1", BASE), START, FAST)
     laboratory.advance(Instant(500_000), wire)
     bench.do("deafen r1")
-    laboratory.take(Jack("r1", BASE), START, frame.encode(encode_command(base_control(0.0, 0.0))))
+    laboratory.take(Jack("r1", BASE), START, encode_frame(encode_command(base_control(0.0, 0.0))))
     before = laboratory.travelled("r1")
     laboratory.advance(Instant(1_000_000), wire)
     assert laboratory.travelled("r1") - before == pytest.approx(0.2, abs=0.05)

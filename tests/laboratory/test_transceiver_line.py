@@ -6,9 +6,9 @@ import pytest
 from actors.instant import START, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, Received, Refused, Sent, Transmit
 from actors.radio.radio_setup import RadioSetup
-from firmware_bridge.beeclick.emulation.air import EmulatedAir, air
-from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.air import EmulatedAir, air
 from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 from firmware_bridge.transceiver_line import SimulatedTransceiver, TransceiverLink
 
 

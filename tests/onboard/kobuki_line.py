@@ -9,10 +9,9 @@ from typing import Self
 import numpy as np
 
 from actors.instant import Instant
+from firmware_bridge.device_lines import PseudoTerminal
+from firmware_bridge.emulate import Room, Unicycle
 from firmware_bridge.kobuki.base import EmulatedKobuki
-from firmware_bridge.kobuki.body import Unicycle
-from firmware_bridge.pseudo_terminal import PseudoTerminal
-from firmware_bridge.room import Room
 
 
 class KobukiLine:

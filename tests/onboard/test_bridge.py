@@ -6,7 +6,7 @@ from actors.instant import Instant
 from actors.messages import TRANSMIT, TRUTH, Outgoing, Overflow, Received, Transmit, Truth
 from actors.runtime.core import at
 from firmware_bridge.onboard.bridge import Bridge
-from firmware_bridge.onboard.conduct import Clock
+from firmware_bridge.onboard.device_loop import Clock
 from firmware_bridge.onboard.onboard_setup import BridgeSetup
 
 

@@ -25,7 +25,7 @@ from actors.topic import Message
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.emulate import boards
-from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
+from firmware_bridge.onboard.bridge import MOST_PLANNED, BridgeCore
 
 POLL = milliseconds(1)
 

@@ -16,16 +16,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.instant import Instant
-from firmware_bridge.kobuki import frame, guardian, motion
+from firmware_bridge.kobuki import guardian, motion
 from firmware_bridge.kobuki.guardian import Standstill
-from firmware_bridge.kobuki.packets import BaseControl, Basic
-from firmware_bridge.kobuki.wire import encode_command, encode_feedback
-from firmware_bridge.onboard.last_word import LastWord, start_guardian
+from firmware_bridge.kobuki.wire import BaseControl, Basic, encode_command, encode_feedback, encode_frame
+from firmware_bridge.onboard.vehicle import LastWord, start_guardian
 from firmware_bridge.serial_port import KOBUKI, SerialPort
 from tests.onboard.kobuki_line import KobukiLine
 
 SOON_S = 0.5
-DRIVE = frame.encode(encode_command(motion.base_control(0.3, 0.0)))
+DRIVE = encode_frame(encode_command(motion.base_control(0.3, 0.0)))
 
 
 HUNG_BASE = """
@@ -149,7 +148,7 @@ def test_the_guardian_outlives_the_signals_that_end_the_others(
 def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
     line: KobukiLine, process: BaseProcess
 ) -> None:
-    process.port.write(frame.encode(encode_command(BaseControl(0, 0))))
+    process.port.write(encode_frame(encode_command(BaseControl(0, 0))))
     process.port.close()
     time.sleep(0.02)
     process.word.serve(now(), None)
@@ -192,12 +191,12 @@ def test_a_base_that_cannot_be_heard_to_stand_is_named() -> None:
 
 
 def test_its_stop_is_a_kobukis() -> None:
-    assert frame.encode(encode_command(BaseControl(0, 0))) == guardian.STOP
+    assert encode_frame(encode_command(BaseControl(0, 0))) == guardian.STOP
 
 
 def feedback(stamp: int, left: int, right: int) -> bytes:
     basic = Basic(stamp & 0xFFFF, 0, 0, 0, left & 0xFFFF, right & 0xFFFF, 0, 0, 0, 0, 160, 0)
-    return frame.encode(encode_feedback(basic))
+    return encode_frame(encode_feedback(basic))
 
 
 @settings(max_examples=100, deadline=None)

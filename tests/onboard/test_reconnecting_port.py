@@ -1,7 +1,7 @@
 """A port that goes and comes: when it is tried, what is said, and what an exchange gives meanwhile."""
 
 from actors.instant import Instant
-from firmware_bridge.onboard.wire import ReconnectingPort
+from firmware_bridge.onboard.device_loop import ReconnectingPort
 from firmware_bridge.serial_port import PortError, SerialPort
 
 SECOND = 1_000_000

@@ -16,7 +16,7 @@ import pytest
 from actors.runtime.recording import RecordingError, read_notes
 from benchmarks.hardware.standstill import StandstillCase, events, measured, meets
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
-from firmware_bridge.kobuki.odometry import OdometryParameters
+from firmware_bridge.kobuki.motion import OdometryParameters
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from firmware_bridge.onboard.last_word import LastWord
-from firmware_bridge.onboard.vehicle import TurtleBot
+from firmware_bridge.onboard.vehicle import LastWord, TurtleBot
 from firmware_bridge.serial_port import SerialPort
 from tests.kobuki.drives import Rig
 

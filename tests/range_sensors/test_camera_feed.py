@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from firmware_bridge.range_sensors.camera_feed import Camera, CameraFeed
-from firmware_bridge.range_sensors.openni import CameraError
+from firmware_bridge.range_sensors.depth_camera import Camera, CameraError, CameraFeed
 
 IMAGE: NDArray[np.uint16] = np.full((2, 2), 7, np.uint16)
 

@@ -10,8 +10,8 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
+from firmware_bridge.emulate import Room
 from firmware_bridge.range_sensors.depth import DepthCamera, DepthError, DepthScanner
-from firmware_bridge.room import Room
 
 KINECT = load_model("turtlebot2", "kinect").sensor
 CAMERA = DepthCamera()

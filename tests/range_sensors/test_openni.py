@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_bridge.range_sensors import openni
-from firmware_bridge.range_sensors.openni import CameraError, OpenNICamera
+from firmware_bridge.range_sensors import depth_camera as openni
+from firmware_bridge.range_sensors.depth_camera import CameraError, OpenNICamera
 
 
 class Function:

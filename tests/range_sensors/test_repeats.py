@@ -6,7 +6,7 @@ import pytest
 from actors.instant import Instant
 from actors.robot_model import load_model
 from firmware_bridge.range_sensors.depth import DepthScanner
-from firmware_bridge.range_sensors.repeats import Repeats, StillBeams
+from firmware_bridge.range_sensors.sensor import Repeats, StillBeams
 
 ANGLES = np.radians(np.arange(360.0))
 

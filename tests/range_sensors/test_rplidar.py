@@ -20,20 +20,23 @@ from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.robot_model import load_model
-from firmware_bridge.range_sensors.rplidar import LidarPhase, Rplidar, RplidarParameters, open_port
-from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
-from firmware_bridge.range_sensors.rplidar_wire import (
+from firmware_bridge.emulate import Room
+from firmware_bridge.range_sensors.rplidar import (
     HEALTH,
     INFO,
     SCANNING,
     Health,
     LidarInfo,
+    LidarPhase,
     LidarRequest,
+    Rplidar,
+    RplidarParameters,
     Sample,
     SampleReader,
+    open_port,
 )
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.range_sensors.sensor import Rays
-from firmware_bridge.room import Room
 from firmware_bridge.serial_port import PortError
 
 CHAPTER = load_model("turtlebot2", "chapter").sensor

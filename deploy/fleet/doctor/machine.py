@@ -24,7 +24,7 @@ from actors.robot import assembly as robot_setup
 from actors.runtime.isolation import sandbox
 from deploy.fleet import usb_ports
 from deploy.fleet.usb_ports import UsbPort
-from firmware_bridge.range_sensors.openni import CameraError, find_library
+from firmware_bridge.range_sensors.depth_camera import CameraError, find_library
 from firmware_bridge.serial_port import PortDevice, PortError, SerialPort
 
 

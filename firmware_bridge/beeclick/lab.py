@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.beeclick.emulation.air import EmulatedAir
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
-from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick.air import EmulatedAir
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink
+from firmware_bridge.beeclick.reception import Event
+from firmware_bridge.device_lines import CLEAN, Disturbance
 
 _KEPT: Final = 100_000
 """Events of a desk; older ones are forgotten."""
