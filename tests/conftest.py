@@ -26,12 +26,10 @@ pytest_plugins = ["tests.recorded_runs"]
 
 LONGEST: Final = (
     "hosts/test_hosted_runs.py",
-    "cli/test_every_option.py",
-    "documentation/test_blocks.py",
     "swarm/test_house.py",
+    "cli/test_story.py",
     "failures/test_failures.py",
     "failures/test_kills.py",
-    "cli/test_tutorial.py",
     "onboard/test_live.py",
     "pictures/test_pictures.py",
     "experiments/test_cluster.py",
@@ -45,7 +43,6 @@ LONGEST: Final = (
     "runtime/test_kernel_cache.py",
     "experiments/test_repetitions.py",
     "branches/test_branching.py",
-    "cli/test_bare.py",
     "development/test_suite.py",
     "library/test_library.py",
     "swarm_bench/test_full_swarm.py",

@@ -1,9 +1,10 @@
-"""The command line called in the process of the test: for commands of which no process is tested."""
+"""The command line called in the process of the test: no interpreter starts, nothing is imported twice."""
 
 import gc
 import io
 import subprocess
 import sys
+from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -13,12 +14,20 @@ from actors.installation.repository import REPOSITORY
 from command_line import app, streams
 
 
-def acrc(*words: object, cwd: Path = REPOSITORY) -> subprocess.CompletedProcess[str]:
-    """Run `acrc WORDS…` in this process and return its exit code and what it printed."""
-    out, err, threshold = io.StringIO(), io.StringIO(), gc.get_threshold()
+def acrc(
+    *words: object, cwd: Path = REPOSITORY, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run `acrc WORDS…` in this process and return its exit code and what it printed.
+
+    `env` is added to the environment. Modules imported from outside the repository are removed afterwards.
+    """
+    out, err, threshold, loaded = io.StringIO(), io.StringIO(), gc.get_threshold(), set(sys.modules)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(streams, "settle", lambda: None)
         patch.setattr(sys, "argv", ["acrc", *map(str, words)])
+        patch.setattr(sys, "path", list(sys.path))
+        for name, value in {"COLUMNS": "100", **(env or {})}.items():
+            patch.setenv(name, value)
         patch.chdir(cwd)
         try:
             app.main()
@@ -27,4 +36,12 @@ def acrc(*words: object, cwd: Path = REPOSITORY) -> subprocess.CompletedProcess[
             code = leave.code if isinstance(leave.code, int) else int(leave.code is not None)
         finally:
             gc.set_threshold(*threshold)
+            _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())
+
+
+def _unload_foreign(loaded: set[str]) -> None:
+    for name in set(sys.modules) - loaded:
+        file = getattr(sys.modules[name], "__file__", None)
+        if file and not file.startswith((str(REPOSITORY), sys.prefix, sys.base_prefix)):
+            del sys.modules[name]

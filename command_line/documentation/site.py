@@ -14,7 +14,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.processes.scratch import scratch_folder
 from actors.runtime.errors import AcrcError
-from command_line.documentation import commands, contents, trials
+from command_line.documentation import commands, contents
 from command_line.documentation.markdown import MarkdownPage
 
 DOCS: Final = REPOSITORY / "docs"
@@ -102,17 +102,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 def _complete(app: Sphinx, name: str, source: list[str]) -> None:
     """Add to the pages what is made from elsewhere."""
     page = MarkdownPage(Path(app.env.doc2path(name)))
-    text = _marked(page)
+    text = page.text
     if name == HOME:
         text += contents.as_toctrees(page)
     source[0] = text
-
-
-def _marked(page: MarkdownPage) -> str:
-    """The page with a line below each block of commands that are not tested as they stand."""
-    lines = page.text.splitlines()
-    for block in reversed(page.blocks()):
-        if block.language == "sh" and (said := trials.mark(block)):
-            end = block.line + block.text.count("\n")
-            lines[end:end] = ["", "{.tested}", said, ""]
-    return "\n".join(lines) + "\n"

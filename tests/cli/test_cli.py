@@ -1,5 +1,6 @@
 """The command line as a person meets it."""
 
+import ast
 import io
 import os
 import shlex
@@ -13,10 +14,13 @@ from rich.console import Console
 
 from actors.installation import usage
 from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY as ROOT
 from actors.installation.version import release
+from actors.processes import kernels
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
 from command_line import run
+from command_line.development import commands
 from command_line.development.checks import Check, run_checks
 from command_line.documentation.commands import tree
 from observation.results import summary
@@ -24,36 +28,35 @@ from observation.results.deeco_result import DeecoResult
 from observation.results.navigation_result import NavigationResult
 from observation.results.origin import Origin
 from observation.results.result import RobotResult, RunResult
-from tests import warm
+from tests import in_process
 
-ROOT = Path(__file__).parents[2]
 TREE = tree()
 
 
+HEAVY = ("distributed", "matplotlib", "numba", "pyarrow", "pymunk", "rerun", "scipy", "zenoh")
+
+
 def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
-    env = {"PYTHONPATH": str(ROOT), "PATH": "", "COLUMNS": "100"}
-    done = warm.run(arguments, cwd, env, 100.0, finds_cwd=False)
+    """Return exit code, standard output and standard error of a command."""
+    done = in_process.acrc(*arguments, cwd=cwd, env={"PATH": ""})
     return done.returncode, done.stdout, done.stderr
 
 
-def test_a_wrong_option_is_one_line_and_exit_code_2() -> None:
-    assert acrc("run", "--speed", "fast") == (
-        2, "", 'acrc: --speed: fast; must be "max" or a number from 0.01 on, such as 1 or 4\n'
-    )  # fmt: skip
-    assert acrc("run", "--step", "15") == (
-        2, "", "acrc: --step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"
-    )  # fmt: skip
-
-
-def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Path) -> None:
+def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
     file = tmp_path / f"{'long' * 30}.toml"
     file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
     assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
+    for name in ("chapter", "scenarios/chaptr.toml"):
+        sentence = f"acrc: {name}: there is no such file; did you mean scenarios/chapter.toml?\n"
+        assert acrc("run", name) == (1, "", sentence)
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        ("run --speed fast", '--speed: fast; must be "max" or a number from 0.01 on, such as 1 or 4'),
+        ("run --step 15", "--step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100"),
+        ("run --robos 3", "--robos: is no option of acrc run; did you mean --robots?"),
         ("rum", "rum: is no command of acrc; did you mean run?"),
         ("list nothing", "nothing: is no command of acrc list; must be one of strategies, presets, "
          "models, scenarios, maps"),
@@ -87,21 +90,13 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
          "step [N], speed X|max, stop"),
     ],
 )  # fmt: skip
-def test_whatever_is_wrong_with_the_words_is_said_in_one_form(words: str, sentence: str) -> None:
+def test_usage_errors_have_one_form(words: str, sentence: str) -> None:
     assert acrc(*words.split()) == (2, "", f"acrc: {sentence}\n")
 
 
 def test_help_can_be_asked_for_by_its_name() -> None:
     assert acrc("help") == acrc("--help")
     assert acrc("help", "list", "maps") == acrc("list", "maps", "--help")
-
-
-@pytest.mark.parametrize("typed", ["chapter", "scenarios/chaptr.toml"])
-def test_a_scenario_that_is_not_there_may_be_a_shipped_one(typed: str) -> None:
-    code, _, err = acrc("run", typed)
-    assert (code, err) == (
-        1, f"acrc: {typed}: there is no such file; did you mean scenarios/chapter.toml?\n"
-    )  # fmt: skip
 
 
 def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
@@ -116,37 +111,22 @@ def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
     assert acrc("order", "kill", "r1", cwd=tmp_path) == (2, "", said)
 
 
-def test_an_unknown_option_is_told_from_the_known_ones() -> None:
-    code, out, err = acrc("run", "--robos", "3")
-    assert (code, out) == (2, "")
-    assert err == "acrc: --robos: is no option of acrc run; did you mean --robots?\n"
+def test_help_fits_into_80_columns() -> None:
+    for words, command in TREE.items():
+        context = command.make_context(words, [], resilient_parsing=True, terminal_width=80)
+        for line in context.get_help().splitlines():
+            assert len(line) <= 80, (words, line)
+            assert "..." not in line or line.startswith("Usage: "), (words, line)
 
 
-def test_help_names_every_option_of_run() -> None:
-    code, out, _ = acrc("run", "--help")
-    assert code == 0
-    assert out.startswith("Usage: acrc run [OPTIONS] [SCENARIO.toml]\n")
-    for option in (
-        "--robots N", "--seed N", "--duration S", "--step MS", "--strategy NAME", "--speed X",
-        "--bus zenoh|memory", "--spawn forkserver|exec", "--isolate / --no-isolate", "--out DIR",
-        "--view", "--json",
-    ):  # fmt: skip
-        assert f"  {option} " in out
-
-
-@pytest.mark.parametrize("words", TREE)
-def test_no_line_of_help_is_cut_or_too_wide_for_80_columns(words: str) -> None:
-    context = TREE[words].make_context(words, [], resilient_parsing=True, terminal_width=80)
-    for line in context.get_help().splitlines():
-        assert len(line) <= 80, line
-        assert "..." not in line or line.startswith("Usage: "), line
-
-
-def test_help_loads_nothing_heavy() -> None:
-    heavy = {"numpy", "numba", "zenoh", "pydantic", "cleaning", "benchmarks", "PIL"}
-    code = f"import sys, command_line.app; print({heavy} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"
+def test_help_and_lists_import_no_heavy_package() -> None:
+    program = "import sys, command_line.app as a; a.app(standalone_mode=False); print([*sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program, "list", "strategies"],
+        cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    imported = set(ast.literal_eval(done.stdout.splitlines()[-1]))
+    assert "cleaning.strategies" in imported and not imported & {*HEAVY, "benchmarks"}
 
 
 def test_what_is_for_developers_stands_apart() -> None:
@@ -164,10 +144,19 @@ def test_the_version_names_release_and_commit() -> None:
     assert out.startswith(f"acrc {release()}")
 
 
-def test_test_hands_its_arguments_to_pytest_and_runs_in_the_repository(tmp_path: Path) -> None:
-    code, out, _ = acrc("test", "tests/run/test_options.py", "-k", "file_is_no", "-q", cwd=tmp_path)
-    assert code == 0
-    assert "1 passed, " in out.splitlines()[-1]
+def test_arguments_of_test_go_to_pytest_in_the_repository(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[tuple[object, ...]] = []
+
+    def noted(root: Path, words: list[str]) -> int:
+        called.append((root, *words))
+        return 3
+
+    monkeypatch.setattr(kernels, "compile_kernels", lambda: None)
+    monkeypatch.setattr(commands, "run_suite", noted)
+    assert acrc("test", "tests/run", "-k", "one", "-q", cwd=tmp_path)[0] == 3
+    assert called == [(ROOT, "tests/run", "-k", "one", "-q")]
 
 
 def test_every_check_runs_and_the_failed_ones_are_named(capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,23 +1,19 @@
 """What bash is told at the tabulator key, and that the script which asks for it can be installed."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY as ROOT
 from cleaning.strategies import STRATEGIES
 from deploy.run.orders import VERBS
-from tests import warm
-from tests.cli.test_cli import ROOT
+from tests.in_process import acrc
 
 
 def told(words: str, cwd: Path = ROOT) -> list[str]:
     """What is offered for the last of the words, which may be empty."""
     asked = {"_ACRC_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    env = {"PYTHONPATH": str(ROOT), "PATH": "", **asked}
-    done = warm.run((), cwd, env, 60.0, finds_cwd=False)
+    done = acrc(cwd=cwd, env=asked)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()
 
@@ -53,12 +49,8 @@ def test_values(words: str, offered: list[str]) -> None:
 
 
 def test_it_is_installed_for_the_shell_that_is_named(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "command_line", "--install-completion", "bash"],
-        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(tmp_path),
-                       "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    env = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    done = acrc("--install-completion", "bash", env=env)
     assert (done.returncode, done.stderr) == (0, "")
     script = (tmp_path / ".bash_completions" / "acrc.sh").read_text()
     assert "_ACRC_COMPLETE=complete_bash" in script and script.endswith(" acrc")

@@ -12,6 +12,7 @@ from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.errors import AcrcError
 from deploy.scenario.scenario_file import load_scenario
+from tests import in_process
 
 FOREIGN = ("numpy", "yaml", "zenoh", "msgpack", "typer", "rich")
 RUN = ("run", "--bus", "memory", "--robots", "1", "--duration", "1", "--json")
@@ -50,18 +51,8 @@ def test_variables_of_another_environment_change_nothing(ros: Path, tmp_path: Pa
     (ros / "python3").chmod(0o755)
     done = acrc(tmp_path, settings, *RUN)
     assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["digest"] == json.loads(acrc(tmp_path, {}, *RUN).stdout)["digest"]
-
-
-def test_packages_of_pythonpath_come_last_where_the_script_is_not_used(ros: Path, tmp_path: Path) -> None:
-    python = REPOSITORY / ".venv" / "bin" / "python"
-    environment = {**os.environ, "PYTHONPATH": str(ros)}
-    (ros / "sitecustomize.py").unlink()
-    done = subprocess.run(
-        [python, "-P", "-W", "error", "-X", "dev", "-m", "command_line", "list", "presets"],
-        check=False, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    here = in_process.acrc(*RUN, cwd=tmp_path).stdout
+    assert json.loads(done.stdout)["digest"] == json.loads(here)["digest"]
 
 
 @pytest.mark.parametrize("package", ["experiments", "deploy", "observation", "random"])
@@ -88,5 +79,5 @@ def test_a_scenario_from_an_editor_on_windows(encoding: str, tmp_path: Path) -> 
 
 
 def test_a_folder_whose_name_is_not_utf_8_is_refused(tmp_path: Path) -> None:
-    done = acrc(tmp_path, {}, *RUN, "--out", os.fsdecode(b"\xff\xfeout"))
+    done = in_process.acrc(*RUN, "--out", os.fsdecode(b"\xff\xfeout"), cwd=tmp_path)
     assert done.returncode == 2 and "the name is not UTF-8" in done.stderr and not list(tmp_path.iterdir())

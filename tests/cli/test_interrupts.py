@@ -33,11 +33,10 @@ runpy.run_module("command_line", run_name="__main__", alter_sys=True)
     ("event", "words"),
     [
         (20, "list strategies"),
-        (250, "list strategies"),
-        (400, "run --bus memory --duration 1 --out OUT"),
-        (1000, "run --bus memory --duration 1 --out OUT"),
+        pytest.param(250, "list strategies", marks=pytest.mark.nightly),
+        pytest.param(400, "run --bus memory --duration 1 --out OUT", marks=pytest.mark.nightly),
         (2500, "run --bus memory --duration 1 --out OUT"),
-        (1200, "demo --out OUT"),
+        pytest.param(1200, "demo --out OUT", marks=pytest.mark.nightly),
         (1500, "campaign --preset chapter --out OUT"),
     ],
 )

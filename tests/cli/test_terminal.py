@@ -1,7 +1,6 @@
 """What is printed stays what it is: no name is broken in narrow terminals, nothing in it means a picture."""
 
 import json
-import os
 import re
 import subprocess
 from pathlib import Path
@@ -14,7 +13,7 @@ from actors.installation.repository import REPOSITORY
 from cleaning.strategies.registry import STRATEGIES
 from command_line.documentation.commands import tree
 from command_line.options import answer
-from tests import warm
+from tests.in_process import acrc
 
 NAMES = ("none-giving-up", "chapter-careful", "my_package.strategies:make_way", "r1", "of 12 places")
 TEXT = "Visit the own places in their order, whatever others do, or [bold] :x: happens."
@@ -54,9 +53,7 @@ def test_a_table_that_does_not_fit_is_told_row_by_row(capsys: pytest.CaptureFixt
 
 @pytest.mark.parametrize("columns", ["40", "60", "80"])
 def test_a_narrow_terminal_breaks_no_strategys_name(columns: str) -> None:
-    done = warm.run(
-        ["list", "strategies"], REPOSITORY, os.environ | {"COLUMNS": columns}, 60.0, finds_cwd=False
-    )
+    done = acrc("list", "strategies", env={"COLUMNS": columns})
     assert done.returncode == 0, done.stderr
     shown = done.stdout.split()
     entries = [entry for entry in STRATEGIES.values() if entry not in shown]
@@ -64,7 +61,7 @@ def test_a_narrow_terminal_breaks_no_strategys_name(columns: str) -> None:
 
 
 def test_colons_and_brackets_in_a_name_stay_what_they_are(tmp_path: Path) -> None:
-    done = warm.run(["view", "a:x:[b]"], tmp_path, os.environ, 60.0, finds_cwd=False)
+    done = acrc("view", "a:x:[b]", cwd=tmp_path)
     assert done.stderr == "acrc: a:x:[b]: no run's folder: there is no */*.mcap in it\n"
 
 
@@ -95,11 +92,5 @@ def test_json_is_alone_on_standard_output(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().out == "one :x:\ntwo\n"
     answer(["one :x:", "two"], told, json=True)
     assert json.loads(capsys.readouterr().out) == {"file": "runs/a:x:", "rows": 3}
-    done = warm.run(
-        ["scenario", "scenarios/head_on.toml", "--json"], REPOSITORY, os.environ, 60.0, finds_cwd=False
-    )
-    assert json.loads(done.stdout)["robots"] == 2
-    part = warm.run(
-        ["scenario", "maps/corridor.yaml", "--json"], REPOSITORY, os.environ, 60.0, finds_cwd=False
-    )
-    assert json.loads(part.stdout)["narrow_places"] == 5
+    assert json.loads(acrc("scenario", "scenarios/head_on.toml", "--json").stdout)["robots"] == 2
+    assert json.loads(acrc("scenario", "maps/corridor.yaml", "--json").stdout)["narrow_places"] == 5

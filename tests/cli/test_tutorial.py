@@ -41,6 +41,7 @@ def typed(folder: Path, command: str) -> str:
     return done.stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_the_page_shows_what_it_says(said: dict[str, str]) -> None:
     without, tested, mine, measured = said.values()

@@ -1,8 +1,7 @@
-"""How the commands on the pages are tried.
+"""How the commands on the documentation pages are run by the nightly tests.
 
-Each is run by the tests as it stands, in a folder with what a clone has, after those above it on its page.
-What takes long is run shortened, and as it stands by night. A command that no test runs says so itself, where
-it stands: `# … (not run by tests: opens a window)`.
+Each command runs as it stands, in a folder with the files of a clone, after those above it on its page.
+Commands that take long run shortened. A page marks a command that no test runs: `# … (not run by tests: …)`.
 """
 
 import re
@@ -37,7 +36,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
     "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
 })  # fmt: skip
-"""Words behind a command, by the command, with which the suite runs what takes long."""
+"""Options that shorten a command, by command."""
 
 PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
@@ -50,26 +49,20 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip
-"""Pages whose blocks of a language have a test of their own, which shows that they do what the page says."""
-
-
-TYPED_ELSEWHERE: Final[MappingProxyType[str, str]] = MappingProxyType({
-    "./acrc demo": "tests/pictures/test_pictures.py",
-})  # fmt: skip
-"""What takes long and stands on several pages: a test of its own types it, and looks at all that it shows."""
+"""Tests of their own for the blocks of a language on a page."""
 
 
 class Command(NamedTuple):
-    """A command as it stands on a page."""
+    """A command on a page."""
 
     words: str
-    """Without what is said behind `#`."""
+    """Without the comment."""
     untried: str
-    """Why no test runs it, as the page says; empty: tests do."""
+    """The reason why no test runs it, as the page states it; empty: tests run it."""
 
 
 def commands(block: Block) -> list[Command]:
-    """The commands of a block in `sh`, one a line."""
+    """Return the commands of a block in `sh`, one per line."""
     lines = (line.partition(" #") for line in block.text.replace("\\\n", " ").splitlines())
     return [
         Command(words.strip(), found[1] if (found := _UNTRIED.search(said.strip())) else "")
@@ -79,14 +72,5 @@ def commands(block: Block) -> list[Command]:
 
 
 def shortened(command: Command) -> str:
-    """The command as the suite runs it."""
+    """Return the command as the tests run it."""
     return f"{command.words} {SHORTENED.get(command.words, '')}".rstrip()
-
-
-def mark(block: Block) -> str:
-    """What stands below a block on the site: which of its commands the suite shortens; or ""."""
-    return " ".join(
-        f"Tested at reduced size: `{shortened(command)}`."
-        for command in commands(block)
-        if command.words in SHORTENED
-    )

@@ -1,0 +1,58 @@
+"""One chain of commands through the main task: record a run, look at it, replay it, compare strategies."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actors.installation.repository import REPOSITORY as ROOT
+from tests.in_process import acrc
+
+
+class Story:
+    """Commands typed one after the other in one folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def type(self, words: str, makes: str = "") -> str:
+        """Return standard output of a command that must succeed and write the file `makes`."""
+        done = acrc(*words.split(), cwd=self.folder)
+        assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
+        assert not makes or (self.folder / makes).stat().st_size > 0, f"{words}: {makes} is missing"
+        return done.stdout
+
+    def answer(self, words: str, makes: str = "") -> Any:
+        """Return the JSON that a command prints."""
+        return json.loads(self.type(f"{words} --json", makes))
+
+
+@pytest.mark.timeout(300)
+def test_record_look_replay_and_compare(tmp_path: Path) -> None:
+    for name in ("scenarios", "maps"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    story = Story(tmp_path)
+    run = "run scenarios/head_on.toml --seed 3 --bus memory --duration 5 --strategy none --out runs/a"
+    digest = story.answer(run, "runs/a/run.json")["digest"]
+    assert story.answer("record check runs/a")["digest"] == digest
+    story.type("view runs/a --png", "runs/a/run.png")
+    assert f"digest {digest}" in story.type("replay runs/a")
+    assert story.answer("replay runs/a --robot r1")["whole"] is True
+    tables = story.answer("export runs/a --out tables", "tables/poses.parquet")
+    assert {"places", "poses"} <= {Path(one["file"]).stem for one in tables}
+    assert "r2" in story.type("causes runs/a --json")
+    assert story.answer("record info runs/a r1/drive --from 1 --to 2")
+    assert (
+        story.type("record echo runs/a r1/drive --csv --from 4")
+        .splitlines()[1]
+        .startswith("4.0,r1/drive,40,")
+    )
+    campaign = (
+        "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 4 --duration 1 "
+        "--check-every 0 --jobs 1 --out campaigns/a"
+    )
+    story.type(campaign, "campaigns/a/results.csv")
+    assert "none" in story.type("compare campaigns/a --metric radio")
+    page = story.answer("report campaigns/a --out page", "page/report.html")["page"]
+    assert "chapter" in (tmp_path / page).read_text()

@@ -1,0 +1,212 @@
+"""Pages of the documentation: links, command names and settings are right; nightly, code blocks run."""
+
+import ast
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.installation.repository import REPOSITORY
+from actors.observer.glyphs import OWN_STATES, SEEN_STATES
+from command_line.documentation import commands
+from command_line.documentation.markdown import Block, MarkdownPage, pages
+from deploy.scenario.scenario_file import parse
+from experiments.comparison.metrics import NAMES
+from experiments.study.study_file import load_study
+from observation.accounting.time_spent import Cause
+from observation.trace.rows import ACTIVITIES
+from tests import warm
+from tests.documentation.trials import PAGES as TESTED_ELSEWHERE
+from tests.documentation.trials import SHORTENED, Command, shortened
+from tests.documentation.trials import commands as commands_of
+
+PAGES = {page.name: page for page in pages()}
+TREE = commands.tree()
+LANGUAGES = {"sh", "python", "toml", "yaml", "text", "mermaid", "{eval-rst}", "{toctree}"}
+IN_A_CLONE = ("scenarios", "studies", "maps", "examples", "fleets")
+PLACEHOLDERS = {"…", "...", "COMMAND", "X"}
+LEAST = {
+    "map": 'map = "maps/corridor.yaml"',
+    "run": '[run]\nduration = 60.0\nstrategy = "none"',
+    "robots": "[robots]\ncount = 1",
+    "places": '[places]\npreset = "golden"',
+}
+"""What every scenario has, by its key; the first one is not a table."""
+
+
+def blocks(language: str) -> list[tuple[str, Block]]:
+    """Return page and block for each block of a language."""
+    return [(name, one) for name, page in PAGES.items() for one in page.blocks() if one.language == language]
+
+
+def test_local_links_lead_to_files_and_headings() -> None:
+    wrong = []
+    for page in PAGES.values():
+        for link in (one for one in page.links() if one.is_local):
+            file, _, anchor = link.target.partition("#")
+            path = (page.path.parent / file).resolve() if file else page.path
+            missing = not path.exists() or not path.is_relative_to(REPOSITORY)
+            if missing or (anchor and anchor not in MarkdownPage(path).anchors()):
+                wrong.append(f"{page.name}: {link.target}")
+    assert wrong == []
+
+
+def test_every_block_has_a_known_language() -> None:
+    found = {(name, block.language) for name, page in PAGES.items() for block in page.blocks()}
+    assert [one for one in found if one[1] not in LANGUAGES] == []
+
+
+def unknown_words(text: str) -> str:
+    """Return the fault in the words of a command, or ""."""
+    words, command, called = shlex.split(text, comments=True)[1:], TREE["acrc"], "acrc"
+    while hasattr(command, "commands") and words and words[0] not in PLACEHOLDERS and words[0][0] != "-":
+        called = f"{called} {words.pop(0)}"
+        if called not in TREE:
+            return f"{called} is not a command"
+        command = TREE[called]
+    if command.context_settings.get("ignore_unknown_options") or command.name == "test":
+        return ""
+    known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)} | {"--help"}
+    options = [word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)]
+    wrong = [option for option in options if option not in known]
+    return f"{called} has no {', '.join(wrong)}" if wrong else ""
+
+
+def test_commands_and_options_on_pages_exist() -> None:
+    wrong = []
+    for name, page in PAGES.items():
+        typed = [one.words for _, block in blocks("sh") if _ == name for one in commands_of(block)]
+        wrong += [
+            f"{name}: {words}: {fault}"
+            for words in (*page.codes(), *typed)
+            if re.match(r"(\./)?acrc( |$)", words) and (fault := unknown_words(words))
+        ]
+    assert wrong == []
+    assert unknown_words("./acrc run --colour red") == "acrc run has no --colour"
+    assert unknown_words("acrc record everything") == "acrc record everything is not a command"
+
+
+def test_settings_on_pages_are_valid(tmp_path: Path) -> None:
+    for name in IN_A_CLONE:
+        (tmp_path / name).symlink_to(REPOSITORY / name)
+    (tmp_path / "my_study").mkdir()
+    for _, block in blocks("toml"):
+        found = tomllib.loads(block.text)
+        if "strategies" in found:
+            (tmp_path / "study.toml").write_text(block.text)
+            assert load_study(tmp_path / "study.toml").trials()
+            continue
+        before, *behind = (given if key not in found else "" for key, given in LEAST.items())
+        parse("\n".join((before, block.text, *behind)), tmp_path / "scenario.toml")
+
+
+def test_commands_reference_is_current() -> None:
+    page = REPOSITORY / "docs" / "reference" / "commands.md"
+    assert page.read_text() == commands.as_markdown(), "`./acrc docs` regenerates it"
+    (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
+    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(NAMES)
+
+
+def defined(title: str) -> list[str]:
+    """Return the words that the table below a heading of docs/concepts.md defines, in order."""
+    section = PAGES["docs/concepts.md"].text.partition(f"## {title}\n")[2].partition("\n## ")[0]
+    return re.findall(r"^\| `([^`]+)`", section, re.MULTILINE)
+
+
+def test_concepts_define_the_words_of_the_product_once() -> None:
+    assert defined("Causes") == [cause.value for cause in Cause]
+    assert set(SEEN_STATES) == set(defined("Causes"))
+    assert sorted(defined("What a robot does")) == sorted(ACTIVITIES)
+    assert set(ACTIVITIES) < set(OWN_STATES)
+    cells = re.findall(r"^\| (\*[^|]+)", PAGES["docs/concepts.md"].text, re.MULTILINE)
+    counted = Counter(word for cell in cells for word in re.findall(r"\*([^*]+)\*", cell))
+    assert len(counted) > 40 and max(counted.values()) == 1
+
+
+def test_classes_for_authors_have_unique_names() -> None:
+    files = [file for room in ("cleaning", "examples") for file in (REPOSITORY / room).rglob("*.py")]
+    texts = [file.read_text() for file in (*files, *(REPOSITORY / "actors/robot/behaviour").glob("*.py"))]
+    texts += [block.text for _, block in blocks("python")]
+    classes = (node for text in texts for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    counted = Counter(one.name for one in classes if not one.name.startswith("_"))
+    assert [name for name, count in counted.items() if count > 1] == []
+
+
+@pytest.fixture
+def clone() -> Iterator[Path]:
+    """A folder with the files of a clone and those that the pages assume."""
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:  # shorter than pytest's: sockets lie in it
+        folder = Path(name)
+        for given in IN_A_CLONE:
+            shutil.copytree(REPOSITORY / given, folder / given)
+        (folder / "actors").mkdir()
+        (folder / "actors" / "models").symlink_to(REPOSITORY / "actors" / "models")
+        (folder / "my_study").mkdir()
+        lease = "from cleaning.strategies.chapter import behaviour as behaviour\n"
+        (folder / "my_study" / "lease.py").write_text(lease)
+        yield folder
+
+
+def type_in(clone: Path, command: str, timeout_s: float = 280.0) -> None:
+    """Run a command, which must succeed."""
+    runs = [file.parent for file in (clone / "runs").glob("*/scenario.toml")]
+    newest = max(runs, key=lambda path: path.stat().st_mtime, default=None)
+    program, *words = shlex.split(command.replace("runs/NAME", str(newest)))
+    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
+    if program == "./acrc":
+        done = warm.run(words, clone, env, timeout_s, finds_cwd=False)
+    else:
+        assert program in {".venv/bin/python", "openssl"}, command
+        done = subprocess.run(
+            [program.replace(".venv/bin/python", sys.executable), *words], cwd=clone, env=env,
+            capture_output=True, text=True, timeout=timeout_s, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+
+
+def commands_to_run(name: str) -> list[Command]:
+    """Return the commands of a page that no other test runs."""
+    if (name, "sh") in TESTED_ELSEWHERE:
+        return []
+    found = [one for page, block in blocks("sh") if page == name for one in commands_of(block)]
+    return [one for one in found if not one.untried and one.words != "./acrc demo"]
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", [name for name in PAGES if commands_to_run(name)])
+def test_the_commands_of_a_page_run(name: str, clone: Path) -> None:
+    if name == "docs/localisation-log.md":
+        (clone / "logs").mkdir()
+        type_in(clone, "./acrc verify localisation --log logs/course.zip --cell alone --duration 20")
+        theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
+        (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
+    if name == "docs/experiments.md":
+        type_in(clone, "./acrc run scenarios/head_on.toml --bus memory --duration 5")
+    for command in commands_to_run(name):
+        type_in(clone, shortened(command))
+
+
+@pytest.mark.nightly
+def test_python_on_pages_runs(clone: Path) -> None:
+    for name, block in blocks("python"):
+        if (name, "python") not in TESTED_ELSEWHERE:
+            (clone / "block.py").write_text(block.text)
+            type_in(clone, ".venv/bin/python block.py", 60.0)
+
+
+def test_lists_of_special_commands_name_commands_on_pages() -> None:
+    typed = {one.words for _, block in blocks("sh") for one in commands_of(block) if not one.untried}
+    assert sorted(set(SHORTENED) - typed) == []
+    for (page, _), test in TESTED_ELSEWHERE.items():
+        assert page.rpartition("/")[2] in (REPOSITORY / test).read_text(), f"{test} does not read {page}"
