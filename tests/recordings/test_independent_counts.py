@@ -18,9 +18,6 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
 from actors.robot.behaviour.foreign import Permit
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.comparison.metrics import judged, named
 from experiments.report import quantities
 from experiments.report.cases import Case
@@ -32,6 +29,7 @@ from observation.evidence.run_evidence import world_setup
 from observation.export import rows
 from observation.export.columns import TABLES
 from observation.results.result import RunResult
+from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 
 LENGTH, STEP = 20.0, 0.1
@@ -77,17 +75,11 @@ class Counted:
     """By process, what the strategy counted."""
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
     folder = tmp_path_factory.mktemp("counted")
-    text = (REPOSITORY / "scenarios" / "corridor.toml").read_text()
-    scenario = folder / "counted.toml"
-    scenario.write_text(text.replace("../maps", str(REPOSITORY / "maps")) + EVENTS)
-    chosen = load_scenario(
-        scenario, Overrides(duration=LENGTH, seed=3, strategy="tests.recordings.counting:behaviour")
-    )
-    out = folder / "out"
-    result = swarm.run_in_memory(swarm.plan(chosen, RunOptions(out, bus="memory")), lambda progress: None)
+    text, out = (REPOSITORY / "scenarios" / "corridor.toml").read_text() + EVENTS, folder / "out"
+    result = record(out, text, duration=LENGTH, seed=3, strategy="tests.recordings.counting:behaviour")
     setup = world_setup(out / "world" / "world.mcap")
     places = {(body.id, n): place for body in setup.robots for n, place in enumerate(body.places)}
     given = dict.fromkeys(places, 0.0)

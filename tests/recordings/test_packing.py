@@ -81,7 +81,7 @@ def test_every_byte_comes_back() -> None:
 
 def test_scans_of_any_shape_come_back() -> None:
     rng, buffers = np.random.default_rng(4), ScanBuffers()
-    for _ in range(2000):
+    for _ in range(500):
         rays, rough = int(rng.integers(0, 700)), int(rng.choice([1, 3, 30, 300, 3000, 40_000]))
         ranges = (np.cumsum(rng.integers(-rough, rough + 1, rays)) % 65536).astype("<u2").tobytes()
         packed = buffers.packed(ranges)
@@ -115,43 +115,12 @@ def read(path: Path) -> list[bytes | None]:
     return [item.payload for item in read_recording(path) if isinstance(item, Entry)]
 
 
-def test_a_cut_recording_gives_all_up_to_its_last_seal(tmp_path: Path) -> None:
-    given = written(tmp_path / "r1.mcap")
-    whole = (tmp_path / "r1.mcap").read_bytes()
-    assert read(tmp_path / "r1.mcap") == given
-    counts, cut = [], tmp_path / "cut.mcap"
-    for length in range(8, len(whole), 97):
-        cut.write_bytes(whole[:length])
-        found = read(cut)
-        assert found == given[: len(found)]
-        counts.append(len(found))
-    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == len(given)
-
-
-def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
-    given = written(tmp_path / "r1.mcap")
-    whole, rng, bad = (tmp_path / "r1.mcap").read_bytes(), random.Random(7), tmp_path / "bad.mcap"
-    for _ in range(150):
-        place = rng.randrange(8, len(whole))
-        bad.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << rng.randrange(8)]) + whole[place + 1 :])
-        reading, found = Reading(bad), []
-        try:
-            for item in reading:
-                assert isinstance(item, Entry)
-                found.append(item.payload)
-        except RecordingError as error:
-            assert str(error).startswith(f"{bad}: damaged ") and "\n" not in str(error)
-        else:
-            assert not reading.whole, "a length that leads beyond the file looks as if that was cut"
-        assert found == given[: len(found)]
-
-
 @drawn(
     kind=some.sampled_from(["cut", "zeros", "block", "garbage", "longer"]),
     at=some.floats(0, 1),
     seed=some.integers(0, 999),
 )
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_after_a_power_cut_readers_end_at_the_last_good_seal(
     tmp_path: Path, kind: str, at: float, seed: int
 ) -> None:
@@ -232,7 +201,7 @@ def test_lies_about_packed_scans_are_refused() -> None:
 
 def test_hostile_bits_end_the_kernel() -> None:
     rng, buffers = np.random.default_rng(9), ScanBuffers()
-    for _ in range(3000):
+    for _ in range(1000):
         data = rng.bytes(int(rng.integers(0, 60))) + rng.choice([b"", b"\xfe" * 40, b"\x7f" * 40])
         try:
             ranges = buffers.unpacked(data, int(rng.integers(0, 60)))

@@ -26,8 +26,8 @@ from observation.trace.traces import Traced, traces
 
 
 @pytest.fixture(scope="module")
-def trace(met: Path) -> Trace:
-    (found,) = whole(met, "r2")
+def trace(recorded_run: Path) -> Trace:
+    (found,) = whole(recorded_run, "r2")
     assert found.fault is None
     return found
 
@@ -43,7 +43,7 @@ def test_changes_lead_from_what_it_began_with_to_what_it_knew_last(trace: Trace)
             last[field] = one.after
 
 
-def test_an_adoption_names_the_replica_and_the_frame_that_brought_it(met: Path, trace: Trace) -> None:
+def test_an_adoption_names_its_replica_and_frame(recorded_run: Path, trace: Trace) -> None:
     adoption = next(one for one in trace.changes if one.by == "DestinationAdoption.at_member")
     read = adoption.read
     assert adoption.adaptation and adoption.peer == "r1" and read is not None and read.arrival is not None
@@ -53,7 +53,7 @@ def test_an_adoption_names_the_replica_and_the_frame_that_brought_it(met: Path, 
     assert adoption.decision is not None and adoption.decision.words == "takes over r1/0"
     frames = {
         (received.step, event.instant, event.sender, event.rssi_dbm, event.lqi)
-        for _, received in taken(met / "r2" / "r2.mcap", RECEIVED)
+        for _, received in taken(recorded_run / "r2" / "r2.mcap", RECEIVED)
         for event in received.events
         if isinstance(event, Heard)
     }
@@ -68,8 +68,8 @@ def test_processes_use_no_replica_and_no_peer(trace: Trace) -> None:
 
 
 @pytest.mark.parametrize("name", ["r9", "world"])
-def test_what_is_no_robot_has_no_trace(met: Path, name: str) -> None:
-    (found,) = traces(met, [name], permit=INSTALLED, isolate=False)
+def test_what_is_no_robot_has_no_trace(recorded_run: Path, name: str) -> None:
+    (found,) = traces(recorded_run, [name], permit=INSTALLED, isolate=False)
     assert found == Traced(name, fault=f"{name}: is no robot")
 
 
@@ -118,8 +118,8 @@ class Counting:
 
 
 @pytest.fixture
-def counting(met: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counting:
-    copytree(met, tmp_path / "run")
+def counting(recorded_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counting:
+    copytree(recorded_run, tmp_path / "run")
     for path in (tmp_path / "run").glob("*/*.trace"):
         path.unlink()
     return Counting(tmp_path / "run", monkeypatch)
@@ -139,8 +139,15 @@ def test_a_robot_is_replayed_once_for_all_who_look(
         assert keeping.kept(recording) is None
     counting.of("r2")
     assert counting.replayed == ["r2"] * 3 and file.read_bytes() == kept
-    monkeypatch.setattr(keeping, "VERSION", 0)
-    assert keeping.kept(recording) is None
+    with monkeypatch.context() as patch:
+        patch.setattr(keeping, "VERSION", 0)
+        assert keeping.kept(recording) is None
+    came_of = keeping.inputs(recording)
+    recording.write_bytes(recording.read_bytes()[:-1])
+    assert keeping.kept(recording) is None, "of another recording"
+    file.unlink()
+    keeping.keep(recording, came_of, [b"of another one"])
+    assert not file.exists()
 
 
 def test_a_trace_is_bounded_however_small_its_file(
@@ -158,20 +165,8 @@ def test_a_trace_is_bounded_however_small_its_file(
     assert keeping.inputs(recording) is None
 
 
-def test_another_recording_has_another_trace(counting: Counting, tmp_path: Path) -> None:
-    counting.of("r2")
-    recording = tmp_path / "run" / "r2" / "r2.mcap"
-    came_of = keeping.inputs(recording)
-    assert keeping.kept(recording)
-    recording.write_bytes(recording.read_bytes()[:-1])
-    assert keeping.kept(recording) is None
-    recording.with_suffix(".trace").unlink()
-    keeping.keep(recording, came_of, [b"of another one"])
-    assert not recording.with_suffix(".trace").exists()
-
-
-def test_frames_are_kept_too_and_those_of_strangers_are_not_believed(met: Path, tmp_path: Path) -> None:
-    copytree(met, tmp_path / "run")
+def test_fates_of_frames_are_cached_and_checked(recorded_run: Path, tmp_path: Path) -> None:
+    copytree(recorded_run, tmp_path / "run")
     radio = tmp_path / "run" / "radio" / "radio.mcap"
     radio.with_suffix(".trace").unlink(missing_ok=True)
     first = frame_fates(tmp_path / "run")

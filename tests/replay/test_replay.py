@@ -1,4 +1,4 @@
-"""`acrc replay` and `acrc run --check`: a run or a robot executed again, debugged, or with another strategy."""
+"""`acrc replay` and `acrc run --check`: a run or a robot executed again, debugged, or otherwise."""
 
 import io
 import re
