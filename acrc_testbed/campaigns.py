@@ -82,7 +82,7 @@ def campaign(
     `overwrite`: the campaign in that folder does not go on but is removed, and begins again.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from actors.runtime.isolation.isolating import choose
+    from actors.runtime.isolation.sandbox import choose
     from deploy.run import out_folder
     from experiments.campaign import results_table, store
     from experiments.campaign.campaign import CampaignOptions, carry_out

@@ -55,7 +55,7 @@ class Run:
         Radio and robots are replayed for it, in a sandbox where the machine has one. `modules` and `trust`
         are for a strategy that is neither installed nor was allowed by `run` or `open_run` in this process.
         """
-        from actors.runtime.isolation.isolating import choose
+        from actors.runtime.isolation.sandbox import choose
         from observation.export import parquet_files, rows
         from observation.replay.run_recordings import all_recordings
         from observation.replay.trust import check_trust

@@ -72,7 +72,7 @@ def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bo
 
     for actor in recordings(out):
         check_trust(out, actor, permit)
-    from actors.runtime.isolation.isolating import choose, warn
+    from actors.runtime.isolation.sandbox import choose, warn
     from deploy.run import out_folder
     from observation.export import parquet_files, rows
 
@@ -98,7 +98,7 @@ def _export_log(
 ) -> None:
     if name != "ros2":
         raise wrong_value("--mcap", name, "ros2, which RViz and Foxglove read")
-    from actors.runtime.isolation.isolating import choose, warn
+    from actors.runtime.isolation.sandbox import choose, warn
     from deploy.run import out_folder
     from observation.robot_logs.logging_run import log_run
 

@@ -185,7 +185,7 @@ def explain(
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.errors import printable
-    from actors.runtime.isolation.isolating import choose, warn
+    from actors.runtime.isolation.sandbox import choose, warn
     from observation.explanation import explain as explanation
 
     permit = permit_of(modules, trust=trust)

@@ -38,7 +38,6 @@ LONGEST: Final = (
     "swarm/test_head_on.py",
     "run/test_received_folders.py",
     "control/test_page.py",
-    "secrecy/test_secrecy.py",
     "clusters/test_files.py",
     "runtime/test_kernel_cache.py",
     "experiments/test_repetitions.py",

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
 from actors.runtime.isolation import mounts, sandbox
-from actors.runtime.isolation.neutral import FOLDER, RECORDING, Names, view
+from actors.runtime.isolation.sandbox import FOLDER, RECORDING, Names, robot_view
 from actors.runtime.lifecycle import keeper, linux
 from actors.runtime.lifecycle.parent import leave
 
@@ -67,7 +67,7 @@ def _prepare(told: Callable[[], dict[str, Any]], ours: socket.socket, theirs: so
         recording = os.open(
             names.record, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644
         )
-        mounts.enter(view(names))
+        mounts.enter(robot_view(names))
     except OSError as error:
         _refuse(error)
     robot = {

@@ -17,7 +17,7 @@ from actors.installation.repository import REPOSITORY
 from actors.processes.confined import MESSAGE_LIMIT
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import Names, outside
+from actors.runtime.isolation.sandbox import Names, outside_paths
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on, python
 from actors.runtime.lifecycle.process_table import ProcessGlance
@@ -49,7 +49,7 @@ class Program:
 
     def in_our_words(self, told: str) -> str:
         """What the program has said, its paths as they are called outside of its sandbox."""
-        return told if self.names is None else outside(told, self.names)
+        return told if self.names is None else outside_paths(told, self.names)
 
 
 @dataclass

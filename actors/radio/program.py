@@ -11,7 +11,6 @@ from actors.radio.medium import medium
 from actors.radio.propagation import indoor
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioProgram, RadioSetup
-from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
@@ -61,7 +60,6 @@ def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
-        bus=QuotaBus,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
         outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
     )

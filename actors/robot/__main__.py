@@ -20,8 +20,8 @@ from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
 from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import RECORDING, own_folder
 from actors.runtime.isolation.resource_limits import enforce
+from actors.runtime.isolation.sandbox import RECORDING, own_folder
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play, tell

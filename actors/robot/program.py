@@ -26,7 +26,7 @@ class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
     limits: ProcessLimits | None = None
     """What its process may have; None: whatever there is."""
     isolate: bool = False
-    """The process is shut off from everything but the router, and its recording is open (see `neutral`)."""
+    """The process is shut off from everything but the router, and its recording is open (see `sandbox`)."""
     debugger: str | None = None
     """The terminal at which breakpoints stop; empty: they do nothing; None: they fail."""
     spares_record: bool = False

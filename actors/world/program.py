@@ -8,7 +8,6 @@ from typing import Final
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.bus_interface import Bus
 from actors.runtime.core import to
 from actors.runtime.fingerprint import fingerprints
@@ -53,7 +52,6 @@ def part(
         listens=core.listens(),
         run=run,
         open_to=core.open_to,
-        bus=QuotaBus,
         drive=hold,
         outcome=lambda: {
             **core.task_outcome,

@@ -7,7 +7,6 @@ from benchmarks.claims.claim import PublishedClaim
 _BITS: Final = "The same bits"
 _RADIO: Final = "The radio"
 _NAVIGATION: Final = "Navigation"
-_PAST: Final = "The way past the radio"
 _ENDS: Final = "Ends, losses, damage"
 _BOARD: Final = "On board"
 _CORNERS: Final = ("alone/corridor/360/exact/0", "crowd/apartment/360/kobuki/10/robust")
@@ -98,13 +97,6 @@ CLAIMS: Final = (
         "All of 40 pairs come free, in a passage and on open floor "
         "([and what it does not cure](navigation.md#the-three-failures)).",
         "benchmarks.causes.wedge", small={"runs": 1}, full={"runs": 5}, seconds=(10, 60), takes=("runs",),
-    ),
-    PublishedClaim(
-        "attacks", _PAST,
-        "The radio is the only way from one robot to another.",
-        "Some hundred attacks by a swarm's own members run on every change. Those that get through are "
-        "[named](isolation.md#what-remains): session ids, inode numbers, page faults, load and timing.",
-        "benchmarks.attacks.command", seconds=(6, 6),
     ),
     PublishedClaim(
         "endings", _ENDS,

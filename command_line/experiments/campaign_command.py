@@ -15,7 +15,7 @@ from actors.console import screen
 from actors.installation.usage import typed
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
-from actors.runtime.isolation.isolating import choose
+from actors.runtime.isolation.sandbox import choose
 from deploy.clusters.address import plain
 from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store

@@ -22,7 +22,7 @@ from actors.processes.signals import signals_as_interrupts
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.isolating import choose
+from actors.runtime.isolation.sandbox import choose
 from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
 from deploy.fleet.doctor.machine import Machine

@@ -24,7 +24,7 @@ from actors.runtime.access.credentials import Credentials, reveal
 from actors.runtime.access.tls import load_keys
 from actors.runtime.bus.host_router import HostRouter, open_host_router
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import own_folder
+from actors.runtime.isolation.sandbox import own_folder
 from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
 from deploy.hosts.channel import Channel, ChannelClosedError, from_host
 from deploy.hosts.host_messages import (

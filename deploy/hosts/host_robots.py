@@ -15,8 +15,7 @@ from actors.processes.resource_watch import ResourceWatch
 from actors.robot.program import RobotProgram
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import FOLDER, Names
-from actors.runtime.isolation.neutral import code as seen_code
+from actors.runtime.isolation.sandbox import FOLDER, Names, code_places
 from actors.runtime.lifecycle import process_table
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
@@ -138,7 +137,7 @@ class HostRobots:
         folder, process = self._folder / order.robot, told.process
         record = folder / Path(process.record).name
         folders = [self._code / str(number) for number in range(1, self._begin.code + 1)]
-        seen, code = (FOLDER, seen_code(len(folders))) if process.isolate else (folder, folders)
+        seen, code = (FOLDER, code_places(len(folders))) if process.isolate else (folder, folders)
         names = Names(str(folder), str(record), tuple(map(str, folders))) if process.isolate else None
         process = msgspec.structs.replace(process, code=tuple(map(str, code)))
         return Program(

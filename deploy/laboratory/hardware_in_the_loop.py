@@ -23,7 +23,7 @@ from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.isolating import warn
+from actors.runtime.isolation.sandbox import warn
 from actors.runtime.process_setup import SETUP, setup_bytes
 from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect

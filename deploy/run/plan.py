@@ -19,8 +19,7 @@ from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, Gate, unix_endpoint
-from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, StrategyFolders, own_folder
-from actors.runtime.isolation.neutral import code as seen_code
+from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
@@ -204,7 +203,7 @@ def robot_program(
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     isolated = plan.isolate and not _is_debugged(plan, robot.id)
     modules = plan.options.modules
-    seen, code = (FOLDER, seen_code(len(modules))) if isolated else (folder, modules)
+    seen, code = (FOLDER, code_places(len(modules))) if isolated else (folder, modules)
     process = RobotProcess(
         record=f"{name}.mcap",
         router="router.sock",

@@ -28,7 +28,7 @@ from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
-from actors.runtime.isolation.isolating import IsolationChoice, choose, warn
+from actors.runtime.isolation.sandbox import IsolationChoice, choose, warn
 from deploy.run import hosting, progress, scenario_copy
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions

@@ -75,7 +75,7 @@ class Explainer:
     """Explains decisions of robots of a run that is over from their traces, made where none is kept."""
 
     def __init__(self, out: Path, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> None:
-        """`isolate`: see `actors.runtime.isolation.isolating`."""
+        """`isolate`: see `actors.runtime.isolation.sandbox`."""
         self._out = out
         self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
         self._made: dict[str, list[tuple[str, Trace]]] = {}

@@ -33,7 +33,7 @@ def tables(
 ) -> Tables:
     """Every table of a simulated run, by its name; `on_actor` is told whose trace is needed.
 
-    `isolate`: see `actors.runtime.isolation.isolating`. Raises RecordingError and EvidenceError for what is
+    `isolate`: see `actors.runtime.isolation.sandbox`. Raises RecordingError and EvidenceError for what is
     no whole folder of a run, ExportError for a robot without a trace, or with one that makes no sense.
     """
     run, files = read_run(out), all_recordings(out)

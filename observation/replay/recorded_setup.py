@@ -13,7 +13,7 @@ import msgspec
 
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import NAMES, StrategyFolders
+from actors.runtime.isolation.sandbox import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 

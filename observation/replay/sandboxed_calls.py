@@ -73,7 +73,7 @@ def ask(
     """Call a program (see `sandboxed`) with each, as many at a time as there are processors.
 
     Answers come as they are there. Of code that the permit does not cover it is a fault: it was not run.
-    `isolate`: see `actors.runtime.isolation.isolating`.
+    `isolate`: see `actors.runtime.isolation.sandbox`.
     """
     spawn = "forkserver" if len(calls) > 1 else "exec"
     with scratch_folder() as home, launcher(spawn) as launched:

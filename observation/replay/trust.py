@@ -8,7 +8,7 @@ from typing import Final
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.bus.replay_bus import ReplayError
-from actors.runtime.isolation.isolating import warn
+from actors.runtime.isolation.sandbox import warn
 from observation.replay.recorded_setup import code_folders, run_of, told
 from observation.replay.run_recordings import all_recordings
 

@@ -10,7 +10,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import printable
-from actors.runtime.isolation.isolating import choose, warn
+from actors.runtime.isolation.sandbox import choose, warn
 from actors.runtime.recording.reading import report_damage
 from observation.replay.record_replay import ReplayReport, replay_actor
 from observation.replay.replay_program import ReplayAnswer

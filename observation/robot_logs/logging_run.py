@@ -62,7 +62,7 @@ def log_run(
     """Write the log of a run, simulated or collected from robots, to a file that is not there yet.
 
     `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
-    whose trace is needed. `isolate`: see `actors.runtime.isolation.isolating`. Raises OptionError for a robot
+    whose trace is needed. `isolate`: see `actors.runtime.isolation.sandbox`. Raises OptionError for a robot
     that is none and a file that is there, RecordingError and the like for what is no folder of a run.
     """
     if path.exists() or path.is_symlink():

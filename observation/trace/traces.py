@@ -39,7 +39,7 @@ def traces(
 ) -> Iterator[Traced]:
     """The trace of each process, as it is there; those that are kept first.
 
-    `isolate`: see `actors.runtime.isolation.isolating`. Of code that the permit does not cover the fault says
+    `isolate`: see `actors.runtime.isolation.sandbox`. Of code that the permit does not cover the fault says
     that it was not run. What was made by code that need not be the recorded one is not kept.
     """
     files, wanted = all_recordings(out), list[str]()

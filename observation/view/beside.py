@@ -11,7 +11,7 @@ from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
 from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
-from actors.runtime.isolation.isolating import choose, warn
+from actors.runtime.isolation.sandbox import choose, warn
 from observation.view.command import opened, rest, so_far
 from observation.view.drawn import Say, Wishes, all_drawn, compute, place
 from observation.view.painting import Painting, arrangement, looked_into

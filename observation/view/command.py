@@ -10,7 +10,7 @@ from actors.processes.scratch import scratch_folder
 from actors.processes.signals import Interrupted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.isolating import choose, warn
+from actors.runtime.isolation.sandbox import choose, warn
 from observation.recordings.writers import Standing, drawn_until, standing
 from observation.view import live
 from observation.view.drawn import Say, Wishes, draw, place, read_story

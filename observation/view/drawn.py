@@ -16,7 +16,7 @@ from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.isolating import choose, warn
+from actors.runtime.isolation.sandbox import choose, warn
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_reader import read_run

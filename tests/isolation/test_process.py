@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.isolation import container
-from benchmarks.attacks.breakouts import NEST, UNDO
-from benchmarks.attacks.process_attacks import PTRACE_ATTACH
+from tests.isolation.attacks import NEST, PTRACE_ATTACH, UNDO
 from tests.isolation.test_attacks import need_isolation
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from actors.robot.assembly import RobotSetup
-from actors.runtime.isolation.neutral import NAMES, StrategyFolders
+from actors.runtime.isolation.sandbox import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Entry, Note
 from deploy.run import swarm

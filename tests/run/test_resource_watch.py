@@ -10,8 +10,8 @@ import pytest
 
 from actors.processes.launch import Child, Program
 from actors.processes.resource_watch import ResourceWatch, Use, used
-from actors.runtime.isolation.neutral import Names
 from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import Names
 from actors.runtime.lifecycle import process_table
 
 PLENTY = 1 << 40

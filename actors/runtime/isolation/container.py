@@ -1,7 +1,7 @@
 """Which container this process is in, and what of it lets robots be isolated.
 
 A container's own filter on system calls comes first: Docker's refuses the namespaces, and with `--cap-add
-SYS_ADMIN` still pivot_root(2). docs/isolation.md says what was tried.
+SYS_ADMIN` still pivot_root(2). docs/trust.md has a table.
 """
 
 import os

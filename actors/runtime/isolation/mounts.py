@@ -4,7 +4,6 @@ Everything here runs in a new mount namespace of a new user namespace, so nothin
 """
 
 import os
-import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from errno import EACCES, EINVAL, ENOENT, ENOSYS
@@ -41,10 +40,9 @@ _STATIC: Final = (
     *(f"/sys/devices/system/cpu/{name}" for name in ("online", "possible", "present", "kernel_max")),
     *(f"/proc/{name}" for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
 )
-"""What libraries look up about the machine. The robot gets copies: procfs and sysfs are not mounted, for they
-show what all processes do (/proc/self/pagemap tells who else has a page of a common file in memory)."""
-_LIVE: Final = re.compile(r"^(cpu MHz|(?!MemTotal|SwapTotal|Hugepagesize)\w+(\(\w+\))?:).*\n", re.MULTILINE)
-"""Lines of them that change from one moment to the next."""
+"""Files that libraries read about the machine. A robot gets copies: procfs and sysfs show other processes."""
+_DEPTH: Final = 3
+"""Folder levels that are searched for runs."""
 
 
 class FileView(NamedTuple):
@@ -131,7 +129,7 @@ def _devices() -> Iterator[tuple[Path, Path]]:
 def _machine() -> dict[Path, str]:
     """What the machine is, as it is when the robot starts."""
     found = {Path(name): Path(name) for name in _STATIC if _is_there(Path(name))}
-    return {place: _LIVE.sub("", path.read_text(errors="replace")) for place, path in found.items()}
+    return {place: path.read_text(errors="replace") for place, path in found.items()}
 
 
 def make_readonly(tree: Path) -> None:
@@ -196,3 +194,63 @@ def _bind(handle: int, path: Path) -> None:
         else:
             path.touch()
     linux.mount(f"/proc/self/fd/{handle}", path, None, MS_BIND | MS_REC)
+
+
+def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
+    """Files and folders in `folder` that may be shown whole; `folder` itself if it is a file.
+
+    Left out are what `hidden` names, names that begin with a dot, empty folders and every run's folder. A
+    folder that holds such a thing is gone into.
+    """
+    if os.path.isfile(folder):  # noqa: PTH113 — Path.is_file raises where access is denied
+        yield folder
+    yield from _shown(folder, hidden, _DEPTH)
+
+
+def is_run(folder: Path) -> bool:
+    """True for a folder that a run writes to or has written to."""
+    inside = [entry for entry in _listed(folder) if _is_subfolder(entry)]
+    if (folder / "scenario.toml").is_file() and {"world", "laboratory"} & {entry.name for entry in inside}:
+        return True
+    return any(
+        name.name.endswith(".mcap") or name.name == "setup.json" for one in inside for name in _listed(one)
+    )
+
+
+def _shown(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]:
+    for entry in sorted(_listed(folder), key=lambda entry: entry.name):
+        path = folder / entry.name
+        if entry.name.startswith(".") or path in hidden:
+            continue
+        if not _is_subfolder(entry):
+            yield path
+        elif not any(_listed(path)) or is_run(path):
+            continue
+        elif any(one.is_relative_to(path) for one in hidden) or _holds_run(path, depth - 1):
+            yield from _shown(path, hidden, depth - 1)
+        else:
+            yield path
+
+
+def _holds_run(folder: Path, depth: int) -> bool:
+    if depth <= 0:
+        return False
+    inside = [
+        folder / entry.name for entry in _listed(folder) if _is_subfolder(entry) and entry.name[0] != "."
+    ]
+    return any(is_run(path) or _holds_run(path, depth - 1) for path in inside)
+
+
+def _listed(folder: str | os.PathLike[str]) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as found:
+            return list(found)
+    except OSError:  # closed to us, or gone
+        return []
+
+
+def _is_subfolder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False

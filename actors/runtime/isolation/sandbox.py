@@ -1,12 +1,11 @@
 """A robot's process shut off from its peers: what is left is its own folder, with the router's socket in it.
 
 Linux only: user, network, mount, IPC and process namespaces, no capabilities, and a filter on system calls.
-Works for root and, where unprivileged user namespaces are allowed, for everyone. docs/isolation.md says what
-is closed.
+Works for root and, where unprivileged user namespaces are allowed, for everyone. docs/trust.md lists the
+layers.
 """
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -15,8 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation import code_folder, container, mounts, syscall_filter
+from actors.runtime.isolation import container, mounts, syscall_filter
 from actors.runtime.lifecycle import keeper, linux
 from actors.runtime.lifecycle.log import write_to
 
@@ -24,17 +25,22 @@ _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
 )
 _TRIAL: Final = "import sys; from actors.runtime.isolation.sandbox import trial; trial(sys.argv[1])"
-_SHARED_BY_USER: Final = (
-    ((resource.RLIMIT_MEMLOCK, 0), (resource.RLIMIT_MSGQUEUE, 0), (resource.RLIMIT_SIGPENDING, 64))
-    if sys.platform == "linux"
-    else ()
-)
-"""What the kernel counts over all processes of a user, and the little that a robot gets of it: who takes
-all of his share leaves enough for every other one (timers and queued signals), or there is none."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
 """Where the packages of this project are."""
 _NOT_ITS_CODE: Final = ("command_line", "deploy", "observation", "scenarios", "fleets", "runs")
 """What of the project is about the whole swarm, and about runs that have been."""
+NAMES: Final = "names.json"
+"""File in the folder of a run with a strategy of the user's own."""
+FOLDER: Final = Path("/robot")
+"""The robot's own folder of the run."""
+CODE: Final = Path("/code")
+"""Of the folders that its strategy is looked for in, the first is seen as /code/1, the next as /code/2, …"""
+RECORDING: Final = 3
+"""The descriptor at which such a robot finds its recording open."""
+OPEN = (
+    "each can read the others' passwords, files and memory, and reach them past the radio; "
+    "a strategy that is not out to cheat gives the same result"
+)
 
 
 class IsolationError(AcrcError):
@@ -96,9 +102,7 @@ def check_threads() -> None:
 
 
 def close_ways_out() -> None:
-    """The last part of `isolate`: no capabilities, nothing of what the user's processes share, the filter."""
-    for kind, most in _SHARED_BY_USER:
-        resource.setrlimit(kind, (most, most))
+    """The last part of `isolate`: drop all capabilities and install the filter."""
     linux.drop_capabilities()
     syscall_filter.install()
 
@@ -194,7 +198,7 @@ def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
 def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
     """What is seen of a folder with code; nothing of one that is hidden itself."""
     if not any(folder.resolve().is_relative_to(path) for path in hidden if path not in mounts.SCRATCH):
-        yield from code_folder.entries(folder, hidden)
+        yield from mounts.code_entries(folder, hidden)
 
 
 def _installed() -> list[Path]:
@@ -238,3 +242,96 @@ def refusal(error: OSError) -> IsolationError:
 
 def _sentence(reason: str) -> str:
     return f"{reason}; {container.advice()}"
+
+
+class StrategyFolders(msgspec.Struct, frozen=True):
+    """Folders that isolated robots saw under other names; absolute paths at the time of the run."""
+
+    out: str
+    """The run's folder; a robot's own lies in it."""
+    code: tuple[str, ...] = ()
+    """The folders that a strategy was looked for in."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Paths outside the sandbox that have other names inside."""
+
+    folder: str
+    """The robot's own folder of the run; its part `own` can be written to."""
+    record: str
+    """The new file of its recording."""
+    code: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    """Paths beside the code that the robot must not see: the run's folder, the scenario."""
+
+
+def own_folder(folder: Path) -> Path:
+    """In the folder of an actor, the part that it may write to, and that no other process writes to or reads.
+
+    What others rely on lies beside it: recordings and logs, which the actor keeps open and cannot replace.
+    """
+    return folder / "own"
+
+
+def code_places(count: int) -> tuple[Path, ...]:
+    """Return the paths inside the sandbox of so many folders with code."""
+    return tuple(CODE / str(number) for number in range(1, count + 1))
+
+
+def outside_paths(text: str, names: Names) -> str:
+    """Replace the sandbox's paths in a robot's output by those outside."""
+    for seen, path in ((FOLDER, names.folder), *zip(code_places(len(names.code)), names.code, strict=True)):
+        text = text.replace(f"{seen}/", f"{path}/")
+    return text
+
+
+def robot_view(names: Names) -> mounts.FileView:
+    """Return the file tree of a robot whose folders have other names inside."""
+    folder = Path(names.folder)
+    own, hidden = own_folder(folder), (*map(Path, names.hidden), folder.parent)
+    plain = file_view(Confinement(own=own, hidden=hidden))
+    not_seen = unseen(hidden)
+    entries = {
+        seen / found.relative_to(path): found
+        for seen, path in zip(code_places(len(names.code)), map(Path, names.code), strict=True)
+        for found in code_entries(path, not_seen)
+    }
+    sealed = [path for path in plain.sealed if path not in hidden]
+    return plain._replace(sealed=sealed, home=own_folder(FOLDER), renamed={FOLDER: folder, **entries})
+
+
+@dataclass(frozen=True)
+class IsolationChoice:
+    """Whether robots are sandboxed."""
+
+    isolate: bool
+    warning: str = ""
+    """Sentence about the missing sandbox; empty if there is one."""
+
+
+def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None = None) -> IsolationChoice:
+    """Decide whether to sandbox robots; `wanted` None: if the machine allows it.
+
+    `debugged`: a debugger must reach the process. `elsewhere`: why another computer of the run has no
+    sandbox. Raises IsolationError where a sandbox is wanted and impossible.
+    """
+    if wanted is False or (wanted is None and debugged):
+        option = "--no-isolate" if wanted is False else "--debugpy"
+        return IsolationChoice(False, f"{option}: robots run as plain processes; {OPEN}")
+    reason = available() or elsewhere
+    if reason is None:
+        return IsolationChoice(True)
+    if wanted:
+        raise IsolationError(reason)
+    cause = reason.removesuffix(f"; {container.advice()}")
+    helps = f"; {container.remedy()}" if container.kind() and cause != reason else ""
+    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{helps}")
+
+
+def warn(choice_warning: str) -> None:
+    """Print a warning on standard error."""
+    if choice_warning:
+        from actors.console import screen  # noqa: PLC0415 — robots' processes do not need it
+
+        screen(stderr=True).print(f"acrc: {choice_warning}", style="yellow")

@@ -1,10 +1,8 @@
-"""A strategy that looks for words in all that its process can reach, and writes down where it found them.
+"""A strategy that searches everything that its process can reach for given words.
 
-It is told them in a cipher, and enciphers what it reads to look for them, so that it puts no copy of them
-into its own memory.
+The words are enciphered, so that the strategy itself puts no copy of them into memory.
 """
 
-import ctypes
 import gc
 import json
 import os
@@ -18,35 +16,32 @@ from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 HERE = Path(__file__).parent
 LARGEST = 8_000_000
 """Bytes of a file that are read."""
-PAGE = 4096
 CIPHER = bytes((byte + 77) % 256 for byte in range(256))
-"""Twice applied it is no plain text again."""
 NEVER_ENDING = ("zero", "full", "random", "urandom")
-CODE_OF_ALL = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt", "/etc", "/nix", "/gnu")
-"""The system's own files, which know nothing of a run."""
+SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt", "/etc", "/nix", "/gnu")
 
 
 class Still:
-    """Does nothing more."""
+    """Stands still."""
 
     def advance(self, view: View, until: int) -> Decision:
-        """Stand."""
+        """Decide nothing."""
         return Decision()
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Look everywhere, once; r1 is also made before the run."""
+    """Search once, as r2; r1 is also created before the run."""
     if start.robot != "r2":
         return Still()
     words = [bytes.fromhex(word) for word in json.loads((HERE / "words.json").read_text())]
-    found = [
+    found = {
         f"{place}: word {number}"
-        for places in (_process(), _frames(), _objects(), _files(), _memory())
+        for places in (_process(), _frames(), _objects(), _files())
         for place, content in places
         for number in _inside(content, words)
-    ]
+    }
     own = Path() if Path("/robot").exists() else HERE
-    (own / "found.json").write_text(json.dumps(sorted(set(found))))
+    (own / "found.json").write_text(json.dumps(sorted(found)))
     return Still()
 
 
@@ -56,9 +51,8 @@ def _inside(content: bytes, words: Sequence[bytes]) -> list[int]:
 
 
 def _process() -> Iterator[tuple[str, bytes]]:
-    yield "sys.argv", repr(sys.argv).encode()
-    yield "sys.orig_argv", repr(sys.orig_argv).encode()
-    yield "sys.path", repr(sys.path).encode()
+    for name in ("argv", "orig_argv", "path"):
+        yield f"sys.{name}", repr(getattr(sys, name)).encode()
     yield "environment", repr(dict(os.environ)).encode()
     yield "working directory", str(Path.cwd()).encode()
     yield "modules", repr({name: getattr(one, "__file__", "") for name, one in sys.modules.items()}).encode()
@@ -74,7 +68,6 @@ def _frames() -> Iterator[tuple[str, bytes]]:
 
 
 def _objects() -> Iterator[tuple[str, bytes]]:
-    """All that is in memory as an object, and all that it refers to."""
     for one in gc.get_objects():
         for part in gc.get_referents(one):
             if isinstance(part, str | bytes | bytearray | int | os.PathLike):
@@ -90,27 +83,23 @@ def _text(value: object) -> bytes:
         return b" ".join((str(value).encode(), hex(value).encode(), *both))
     try:
         return repr(value).encode(errors="replace")
-    except Exception:  # somebody's object that cannot be shown
+    except Exception:  # an object without a representation
         return b""
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
-    """Names of all files, and what is in those that are no library's; not of a whole machine."""
+    """Yield the names of all files, and the content of those outside libraries; not of a whole machine."""
     if Path("/proc/self").exists():
         return
-    libraries = (*CODE_OF_ALL, sys.prefix, sys.base_prefix)
+    project = str(Path(sys.modules["actors"].__file__ or "").parents[1])
+    libraries = (*SYSTEM, sys.prefix, sys.base_prefix)
     for folder, folders, names in os.walk("/"):
         folders[:] = [name for name in folders if str(Path(folder, name)) not in libraries]
         for name in (*folders, *names):
             yield "a file's name", bytes(Path(folder, name))
-        if folder.startswith(str(HERE)) or not folder.startswith(_project()):
+        if folder.startswith(str(HERE)) or not folder.startswith(project):
             for name in names:
                 yield str(Path(folder, name)), _content(Path(folder, name))
-
-
-def _project() -> str:
-    """What is the same in every run."""
-    return str(Path(sys.modules["actors"].__file__ or "").parents[1])
 
 
 def _content(path: Path) -> bytes:
@@ -121,43 +110,3 @@ def _content(path: Path) -> bytes:
             return file.read(LARGEST)
     except OSError:
         return b""
-
-
-def _memory() -> Iterator[tuple[str, bytes]]:
-    """The process's memory as it is: around all objects, the heap, and the stack with the first arguments."""
-    here = ctypes.create_string_buffer(1)
-    pages = {id(one) // PAGE for one in gc.get_objects()}
-    pages |= {id(part) // PAGE for one in gc.get_objects() for part in gc.get_referents(one)}
-    libc = ctypes.CDLL(None)
-    libc.sbrk.restype = ctypes.c_void_p
-    end = libc.sbrk(ctypes.c_long(0)) // PAGE
-    pages |= set(range(end - 20_000, end))
-    stack = int(_stack_of(libc)) // PAGE
-    pages |= set(range(stack - 100, stack + 3000))
-    pages.add(ctypes.addressof(here) // PAGE)
-    out, into = os.pipe()
-    for first, last in _runs(pages):
-        chunk = bytearray()
-        for page in range(first, last + 1):
-            # write(2) says EFAULT where nothing is, and a look would end the process
-            if libc.write(into, ctypes.c_void_p(page * PAGE), PAGE) == PAGE:
-                chunk += os.read(out, PAGE)
-        yield "memory", bytes(chunk)
-
-
-def _stack_of(libc: ctypes.CDLL) -> int:
-    """Where the environment lies that the process was started with."""
-    return ctypes.cast(ctypes.c_void_p.in_dll(libc, "__libc_stack_end"), ctypes.c_void_p).value or 0
-
-
-def _runs(pages: set[int]) -> Iterator[tuple[int, int]]:
-    """Pages that follow one another, as first and last, so that no word is cut by a page's end."""
-    first = last = -2
-    for page in sorted(pages):
-        if page != last + 1 or last - first > 1000:
-            if first >= 0:
-                yield first, last
-            first = page
-        last = page
-    if first >= 0:
-        yield first, last

@@ -1,0 +1,369 @@
+"""Rig of the attack tests: the world's router and two robots, processes that carry out stages of attacks."""
+
+import json
+import os
+import secrets
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, TextIO
+
+import zenoh
+
+from actors.installation.repository import REPOSITORY
+from actors.runtime.access import rules
+from actors.runtime.access.credentials import Credentials, issue, reveal
+from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.lifecycle import environment, process_table
+
+Note = dict[str, Any]
+"""Data that the stages of one attack share through the test instead of the swarm."""
+TIMEOUT_S = 10.0
+"""Limit for messages that must arrive; absence is never concluded from a shorter wait."""
+NO_PASSWORDS = '{"user": null, "password": null, "dictionary_file": null}'
+ORDINARY_KEYS = ("swarm/up/*/drive", "swarm/up/*/transmit", "swarm/up/*/ready", "swarm/infra/**")
+
+
+class Layer(IntEnum):
+    """Mechanism that blocks an attack; a mode of the swarm applies its own layer and all weaker ones."""
+
+    NONE = 0
+    """Positive control: must succeed in every mode."""
+    RULES = 1
+    """Passwords and access rules of the router."""
+    PROCESS = 2
+    """The sandbox of the robot process."""
+
+
+MODES = {"unguarded": Layer.NONE, "open": Layer.RULES, "isolated": Layer.PROCESS}
+""""unguarded": no rules or passwords; "open": those of --no-isolate; "isolated": sandboxed robots as well."""
+
+
+class Description(NamedTuple):
+    """Paths and descriptors that the members need."""
+
+    mode: str
+    out: str
+    robots: dict[str, str]
+    infra: str
+    study: str
+    """Folder with the robots' code and the scenario; holds `out` and the run folder `runs/other`."""
+    inherited: dict[str, int]
+    """Descriptors left open: the folder `out`, and the two ends of a pipe."""
+
+
+@dataclass
+class SwarmMember:
+    """State of a member process: its session, received samples and objects to close after an attack."""
+
+    name: str
+    swarm: Description
+    session: zenoh.Session
+    pid: int = 0
+    """Process id outside its namespace."""
+    heard: list[tuple[str, str]] = field(default_factory=list)
+    """Key and payload of each received sample."""
+    ordinary: list[Any] = field(default_factory=list)
+    subscribers: list[Any] = field(default_factory=list)
+    kept: list[Any] = field(default_factory=list)
+    signals: list[int] = field(default_factory=list)
+
+    @property
+    def folder(self) -> Path:
+        """The member's own folder."""
+        return Path(self.swarm.robots.get(self.name, self.swarm.infra))
+
+    def keep(self, thing: Any) -> Any:
+        """Keep `thing` open until the attack is over."""
+        self.kept.append(thing)
+        return thing
+
+    def listen(self, key: str, session: zenoh.Session | None = None) -> None:
+        """Subscribe to `key` until the attack is over."""
+        self.subscribers.append((session or self.session).declare_subscriber(key))
+
+    def receive(self) -> list[tuple[str, str]]:
+        """Return all samples since the attack began; channels keep their order, callbacks would not."""
+        for subscriber in (*self.ordinary, *self.subscribers):
+            while (sample := subscriber.try_recv()) is not None:
+                self.heard.append((str(sample.key_expr), bytes(sample.payload).decode()))
+        return self.heard
+
+    def has_heard(self, payload: str) -> bool:
+        """Return whether a sample with `payload` has arrived."""
+        return any(text == payload for _, text in self.receive())
+
+    def await_payload(self, payload: str, copies: int = 1) -> None:
+        """Wait for a sample that must come; everything sent before it on its way has then arrived too."""
+        limit = time.monotonic() + TIMEOUT_S
+        while [text for _, text in self.receive()].count(payload) < copies:
+            if time.monotonic() > limit:
+                raise AssertionError(f"{self.name} never received {payload!r}, only {self.heard}")
+            time.sleep(0.0005)
+
+    def reset(self) -> None:
+        """Close everything that the last attack opened."""
+        for thing in (*self.subscribers, *reversed(self.kept)):
+            with suppress(OSError, zenoh.ZError):
+                thing.close() if hasattr(thing, "close") else thing.undeclare()
+        for things in (self.subscribers, self.kept, self.signals):
+            things.clear()
+        self.receive()
+        self.heard.clear()
+
+
+Stage = tuple[str, Callable[[SwarmMember, Note], Note | None]]
+"""A member's name and its action; the returned items are added to the note."""
+
+
+class Attack(NamedTuple):
+    """A way by which r1 tries to reach r2 or to act as another actor.
+
+    The attack succeeds if its stages end with a true note `reached`; a refused call ends it before.
+    """
+
+    name: str
+    layer: Layer
+    stages: tuple[Stage, ...]
+    root: bool = False
+    """Only root could do this."""
+    traces: bool = False
+    """Needs the right to trace own processes (Yama's ptrace_scope)."""
+
+
+class StageOutcome(NamedTuple):
+    """Whether an attack reached its goal, and the error that stopped it."""
+
+    reached: bool
+    refused: str
+
+
+class AttackedSwarm:
+    """Three member processes and their folders; `with` starts and ends them."""
+
+    def __init__(self, mode: str) -> None:
+        self._stack = ExitStack()
+        # Short, because a socket's path may have 107 bytes.
+        study = Path(tempfile.mkdtemp(prefix="swarm", dir="/tmp")).resolve()
+        self._stack.callback(shutil.rmtree, study, ignore_errors=True)
+        (study / "scenario.toml").write_text("[run]\nseed = 7\n")
+        self._out = study / "runs" / "this"
+        robots = {name: self._out / name for name in ("r1", "r2")}
+        for folder in (*robots.values(), self._out / "infra"):
+            folder.mkdir(parents=True)
+        self._stack.enter_context(_other_run(study / "runs" / "other"))
+        issue(robots, self._out / "infra")
+        inherited = [os.open(self._out, os.O_RDONLY), *os.pipe()]
+        os.set_blocking(inherited[1], False)
+        for handle in inherited:
+            self._stack.callback(os.close, handle)
+        self._description = Description(
+            mode=mode,
+            out=str(self._out),
+            robots={name: str(folder) for name, folder in robots.items()},
+            infra=str(self._out / "infra"),
+            study=str(study),
+            inherited=dict(zip(("folder", "pipe_out", "pipe_in"), inherited, strict=True)),
+        )
+        self._members: dict[str, subprocess.Popen[str]] = {}
+
+    def __enter__(self) -> "AttackedSwarm":
+        try:
+            for group in (("world",), ("r1", "r2")):
+                for name in group:
+                    self._start(name)
+                for name in group:
+                    self._answer(name)
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for member in reversed(self._members.values()):
+            assert member.stdin is not None
+            with suppress(BrokenPipeError):
+                member.stdin.close()
+        for member in self._members.values():
+            try:
+                member.wait(10)
+            except subprocess.TimeoutExpired:
+                member.kill()
+        self._stack.close()
+
+    def carry_out(self, attack: Attack) -> StageOutcome:
+        """Carry out one attack, then reset all members."""
+        note: Note = {"token": secrets.token_hex(8)}
+        for stage, (name, _) in enumerate(attack.stages):
+            order = {"attack": attack.name, "stage": stage, "note": note, "pid": self._pid(name)}
+            note |= self._ask(name, order)
+            if "refused" in note:
+                break
+        for name in self._members:
+            self._ask(name, {"reset": True})
+        if "litter" in note:
+            Path(note["litter"]).unlink(missing_ok=True)
+        refused = note.get("refused", "")
+        return StageOutcome(bool(note.get("reached")) and not refused, refused)
+
+    def _start(self, name: str) -> None:
+        self._members[name] = subprocess.Popen(
+            [sys.executable, "-m", "tests.isolation.attacked_swarm", name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=self._out,
+            env=self._environment(),
+            pass_fds=list(self._description.inherited.values()),
+        )
+        self._write(name, self._description._asdict())
+
+    def _pid(self, name: str) -> int:
+        """Of the member itself; an isolated one is the younger child of its keeper."""
+        outer = self._members[name].pid
+        if self._description.mode != "isolated" or name == "world":
+            return outer
+        return max(process_table.children(outer, process_table.table()))
+
+    def _environment(self) -> dict[str, str]:
+        """The user's whole environment, or the part that launchers pass on."""
+        shell = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join((str(REPOSITORY), self._description.study)),
+            "SECRET": "known to its owner only",
+        }
+        return environment.passed_on(shell) if self._description.mode == "isolated" else shell
+
+    def _ask(self, name: str, order: Note) -> Note:
+        self._write(name, order)
+        return self._answer(name)
+
+    def _write(self, name: str, order: Note) -> None:
+        stdin = self._members[name].stdin
+        assert stdin is not None
+        stdin.write(json.dumps(order) + "\n")
+        stdin.flush()
+
+    def _answer(self, name: str) -> Note:
+        stdout = self._members[name].stdout
+        assert stdout is not None
+        line = stdout.readline()
+        if not line:
+            log = self._out / name / "log.txt"
+            raise RuntimeError(f"{name} exited: {log.read_text()[-2000:] if log.exists() else 'see above'}")
+        answer: Note = json.loads(line)
+        return answer
+
+
+def _other_run(out: Path) -> socket.socket:
+    """Make the folder of another run that is going on; return its router's socket."""
+    for name in ("world", "r9"):
+        (out / name).mkdir(parents=True)
+    (out / "scenario.toml").write_text("[run]\nseed = 8\n")
+    (out / "r9" / "r9.mcap").write_text("recording of r9")
+    router_socket = socket.socket(socket.AF_UNIX)
+    router_socket.bind(str(out / "world" / "router.sock"))
+    router_socket.listen()
+    return router_socket
+
+
+def credentials_of(swarm: Description) -> Credentials:
+    """Return the credentials that `issue` has written for this swarm."""
+    robots = {name: Path(folder) for name, folder in swarm.robots.items()}
+    infra = Path(swarm.infra)
+    return Credentials(
+        robots=tuple(robots),
+        others=("radio", "observer", "operator"),
+        dictionary=infra / "users",
+        files={name: folder / "credentials" for name, folder in robots.items()},
+        sockets={name: folder / "router.sock" for name, folder in robots.items()}
+        | {"radio": infra / "router.sock"},
+    )
+
+
+def router(swarm: Description) -> zenoh.Config:
+    """Return the world's configuration, without access control in the unguarded swarm."""
+    config = rules.router_config(credentials_of(swarm))
+    if swarm.mode == "unguarded":
+        config.insert_json5("access_control", '{"enabled": false}')
+        config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
+    return config
+
+
+def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
+    """Return a robot's configuration with its own credentials; `changed` replaces parts of them."""
+    issued = credentials_of(swarm)
+    config = rules.client_config(issued.files[name], issued.endpoint(name))
+    for key, value in changed.items():
+        config.insert_json5(key if key == "mode" else f"transport/auth/usrpwd/{key}", json.dumps(value))
+    if swarm.mode == "unguarded":  # a router without passwords refuses a client that shows one
+        config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
+    return config
+
+
+def main() -> None:
+    """Become the member named by argv: read a description, then one order per line, and answer each."""
+    name = sys.argv[1]
+    orders, answers = os.dup(0), os.dup(1)  # isolation redirects stdin and stdout
+    with os.fdopen(orders) as incoming, os.fdopen(answers, "w") as outgoing:
+        swarm = Description(**json.loads(incoming.readline()))
+        if swarm.mode == "isolated" and name != "world":
+            own = Path(swarm.robots[name])
+            isolate(
+                Confinement(
+                    own=own,
+                    hidden=(Path(swarm.out), Path(swarm.study, "scenario.toml")),
+                    log=own / "log.txt",
+                    descriptors=(orders, answers),
+                    parent=os.getppid(),
+                )
+            )
+        with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
+            member = SwarmMember(name, swarm, session)
+            keys = ORDINARY_KEYS if name == "world" else (f"swarm/down/{name}/*",)
+            member.ordinary = [session.declare_subscriber(key) for key in keys]
+            if name == "world":
+                reveal(credentials_of(swarm))
+            _obey_all(member, incoming, outgoing)
+
+
+def _obey_all(member: SwarmMember, incoming: TextIO, outgoing: TextIO) -> None:
+    answer: Note = {"ready": os.getpid()}
+    while True:
+        outgoing.write(json.dumps(answer) + "\n")
+        outgoing.flush()
+        order = incoming.readline()
+        if not order:
+            return
+        answer = _obey(member, json.loads(order))
+
+
+def _obey(member: SwarmMember, order: Note) -> Note:
+    from tests.isolation.attacks import ATTACKS  # noqa: PLC0415 — the table imports this module
+
+    if order.get("reset"):
+        member.reset()
+        return {}
+    member.pid = order["pid"]
+    (attack,) = (one for one in ATTACKS if one.name == order["attack"])
+    try:
+        return attack.stages[order["stage"]][1](member, order["note"]) or {}
+    except (OSError, zenoh.ZError, TimeoutError) as error:
+        return {"refused": f"{member.name}: {type(error).__name__}: {error}"}
+
+
+if __name__ == "__main__":
+    from tests.isolation.attacked_swarm import main as imported_main  # the module as attacks.py imports it
+
+    imported_main()
