@@ -4,7 +4,7 @@ import math
 from typing import Final, NamedTuple, TypeAlias
 
 from actors.portable import cos_sin, hypot
-from deeco.replacing import made
+from deeco.knowledge import made
 
 GREATEST_COORDINATE: Final = 1e5
 """Of a point, either way, m. A velocity, m/s, and an angle, rad, have the same limit in messages."""

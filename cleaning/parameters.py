@@ -9,7 +9,7 @@ from enum import Enum
 
 from actors.bounds import ParameterError, check, check_range
 from deeco import Duration, seconds
-from deeco.parameters import LinkParameters
+from deeco.link import LinkParameters
 
 
 class Unblock(Enum):

@@ -9,15 +9,163 @@
         fuel: float = 1.0
 
 Both decorators make a frozen dataclass with keyword-only fields; `dataclasses.replace` makes the next value.
+
+Processes are methods of a component that take its knowledge and return its next knowledge.
+The decorators only tag: a process stays a plain method that a test can call.
 """
 
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TypeVar, dataclass_transform, get_type_hints
+from typing import Any, Final, TypeVar, dataclass_transform, get_type_hints
 
-from deeco import immutability
 from deeco.errors import DefinitionError
-from deeco.knowledge import KIND, Knowledge, is_component, roles_of
-from deeco.process import processes_of, tag_of
+from deeco.instant import Duration, duration_fault
+from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, roles_of
+
+F = TypeVar("F", bound=Callable[..., Knowledge])
+Fact = Callable[[Any], object]
+"""A method of a role or component, of nothing but the knowledge; a process can run when its value changes."""
+_TAG: Final = "_deeco_schedule"
+_ADAPTATION: Final = "_deeco_adaptation"
+_NONE: Final = Duration(0)
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """At `offset` + whole multiples of `every`; of several at one instant the lower `order` runs first."""
+
+    every: Duration
+    offset: Duration = _NONE
+    order: int = 0
+
+
+@dataclass(frozen=True)
+class OnChange:
+    """Whenever the value of one of the facts differs after a commit."""
+
+    facts: tuple[Fact, ...]
+
+
+Schedule = Periodic | OnChange
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process of a component class."""
+
+    owner: str
+    """Name of the component class."""
+    name: str
+    schedule: Schedule
+    ports: tuple[tuple[str, Any], ...]
+    """Parameters beside the knowledge: name and annotated type, by which a node binds it."""
+    adaptation: bool
+    """True in the adaptation layer, false in the layer that is adapted."""
+
+    def __str__(self) -> str:
+        return f"{self.owner}.{self.name}"
+
+
+def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
+    """Run the method every so often, without drift, from the node's start + `offset` on.
+
+    Raises DefinitionError for what is no duration, or one below a millisecond.
+    """
+    fault = duration_fault("every", every) or duration_fault("offset", offset, may_be_none=True)
+    if fault:
+        raise DefinitionError(f"@periodic: {fault}")
+    return _tag(Periodic(every, offset, order))
+
+
+def on_change(*facts: Fact) -> Callable[[F], F]:
+    """Run the method at once when a fact, such as `Cleaner.is_blocked`, has another value after a commit."""
+    if not facts:
+        raise DefinitionError("@on_change() should name a fact, such as Cleaner.is_blocked")
+    return _tag(OnChange(facts))
+
+
+def adaptation(process: F) -> F:
+    """Say that a process belongs to the adaptation layer: for pictures and explanations, without effect."""
+    setattr(process, _ADAPTATION, True)
+    return process
+
+
+def _tag(schedule: Schedule) -> Callable[[F], F]:
+    def tagged(function: F) -> F:
+        setattr(function, _TAG, schedule)
+        return function
+
+    return tagged
+
+
+def tag_of(function: object) -> Schedule | None:
+    """The schedule that a method was tagged with."""
+    return getattr(function, _TAG, None)
+
+
+def processes_of(cls: type) -> tuple[Process, ...]:
+    """All processes of a component class, those of its bases first.
+
+    A method that overrides a process takes its place; it keeps the schedule unless it has one of its own.
+    Raises DefinitionError for a parameter without a type and for a fact of another class.
+    """
+    schedules: dict[str, Schedule] = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            if schedule := tag_of(value):
+                schedules[name] = schedule
+    return tuple(_process(cls, name, schedule) for name, schedule in schedules.items())
+
+
+def _process(cls: type, name: str, schedule: Schedule) -> Process:
+    function = getattr(cls, name)
+    if not callable(function):
+        raise DefinitionError(
+            f"{cls.__name__}.{name} is {function!r}, but overrides a process; it should be a method"
+        )
+    if isinstance(schedule, OnChange):
+        for fact in schedule.facts:
+            _check_fact(cls, name, fact)
+    layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
+    needed = ports(cls, function, f"{cls.__name__}.{name}", skip=1)
+    return Process(cls.__name__, name, schedule, needed, layer)
+
+
+def _check_fact(cls: type, process: str, fact: Fact) -> None:
+    if not has_fact(cls, fact):
+        name = getattr(fact, "__name__", repr(fact))
+        raise DefinitionError(
+            f"{cls.__name__}.{process} runs on a change of {getattr(fact, '__qualname__', name)}, "
+            f"which is no method of {cls.__name__} or its roles"
+        )
+
+
+def has_fact(cls: type, fact: Fact) -> bool:
+    """True if the fact is a method of the class or of one that it builds on, overridden or not."""
+    name = getattr(fact, "__name__", "")
+    return any(vars(base).get(name) is fact for base in cls.__mro__)
+
+
+def ports(owner: type, function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
+    """The parameters of a function after the first `skip`, with their types; `name` is for errors.
+
+    `owner` is the class that is being made, which its module does not know yet but annotations may name.
+    """
+    try:
+        hints = get_type_hints(function, localns={owner.__name__: owner})
+    except NameError as error:
+        raise DefinitionError(
+            f"{name}: {error}; import the type where the program runs, not under TYPE_CHECKING only"
+        ) from None
+    parameters = list(inspect.signature(function).parameters)[skip:]
+    for parameter in parameters:
+        if parameter not in hints:
+            raise DefinitionError(
+                f"{name}: its parameter {parameter!r} should have a type, by which it is bound"
+            )
+    return tuple((parameter, hints[parameter]) for parameter in parameters)
+
 
 K = TypeVar("K", bound=Knowledge)
 
@@ -70,7 +218,7 @@ def _made(cls: type[K], kind: str) -> type[K]:
             f"{kind} {made.__name__}: {error}; import or define the type before the class"
         ) from None
     for field in fields(made):
-        if wrong := immutability.fault(hints[field.name]):
+        if wrong := immutability_fault(hints[field.name]):
             raise DefinitionError(f"{made.__name__}.{field.name}: {wrong}")
     setattr(made, KIND, kind)
     return made

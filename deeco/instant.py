@@ -1,11 +1,14 @@
 """Instants and durations: integers in microseconds, so that time adds up exactly on every machine."""
 
+from collections.abc import Callable
 from typing import Final, NewType
 
 Instant = NewType("Instant", int)
 """Microseconds since the start of the run (in simulation) or since the Unix epoch (on hardware)."""
 Duration = NewType("Duration", int)
 """Microseconds."""
+Task = Callable[[Instant], None]
+"""A planned action; called with the instant for which it was planned."""
 
 START: Final = Instant(0)
 

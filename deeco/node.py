@@ -4,23 +4,121 @@
 of its instants, and gives what the link is to send.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+import heapq
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, Final, NamedTuple, Protocol
 
-from deeco.agenda import Agenda, Task
-from deeco.binding import Binding
+from deeco.component import Fact, has_fact
+from deeco.ensemble import Binding
 from deeco.errors import DeploymentError, ExecutionError
-from deeco.instant import START, Duration, Instant, in_seconds
-from deeco.knowledge import Knowledge, roles_of, roles_under
+from deeco.instant import START, Duration, Instant, Task, in_seconds
+from deeco.knowledge import Knowledge, made, roles_of, roles_under
 from deeco.link import Reception, Transmission
-from deeco.local import BoundProcess, Commit, LocalComponent, Witness
-from deeco.onlooking import onlooker
-from deeco.pairing import Pairing
-from deeco.process import Fact, has_fact
-from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings
-from deeco.replication.replicas import Replica
+from deeco.local import BoundProcess, Commit, LocalComponent, Pairing, Witness
+from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings, Replica
 from deeco.replication.schema import RoleBook
 from deeco.statistics import Statistics
+
+_ONCE: Final = 1 << 40
+"""Serial numbers of tasks that are done once: after all periodic ones of the same instant and order."""
+
+
+class _Entry(NamedTuple):
+    task: Task
+    every: Duration | None
+
+
+class Agenda:
+    """A heap of (instant, order, serial): at one instant the lower order goes first, then who came first.
+
+    Planning raises ExecutionError once too much is planned.
+    """
+
+    def __init__(self, most: int = 100_000) -> None:
+        """`most`: tasks that may be planned at once; more are a mistake that feeds itself."""
+        self._most = most
+        self._heap: list[tuple[Instant, int, int, _Entry]] = []
+        self._added = 0
+
+    def repeat(self, task: Task, first: Instant, every: Duration, order: int = 0) -> None:
+        """Do the task at `first` and every `every` after it."""
+        self._make_room()
+        heapq.heappush(self._heap, (first, order, self._added, _Entry(task, every)))
+
+    def once(self, task: Task, at: Instant, order: int = 0) -> None:
+        """Do the task at one instant."""
+        self._make_room()
+        heapq.heappush(self._heap, (at, order, _ONCE + self._added, made(_Entry, (task, None))))
+
+    def _make_room(self) -> None:
+        if len(self._heap) >= self._most:
+            raise ExecutionError(
+                f"{self._most} tasks are planned already, the next at {in_seconds(self._heap[0][0]):g} s; "
+                "no more can be until some are done"
+            )
+        self._added += 1
+
+    def run(self, until: Instant) -> None:
+        """Do what is planned before `until`, also what is planned meanwhile."""
+        heap = self._heap
+        while heap and heap[0][0] < until:
+            at, order, serial, entry = heap[0]
+            if entry.every is None:
+                heapq.heappop(heap)
+            else:
+                heapq.heapreplace(heap, (Instant(at + entry.every), order, serial, entry))
+            entry.task(at)
+
+    def skip(self, to: Instant) -> int:
+        """Leave out what is planned before `to`, and keep the rhythm; how many tasks that were."""
+        left_out, kept = 0, []
+        for at, order, serial, entry in self._heap:
+            if at >= to:
+                kept.append((at, order, serial, entry))
+            elif entry.every is None:
+                left_out += 1
+            else:
+                missed = -((at - to) // entry.every)
+                left_out += missed
+                kept.append((Instant(at + missed * entry.every), order, serial, entry))
+        heapq.heapify(kept)
+        self._heap = kept
+        return left_out
+
+
+class Onlooker(Protocol):
+    """Who is told; what it is given are values, and it must change nothing."""
+
+    def deployed(self, component: Knowledge, now: Instant) -> None:
+        """A component begins with this knowledge; also if its node is made anew."""
+
+    def committed(self, commit: Commit, replica: Replica | None) -> None:
+        """A component has other knowledge now. `replica`: of the peer that an ensemble used; None for a
+        process, and for a peer on the same node."""
+
+    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+        """From `now` on the node of this component has a newer replica of another one."""
+
+
+_PRESENT: Final[ContextVar[Onlooker | None]] = ContextVar("onlooker", default=None)
+
+
+def onlooker() -> Onlooker | None:
+    """Who looks on at nodes that are made now; None, as in every run: nobody."""
+    return _PRESENT.get()
+
+
+@contextmanager
+def looking_on(who: Onlooker) -> Iterator[None]:
+    """Nodes that are made meanwhile, in this thread, tell `who` what they do."""
+    token = _PRESENT.set(who)
+    try:
+        yield
+    finally:
+        _PRESENT.reset(token)
+
 
 CASCADE_LIMIT: Final = 16
 """So often may processes trigger one another at one instant before the node takes it for a circle."""

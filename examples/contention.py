@@ -10,8 +10,8 @@ import numpy as np
 
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium import Kind, Medium, Poisson
-from actors.radio.presets import preset
 from actors.radio.propagation import IndoorPropagation
+from actors.radio.radio_model import preset
 
 SENDERS, OCTETS, SECONDS = 10, 60, 30
 PARAMETERS = preset("beeclick")

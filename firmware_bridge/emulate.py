@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds
 from actors.portable import arrays, cos, sin
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.randomness import generator
 from actors.runtime.command_line import ArgumentParser
 from actors.runtime.errors import AcrcError

@@ -13,9 +13,7 @@ import msgspec
 from actors import messages
 from actors.instant import Instant
 from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Refused, Transmit
-from actors.radio.frame import size_fault
-from actors.radio.frame_codec import DataFrame
-from actors.radio.signal_codes import rssi_dbm
+from actors.radio.frame import DataFrame, rssi_dbm, size_fault
 from firmware_bridge.beeclick.air import BoardRadio
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
 from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket

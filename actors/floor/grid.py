@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actors.floor import distance, flood
 from actors.geometry import Point
-from deeco.replacing import made
+from deeco.knowledge import made
 
 FREE: Final = 0
 UNKNOWN: Final = 1

@@ -18,11 +18,8 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.frame import size_fault
-from actors.radio.frame_outcomes import FrameOutcomes
-from actors.radio.link_budget import DirectReach
-from actors.radio.radio_model import RadioModel
-from actors.radio.robot_medium import Handed, RobotMedium
-from actors.radio.transceiver_truth import TransceiverTruth
+from actors.radio.radio_model import DirectReach, RadioModel
+from actors.radio.robot_medium import FrameOutcomes, Handed, RobotMedium, TransceiverTruth
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 

@@ -1,8 +1,23 @@
-"""Size and air time of the frames that robots send."""
+"""Frames that robots send: size, air time, encoding, and the signal strength codes of the MRF24J40.
+
+The MAC frame of IEEE 802.15.4-2003 that a BEE click sends: data from a short address.
+It names no destination, which means the PAN's coordinator and to a BEE click everyone. All fields are
+little-endian; the FCS is the last two octets (2006: 7.2.1, 7.2.2). Source: d3scomp/beeclickarm, MRF24J40.cpp.
+"""
+
+import binascii
+import struct
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from actors import ieee802154
-from actors.ieee802154 import MAC_OCTETS
+from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.messages import FRAME_DATA_LIMIT
+from actors.runtime.errors import AcrcError
 
 
 def octets(data_bytes: int) -> int:
@@ -20,3 +35,136 @@ def size_fault(data_bytes: int) -> str:
     if 0 <= data_bytes <= FRAME_DATA_LIMIT:
         return ""
     return f"The frame has {data_bytes} data bytes; it must have 0 to {FRAME_DATA_LIMIT}."
+
+
+_HEADER: Final = struct.Struct("<HBHH")
+_CONTROL: Final = 0x8001
+"""Frame control: a data frame, no destination, a short source address, nothing asked for."""
+_FCS: Final = struct.Struct("<H")
+_MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits in reverse."""
+
+
+class FrameError(AcrcError):
+    """Octets that are no frame of a BEE click, or a frame that cannot be written."""
+
+
+@dataclass(frozen=True)
+class DataFrame:
+    """Data for everyone."""
+
+    pan: int
+    """Of the source, 0 to 0xFFFF."""
+    source: int
+    """Short address, 0 to 0xFFFF."""
+    data: bytes
+    """Up to 118 bytes."""
+    sequence: int = 0
+    """0 to 255; the firmware always sends 0."""
+
+    @property
+    def check(self) -> int:
+        """The frame check sequence. Raises FrameError for what no frame can hold."""
+        return frame_check(_body(self))
+
+
+def encode(frame: DataFrame) -> bytes:
+    """The PSDU, header to FCS, at most 127 octets. Raises FrameError for what no frame can hold."""
+    body = _body(frame)
+    return body + _FCS.pack(frame_check(body))
+
+
+def decode(psdu: bytes) -> DataFrame:
+    """The frame in a PSDU. Raises FrameError, and nothing else, for whatever else the octets are."""
+    if not MAC_OCTETS <= len(psdu) <= PSDU_LIMIT:
+        raise FrameError(f"The frame has {len(psdu)} octets; it must have {MAC_OCTETS} to {PSDU_LIMIT}.")
+    body, (given,) = psdu[: -_FCS.size], _FCS.unpack(psdu[-_FCS.size :])
+    right = frame_check(body)
+    if given != right:
+        raise FrameError(f"The frame's check sequence is {given:#06x}; that of its octets is {right:#06x}.")
+    control, sequence, pan, source = _HEADER.unpack_from(body)
+    if control != _CONTROL:
+        raise FrameError(
+            f"The frame's control field is {control:#06x}; that of a BEE click's frame is {_CONTROL:#06x}."
+        )
+    return DataFrame(pan, source, bytes(body[_HEADER.size :]), sequence)
+
+
+def frame_check(body: bytes) -> int:
+    """The frame check sequence over header and data, as the two bytes behind them say, low one first.
+
+    CRC-16 of ITU-T, least significant bit first, begun with 0 (IEEE 802.15.4-2006, 7.2.1.9).
+    """
+    crc = binascii.crc_hqx(body.translate(_MIRRORED), 0)
+    return _MIRRORED[crc & 0xFF] << 8 | _MIRRORED[crc >> 8]
+
+
+def _body(frame: DataFrame) -> bytes:
+    """Header and data."""
+    for name, value, most in (
+        ("sequence number", frame.sequence, 0xFF),
+        ("PAN", frame.pan, 0xFFFF),
+        ("short address", frame.source, 0xFFFF),
+    ):
+        if not 0 <= value <= most:
+            raise FrameError(f"The frame's {name} is {value}; it must be 0 to {most}.")
+    octets = MAC_OCTETS + len(frame.data)
+    if octets > PSDU_LIMIT:
+        raise FrameError(f"The frame has {octets} octets; at most {PSDU_LIMIT} fit.")
+    return _HEADER.pack(_CONTROL, frame.sequence, frame.pan, frame.source) + frame.data
+
+
+_STRONGEST_DBM: Final = -35
+_WEAKEST_DBM: Final = -90
+_RSSI_CODES: Final = (
+    *(0, 1, 2, 5, 9, 13, 18, 23, 27, 32, 37, 43, 48, 53, 58, 63, 68, 73, 78, 83, 89, 95, 100, 107),
+    *(111, 117, 121, 125, 129, 133, 138, 143, 148, 153, 159, 165, 170, 176, 183, 188, 193, 198, 203),
+    *(207, 212, 216, 221, 225, 228, 233, 239, 245, 250, 253, 254, 255),
+)
+"""The code at -90, -89, … -35 dBm. Source: Linux, drivers/net/ieee802154/mrf24j40.c, the energy levels of
+the clear channel assessment, which the chip measures on the same scale; by its own account those of Microchip
+DS39776C, table 3-8. Averaged over 8 symbols, typical values: the data sheet promises ± 5 dB."""
+_CODES: Final = np.array(_RSSI_CODES, dtype=np.float64)
+_QUALITY_SPAN_DB: Final = 20.0
+
+
+def rssi_dbm(code: int) -> float:
+    """Signal strength of a code of the chip, dBm; 0 means -90 or less, 255 means -35 or more."""
+    return _STRENGTHS[code]
+
+
+def _strength(code: int) -> float:
+    above = bisect_right(_RSSI_CODES, code)
+    if above == len(_RSSI_CODES):
+        return float(_STRONGEST_DBM)
+    lower, upper = _RSSI_CODES[above - 1], _RSSI_CODES[above]
+    return _WEAKEST_DBM + above - 1 + (code - lower) / (upper - lower)
+
+
+_STRENGTHS: Final = tuple(_strength(code) for code in range(256))
+_STRENGTH_TABLE: Final = np.array(_STRENGTHS)
+
+
+def rssi_codes(dbm: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The codes that the chip gives for signal strengths, (n,) dBm."""
+    steps = np.clip(dbm, _WEAKEST_DBM, _STRONGEST_DBM) - _WEAKEST_DBM
+    lower = steps.astype(np.intp)
+    upper = np.minimum(lower + 1, len(_RSSI_CODES) - 1)
+    codes = _CODES[lower] + (steps - lower) * (_CODES[upper] - _CODES[lower])
+    rounded: NDArray[np.intp] = np.rint(codes).astype(np.intp)
+    return rounded
+
+
+def strengths_dbm(codes: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Signal strengths of codes, as `rssi_dbm` has them, (n,)."""
+    return _STRENGTH_TABLE[codes]
+
+
+def link_qualities(dbm: NDArray[np.float64], weakest_dbm: float) -> NDArray[np.intp]:
+    """The LQI, 0 to 255, of signal strengths, (n,), where frames hardly arrive any more at `weakest_dbm`.
+
+    Own choice: linear, 255 from 20 dB above on. IEEE 802.15.4-2006, 6.9.8, asks only for an even spread, 255
+    the best, and how the chip comes to its own is not documented.
+    """
+    share = np.clip((dbm - weakest_dbm) / _QUALITY_SPAN_DB, 0.0, 1.0)
+    return np.rint(share * 255.0).astype(np.intp)

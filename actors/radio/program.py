@@ -5,19 +5,18 @@ from pathlib import Path
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
-from actors.radio import transceiver_truth
+from actors.radio import robot_medium
 from actors.radio.core import RadioCore
 from actors.radio.medium import medium
 from actors.radio.propagation import indoor
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioProgram, RadioSetup
+from actors.radio.radio_model import RadioProgram, RadioSetup, radio_model
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import read_setup
 
-KERNELS = (foundations, arrays, portable_draws, indoor, medium, transceiver_truth)
+KERNELS = (foundations, arrays, portable_draws, indoor, medium, robot_medium)
 """Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""

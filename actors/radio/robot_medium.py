@@ -6,16 +6,143 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, Sent
+from actors.kernels import njit
+from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, RobotTruth, Sent
 from actors.portable import arrays, exp10
-from actors.radio.frame import octets
-from actors.radio.link_budget import needed_dbm
+from actors.portable.compiled import cos, sin
+from actors.radio.frame import link_qualities, octets, rssi_codes, strengths_dbm
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Kind
+from actors.radio.medium.state import Kind, Outcome
 from actors.radio.propagation.interferers import Jammer
-from actors.radio.radio_model import RadioModel
-from actors.radio.signal_codes import link_qualities, rssi_codes, strengths_dbm
-from actors.radio.transceiver_truth import TransceiverTruth
+from actors.radio.radio_model import RadioModel, needed_dbm
+
+FRAMES: Final = {
+    "frames_sent": "sent",
+    "frames_cut_off": "cut_off",
+    "frames_access_failure": "access_failures",
+    "frames_overflowed": "overflowed",
+}
+"""What became of the frames that a transceiver was handed, by the medium's counter: left the antenna; cut by
+switching the sender off; the channel never was clear; the transmit queue was full."""
+EVENTS: Final = ("dropped", "discarded")
+"""For a robot that does not step: beyond its host's buffer; held when the robot was switched off, or begun
+anew: what belongs to an epoch that is over."""
+COPIES: Final = {
+    f"copies_{'' if outcome is Outcome.HEARD else 'lost_'}{outcome.name.lower()}": int(outcome)
+    for outcome in Outcome
+    if outcome not in (Outcome.FILTERED, Outcome.NOT_COUNTED)
+}
+"""Robots broadcast, so that nothing is filtered."""
+
+
+class FrameOutcomes:
+    """Counts of what never gets as far as the medium."""
+
+    def __init__(self, transceivers: int) -> None:
+        self.refused = 0
+        """Not accepted, of any robot."""
+        self.discarded = np.zeros(transceivers, np.int64)
+        """Asked for while the transceiver was off."""
+        self._events = dict.fromkeys(EVENTS, 0)
+
+    def events(self, end: str, number: int) -> None:
+        """Count events that a robot never got, by one of EVENTS."""
+        self._events[end] += number
+
+    def counters(self, medium: NDArray[np.void]) -> dict[str, int]:
+        """All counters by name: the medium's (`Medium.counters`) and these.
+
+        `frames_*` count frames; `bytes_sent` the octets of those sent, with MAC header and FCS; `copies_*`
+        count each frame, when it ends, once per other transceiver that was powered when it began: with n of
+        them always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
+        """
+        frames = {name: int(medium[field].sum(dtype=np.int64)) for name, field in FRAMES.items()}
+        frames["frames_refused"] = self.refused
+        frames["frames_discarded"] = int(
+            medium["discarded"].sum(dtype=np.int64) + self.discarded.sum(dtype=np.int64)
+        )
+        frames["bytes_sent"] = int(medium["octets_sent"].sum(dtype=np.int64))
+        copies = {
+            name: int(medium["outcomes"][:, outcome].sum(dtype=np.int64)) for name, outcome in COPIES.items()
+        }
+        return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
+
+    def by_robot(self, robots: Sequence[str], medium: NDArray[np.void]) -> dict[str, dict[str, int]]:
+        """The same per robot: of its own frames, and of the copies of others' frames at it."""
+        return {
+            robot: {
+                **{name: int(own[field]) for name, field in FRAMES.items()},
+                "frames_discarded": int(own["discarded"] + self.discarded[number]),
+                **{name: int(own["outcomes"][outcome]) for name, outcome in COPIES.items()},
+            }
+            for number, (robot, own) in enumerate(zip(robots, medium, strict=True))
+        }
+
+
+Floats = NDArray[np.float64]
+
+
+class TransceiverTruth:
+    """What is true of the transceivers in one step, by number; one whose robot is gone is switched off.
+
+    A robot moves on from its pose at the step's start with constant speed and angular velocity: along an arc.
+    """
+
+    def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
+        self._start_ns = start_us * 1000
+        # Lists, not generators: a call less for each robot.
+        self.powered = tuple([robot is not None and robot.powered for robot in robots])
+        self.epochs = tuple([robot.epoch if robot is not None else 0 for robot in robots])
+        truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
+        table = np.array(truths, dtype=np.float64).reshape(-1, 5)
+        self.places: Floats = table[:, :2].copy()
+        """(transceivers, 2), m, at the step's start."""
+        self._truths = table
+        self.still = not table[:, 2:4].any()
+
+    def positions(self, instant_ns: int) -> NDArray[np.float64]:
+        """Positions at the instant: (transceivers, 2), m."""
+        elapsed = (instant_ns - self._start_ns) / 1e9
+        moved: Floats = _moved(self._truths, elapsed)
+        return moved
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _moved(truths: Floats, elapsed: float) -> Floats:
+    """Places, (n, 2) m, after so many seconds: truths (n, 5), place, m, velocity, m/s, its turning, rad/s."""
+    moved = np.empty((truths.shape[0], 2))
+    for i in range(truths.shape[0]):
+        x, y, omega = truths[i, 0], truths[i, 1], truths[i, 4]
+        vx, vy = truths[i, 2], truths[i, 3]
+        half_angle = omega * (elapsed / 2)
+        cosine, sine = cos(half_angle), sin(half_angle)
+        # the chord of an arc: as long as sin(h)/h of the way driven, turned by the half angle h
+        driven = elapsed * (sine / half_angle if half_angle != 0 else 1.0)
+        cosine, sine = driven * cosine, driven * sine
+        moved[i, 0] = x + (vx * cosine - vy * sine)
+        moved[i, 1] = y + (vx * sine + vy * cosine)
+    return moved
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    robots = [
+        RobotTruth(
+            id=f"r{k}",
+            x=0.3 * k,
+            y=2.0 - k,
+            heading=0.0,
+            vx=0.1 * k,
+            vy=0.4,
+            omega=0.2 * k - 0.4,
+            stepping=True,
+            powered=True,
+            transmits=0,
+        )
+        for k in range(5)
+    ]
+    return TransceiverTruth(0, robots).positions(73_000_001).tobytes()
+
 
 _HEARD: Final = int(Kind.HEARD)
 _SENT: Final = int(Kind.SENT)

@@ -32,7 +32,7 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at
 from actors.runtime.errors import AcrcError
-from deeco.replacing import made
+from deeco.knowledge import made
 
 _LIMITS: Final = RobotLimits()
 

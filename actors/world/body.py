@@ -24,7 +24,7 @@ from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
-from deeco.replacing import made
+from deeco.knowledge import made
 
 POST_RADIUS: Final = 0.05
 """Of the posts that a wall is made of, m; own choice: as thick as a partition."""

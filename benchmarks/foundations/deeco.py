@@ -19,8 +19,7 @@ from cleaning.strategies.chapter import behaviour
 from deeco import component, ensemble, periodic
 from deeco.link import Reception
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters
-from deeco.replication.relaying import RelayParameters
+from deeco.replication.network import NetworkParameters, RelayParameters
 
 
 @dataclass(frozen=True)

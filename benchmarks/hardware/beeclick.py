@@ -12,8 +12,7 @@ from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import octets
 from actors.radio.medium import Medium, Saturated
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.lab import Desk, Lab

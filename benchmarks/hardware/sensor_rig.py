@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import NO_ECHO_MM, Scan
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP

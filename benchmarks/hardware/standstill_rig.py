@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, Self
 import msgspec
 
 from actors.installation.repository import REPOSITORY, SHIPPED
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup

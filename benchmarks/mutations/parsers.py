@@ -13,7 +13,7 @@ from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
 from actors.processes.launch import Program
-from actors.radio import frame_codec
+from actors.radio import frame as frame_codec
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
@@ -25,8 +25,8 @@ from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.process_setup import setup_bytes
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
 from actors.world import program as world
+from deeco.replication.fragments import Reassembly
 from deeco.replication.packet import unpack
-from deeco.replication.reassembly import Reassembly
 from deploy.fleet.fleet_file import load_fleet
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions

@@ -12,12 +12,10 @@ from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
-from actors.radio.medium.medium import Medium
-from actors.radio.medium.state import Outcome
-from actors.radio.medium.traffic import Poisson
-from actors.radio.medium.transceiver import Transceiver
-from actors.radio.presets import preset
+from actors.radio.medium.medium import Medium, Poisson
+from actors.radio.medium.state import Outcome, Transceiver
 from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.radio_model import preset
 from benchmarks.radio import plots
 from benchmarks.radio.crowd import PER_FLOOR, frame_cost
 from benchmarks.radio.trials import SECOND, LossTable

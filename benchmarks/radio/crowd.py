@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
-from actors.radio.medium.medium import Medium
-from actors.radio.medium.traffic import Poisson
-from actors.radio.presets import preset
+from actors.radio.medium.medium import Medium, Poisson
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.walls import build
+from actors.radio.radio_model import preset
 from benchmarks.radio.trials import SECOND
 
 PER_FLOOR: Final = 20

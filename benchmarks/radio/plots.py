@@ -11,16 +11,12 @@ from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED
 from actors.floor.map_file import load_map
-from actors.radio.link_budget import needed_dbm
-from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Outcome
-from actors.radio.presets import RadioParameters, preset
-from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation.indoor import IndoorPropagation, ShadowingParameters
 from actors.radio.propagation.interferers import Wifi, WifiParameters
-from actors.radio.propagation.shadowing import ShadowingParameters
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioParameters, RadioSetup, needed_dbm, preset, radio_model
 from benchmarks.radio.reference import OperatingPoint, points
 from benchmarks.radio.trials import contend, scene
 from benchmarks.statistics.measured import Measured

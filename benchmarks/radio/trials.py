@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.ieee802154 import airtime_ns
-from actors.radio.medium.channel import Propagation
-from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
-from actors.radio.medium.traffic import Poisson, Saturated
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
-from actors.radio.presets import preset
+from actors.radio.medium.medium import Medium, Poisson, Propagation, Request, Saturated
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
 from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.radio_model import preset
 from benchmarks.radio.reference import CAPTURE, OperatingPoint, ReferenceEstimate, over_runs, share
 
 SECOND: Final = 1_000_000_000

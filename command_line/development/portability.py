@@ -9,7 +9,7 @@ from actors.installation.repository import REPOSITORY
 
 ROOMS: Final = ("actors", "cleaning", "deeco", "firmware_bridge")
 """Where cores live."""
-APART: Final = ("actors/observer", "actors/runtime", "deeco/explain/drawing.py")
+APART: Final = ("actors/observer", "actors/runtime", "deeco/explain/description.py")
 """What lies there without being part of a core: nothing of it enters a message of a run."""
 
 

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+from deeco.component import Fact, OnChange, Periodic, Process, has_fact, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType
 from deeco.explain.dataflow import Flow, flow
 from deeco.instant import in_seconds
 from deeco.knowledge import Knowledge, is_component
-from deeco.process import Fact, OnChange, Periodic, Process, has_fact, processes_of
 
 _MEMBERSHIP: Final = "membership"
 _BOUNDARY: Final = "boundary"

@@ -11,8 +11,14 @@ from typing import Final
 
 from deeco.errors import DeecoError
 from deeco.explain.anatomy import ComponentPart, ensemble_type, meeting, processes
-from deeco.explain.description import component_text, ensemble_text, names, table
-from deeco.explain.drawing import mermaid_drawing, text_drawing
+from deeco.explain.description import (
+    component_text,
+    ensemble_text,
+    mermaid_drawing,
+    names,
+    table,
+    text_drawing,
+)
 from deeco.knowledge import Knowledge, is_component, is_role
 
 _FORM: Final = "'module:Component', 'module:Ensemble' or 'module'"

@@ -7,18 +7,80 @@ only after it was replaced. Whatever goes beyond that is not guessed: it stands 
 """
 
 import ast
+import builtins
 import copy
 import dataclasses
 import functools
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from deeco import replacing
-from deeco.explain import source
+from deeco import replace
 
-_REPLACE: Final = (replacing.replace, dataclasses.replace, getattr(copy, "replace", dataclasses.replace))
+Definition = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def definition(function: Callable[..., Any]) -> Definition | None:
+    """The syntax tree of a function; None if it has no source, or is not made by `def`."""
+    try:
+        text = inspect.getsource(inspect.unwrap(function))
+        # A method is indented, and lines of a text within it perhaps not, so that dedenting would not do.
+        tree = ast.parse("if True:\n" + text if text[:1].isspace() else text)
+    except (OSError, TypeError, SyntaxError):
+        return None
+    first = tree.body[0]
+    inner = first.body[0] if isinstance(first, ast.If) else first
+    return inner if isinstance(inner, Definition) else None
+
+
+def meaning(expression: ast.expr, function: Callable[..., Any]) -> object | None:
+    """What a name, or names joined by dots, stand for outside the function; None if that cannot be told."""
+    if isinstance(expression, ast.Attribute):
+        owner = meaning(expression.value, function)
+        return None if owner is None else inspect.getattr_static(owner, expression.attr, None)
+    if not isinstance(expression, ast.Name):
+        return None
+    plain = inspect.unwrap(function)
+    code = getattr(plain, "__code__", None)
+    if code is None or expression.id in code.co_varnames or expression.id in code.co_cellvars:
+        return None
+    if expression.id in code.co_freevars:
+        return _enclosed(plain, expression.id)
+    found: object = plain.__globals__.get(expression.id, getattr(builtins, expression.id, None))
+    return found
+
+
+def _enclosed(function: Callable[..., Any], name: str) -> object | None:
+    cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+    try:
+        found: object = cells[name].cell_contents
+    except ValueError:  # not assigned yet
+        return None
+    return found
+
+
+def can_follow(target: object) -> bool:
+    """True for a function that belongs neither to Python nor to its standard library."""
+    if not inspect.isfunction(target):
+        return False
+    package = (target.__module__ or "").partition(".")[0]
+    return package not in sys.stdlib_module_names or package == "__main__"
+
+
+def parameters(tree: Definition) -> tuple[str, ...]:
+    """Names of the parameters that arguments without a name go to, in their order."""
+    return tuple(one.arg for one in (*tree.args.posonlyargs, *tree.args.args))
+
+
+def shortened(tree: ast.AST) -> str:
+    """The source of an expression or statement on one line of at most 60 characters."""
+    text = " ".join(ast.unparse(tree).split())
+    return text if len(text) <= 60 else text[:59] + "…"
+
+
+_REPLACE: Final = (replace, dataclasses.replace, getattr(copy, "replace", dataclasses.replace))
 _READ_NOTHING: Final = (isinstance, type, id)
 _READ_ALL: Final = (repr, str, hash, dataclasses.asdict, dataclasses.astuple)
 
@@ -62,7 +124,7 @@ def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: b
         return found
     reading.run()
     if gives:
-        found.doubts |= dict.fromkeys(f"what `{source.shortened(one)}` writes" for one in reading.strange)
+        found.doubts |= dict.fromkeys(f"what `{shortened(one)}` writes" for one in reading.strange)
     return found
 
 
@@ -76,7 +138,7 @@ class _KnowledgeUse:
         self, function: Callable[..., Any], known: dict[str, Subject], found: Flow, followed: _Followed
     ) -> None:
         self.function = function
-        self.tree = source.definition(function)
+        self.tree = definition(function)
         self.strange: list[ast.Return] = []
         """What is returned beside knowledge."""
         self._known = known
@@ -117,7 +179,7 @@ class _KnowledgeUse:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.expr):
                 if subject := self._value(child):
-                    self._doubt(f"what `{source.shortened(node)}` reads of {subject.label}")
+                    self._doubt(f"what `{shortened(node)}` reads of {subject.label}")
             else:
                 self._visit(child)
 
@@ -149,7 +211,7 @@ class _KnowledgeUse:
                     self._assigned(one, other)
             case _:
                 if subject := self._value(value):
-                    self._doubt(f"what is read of {subject.label} by way of `{source.shortened(target)}`")
+                    self._doubt(f"what is read of {subject.label} by way of `{shortened(target)}`")
                 self._value(target)
 
     def _bind(self, name: str, subject: Subject | None) -> None:
@@ -184,7 +246,7 @@ class _KnowledgeUse:
         if one == other:
             return one
         for subject in filter(None, (one, other)):
-            self._doubt(f"what is read of {subject.label} by way of `{source.shortened(node)}`")
+            self._doubt(f"what is read of {subject.label} by way of `{shortened(node)}`")
         return None
 
     def _compared(self, node: ast.Compare) -> None:
@@ -216,11 +278,11 @@ class _KnowledgeUse:
                 return self._method_call(call, receiver, call.func.attr)
             made = self._class_of(call.func.value)
             method = made and inspect.getattr_static(made, call.func.attr, None)
-            if source.can_follow(method):
+            if can_follow(method):
                 return self._with_arguments(method, [None], call)
         elif not isinstance(call.func, ast.Name):
             self._value(call.func)
-        target = source.meaning(call.func, self.function)
+        target = meaning(call.func, self.function)
         if target in _REPLACE and call.args:
             return self._replaced(call)
         return self._function_call(call, target)
@@ -229,7 +291,7 @@ class _KnowledgeUse:
         """Return the class of an object that the function makes; None if it cannot be told."""
         if isinstance(node, ast.Name):
             return self._classes.get(node.id)
-        made = source.meaning(node.func, self.function) if isinstance(node, ast.Call) else None
+        made = meaning(node.func, self.function) if isinstance(node, ast.Call) else None
         return made if isinstance(made, type) else None
 
     def _replaced(self, call: ast.Call) -> Subject | None:
@@ -238,14 +300,14 @@ class _KnowledgeUse:
             if whole := self._value(keyword.value):
                 self._read_all(whole)
             if subject and keyword.arg is None:
-                self._doubt(f"what `{source.shortened(call)}` writes")
+                self._doubt(f"what `{shortened(call)}` writes")
             elif subject and keyword.arg:
                 self._found.writes.setdefault(subject.label, {})[keyword.arg] = None
         return subject
 
     def _method_call(self, call: ast.Call, receiver: Subject, name: str) -> Subject | None:
         there = inspect.getattr_static(receiver.kind, name, None)
-        if not isinstance(there, staticmethod | classmethod) and not source.can_follow(there):
+        if not isinstance(there, staticmethod | classmethod) and not can_follow(there):
             self._arguments(call.args, call.keywords, call)
             return self._attribute(receiver, name)
         if isinstance(there, staticmethod):
@@ -256,15 +318,15 @@ class _KnowledgeUse:
 
     def _super_call(self, call: ast.Call, name: str) -> Subject | None:
         assert self.tree is not None
-        first = self._known.get(next(iter(source.parameters(self.tree)), ""))
+        first = self._known.get(next(iter(parameters(self.tree)), ""))
         function = first and _next_method(first.kind, self.function, name)
-        if first and source.can_follow(function):
+        if first and can_follow(function):
             return self._with_arguments(function, [first], call)
-        self._doubt(f"what {source.shortened(call)} reads and writes")
+        self._doubt(f"what {shortened(call)} reads and writes")
         return None
 
     def _function_call(self, call: ast.Call, target: object) -> Subject | None:
-        if source.can_follow(target):
+        if can_follow(target):
             return self._with_arguments(target, [], call)
         if target is getattr and len(call.args) > 1 and isinstance(call.args[1], ast.Constant):
             subject = self._value(call.args[0])
@@ -275,7 +337,7 @@ class _KnowledgeUse:
             if target in _READ_ALL:
                 self._read_all(subject)
             elif target not in _READ_NOTHING:
-                self._doubt(f"what `{source.shortened(call)}` reads of {subject.label}")
+                self._doubt(f"what `{shortened(call)}` reads of {subject.label}")
         return None
 
     def _with_arguments(self, function: Any, first: list[Subject | None], call: ast.Call) -> Subject | None:
@@ -293,7 +355,7 @@ class _KnowledgeUse:
             if subject and keyword.arg:
                 by_name[keyword.arg] = subject
         if any(isinstance(one, ast.Starred) for one in positional) and any(by_place):
-            self._doubt(f"what goes where in `{source.shortened(call)}`")
+            self._doubt(f"what goes where in `{shortened(call)}`")
         return by_place, by_name
 
     def _follow(
@@ -307,7 +369,7 @@ class _KnowledgeUse:
             return self._followed[key]
         self._followed[key] = None
         inner = _KnowledgeUse(function, dict(named), self._found, self._followed)
-        names = source.parameters(inner.tree) if inner.tree else ()
+        names = parameters(inner.tree) if inner.tree else ()
         if inner.tree is None or any(positional[len(names) :]):
             self._doubt(f"what else is read in {function.__qualname__}()")
             return None

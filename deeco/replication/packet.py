@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple
 import msgpack
 
 from deeco.errors import ExecutionError
-from deeco.parameters import DEFAULTS, LinkParameters
-from deeco.replacing import made
-from deeco.replication.scalars import text_size
+from deeco.knowledge import made
+from deeco.link import DEFAULTS, LinkParameters
+from deeco.replication.on_air import text_size
 
 _KNOWLEDGE: Final = 0
 """The type of packet, of three that JDEECo has (L2PacketType)."""

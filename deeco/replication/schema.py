@@ -8,11 +8,9 @@ from hashlib import blake2b
 from typing import Any, NamedTuple
 
 from deeco.errors import DeploymentError, ExecutionError
-from deeco.knowledge import Knowledge, is_role, published, roles_of
-from deeco.parameters import DEFAULTS, LinkParameters
-from deeco.replacing import made
-from deeco.replication.on_air import Compiler, Unsound, getter, maker
-from deeco.replication.scalars import Junk, Resolution, Unfit
+from deeco.knowledge import Knowledge, is_role, made, published, roles_of
+from deeco.link import DEFAULTS, LinkParameters
+from deeco.replication.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker
 
 __all__ = ["Junk", "Resolution", "RoleBook", "Unpacked", "fingerprint"]
 

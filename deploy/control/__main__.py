@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.floor.map_file import load_map
-from actors.radio.radio_setup import RadioProgram
+from actors.radio.radio_model import RadioProgram
 from actors.runtime.access.rules import client_config
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.command_line import ArgumentParser

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
 from actors.instant import milliseconds
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.stack import Stack

@@ -13,7 +13,7 @@ from actors.floor.map_header import read_header
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
 from actors.processes.silence import Timeout
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess

@@ -17,7 +17,7 @@ SHORTEST_S: Final = 0.001
 MOST_HOPS: Final = 15
 """Largest hop_limit in [deeco]."""
 WEAKEST_DBM: Final = -90
-"""Least relay_below in [deeco]: transceivers tell nothing weaker apart (`actors.radio.signal_codes`)."""
+"""Least relay_below in [deeco]: transceivers tell nothing weaker apart (`actors.radio.frame`)."""
 MOST_ITEMS: Final = 1000
 """Of a list in [strategy]."""
 _AS_IT_IS: Final = ExchangeSettings()

@@ -7,10 +7,10 @@ from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.instant import milliseconds, seconds
-from actors.radio import presets as radio_presets
+from actors.radio import radio_model
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch, inside
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.stack import Stack
@@ -79,7 +79,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     Raises an AcrcError where anything does not exist or does not fit.
     """
     behaviour = entry(scenario.run.strategy)
-    radio_presets.preset(scenario.radio.preset)
+    radio_model.preset(scenario.radio.preset)
     grid = load_map(scenario.map)
     figures = [_figure(robot, scenario) for robot in scenario.ids]
     check_areas(grid, scenario)

@@ -15,8 +15,7 @@ from actors.floor.grid import UNKNOWN, OccupancyGrid, largest_region, passable, 
 from actors.floor.map_file import load_map, map_warnings
 from actors.floor.regions import Regions, regions
 from actors.geometry import Point
-from actors.radio.link_budget import needed_dbm, reach
-from actors.radio.radio_model import RadioModel, radio_model
+from actors.radio.radio_model import RadioModel, needed_dbm, radio_model, reach
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey

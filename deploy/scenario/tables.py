@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
-from actors.radio.propagation.materials import MATERIALS
+from actors.radio.propagation.walls import MATERIALS
 from actors.randomness import keyed_seed
 from actors.robot_model import OdometryKind
 from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Span, Text, as_tuples

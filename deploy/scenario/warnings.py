@@ -15,8 +15,7 @@ from actors.floor.grid import OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.map_file import map_warnings
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
-from actors.radio.link_budget import needed_dbm
-from actors.radio.radio_model import radio_model
+from actors.radio.radio_model import needed_dbm, radio_model
 from actors.robot.assembly import common_ground, navigator
 from actors.robot.behaviour.goal import GoalStatus
 from actors.robot.cost_maps.cost_map import room_needed

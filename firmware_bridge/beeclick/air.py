@@ -13,14 +13,9 @@ import numpy as np
 
 from actors.instant import START, Instant
 from actors.messages import Heard, Jam, RadioEvent, RobotTruth
-from actors.radio.frame_codec import DataFrame
-from actors.radio.frame_outcomes import FrameOutcomes
-from actors.radio.presets import preset
-from actors.radio.radio_model import RadioModel, radio_model
-from actors.radio.radio_setup import RadioSetup
-from actors.radio.robot_medium import Handed, RobotMedium
-from actors.radio.signal_codes import rssi_codes
-from actors.radio.transceiver_truth import TransceiverTruth
+from actors.radio.frame import DataFrame, rssi_codes
+from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
+from actors.radio.robot_medium import FrameOutcomes, Handed, RobotMedium, TransceiverTruth
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
 
 USUAL_DBM: Final = BoardSettings.power_dbm

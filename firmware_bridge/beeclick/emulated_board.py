@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
-from actors.radio.frame_codec import DataFrame
+from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.air import BoardRadio
 from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import (

@@ -81,7 +81,7 @@ class BeeClickParameters:
     (AbstractComm.java); with nine the firmware confirms one that never left."""
     transmit_queue: int = 7
     """Packets that may wait behind the one in the air, on the board and here. Default: as in the simulated
-    radio (actors.radio.medium.transceiver)."""
+    radio (actors.radio.medium.state)."""
     answer_timeout: Duration = field(default=seconds(1.0))
     """For an echo or a confirmation, µs. Default: the board's button holds everything up for 0.70 s, and four
     packets take 0.17 s where every one finds the channel busy to the last try."""

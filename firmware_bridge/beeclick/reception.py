@@ -18,8 +18,7 @@ from typing import Final
 from actors.board_readings import BoardNote, Fix, Humidity, Info, Temperature
 from actors.instant import Instant
 from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
-from actors.radio.frame_codec import DataFrame
-from actors.radio.signal_codes import rssi_dbm
+from actors.radio.frame import DataFrame, rssi_dbm
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.wire import (
     SENT_SIZE,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome

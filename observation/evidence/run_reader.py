@@ -28,7 +28,7 @@ from actors.messages import (
     Truth,
 )
 from actors.order_limits import OrderLimits, fault
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.topic import Topic
 from observation.evidence.run_evidence import (
     EvidenceError,

@@ -12,7 +12,7 @@ from actors.instant import Instant
 from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from deeco.replication.fragments import HEADER
 from observation.evidence.recorded import taken
 from observation.replay.recorded_setup import setup_of
@@ -21,7 +21,7 @@ from observation.trace.fates import Fates, fate_name, read_fates
 from observation.trace.rows import Arrival
 
 _TOGETHER_US: Final = 2_000_000
-"""Fragments of one packet lie no farther apart (`deeco.parameters.LinkParameters`)."""
+"""Fragments of one packet lie no farther apart (`deeco.link.LinkParameters`)."""
 
 
 class Frame(NamedTuple):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from actors.messages import TRUTH
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
 from observation.evidence.recorded import taken

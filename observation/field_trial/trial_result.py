@@ -11,8 +11,8 @@ from actors.instant import Duration, Instant, in_seconds
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome
+from deeco.replication.fragments import Reassembly
 from deeco.replication.packet import unpack
-from deeco.replication.reassembly import Reassembly
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from observation.field_trial.aligned_clocks import AlignedClocks, ClockReport
 from observation.field_trial.recordings import FieldTrial, FieldTrialError

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from actors.radio.program import part as radio_part
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.modules import RecordedModules, expect
 from actors.robot.program import part_of

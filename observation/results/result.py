@@ -10,7 +10,7 @@ import msgspec
 from actors.instant import in_seconds
 from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
-from actors.radio.link_budget import share
+from actors.radio.radio_model import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
 from actors.runtime.process import FinalNote

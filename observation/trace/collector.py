@@ -11,7 +11,7 @@ from actors.robot.core import RobotCore
 from actors.robot_model import load_model
 from actors.runtime.core import Core
 from actors.runtime.process_setup import located_model
-from deeco.onlooking import looking_on
+from deeco.node import looking_on
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.trace.knowledge import Tracer

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from actors.radio.core import RadioCore
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Kind, Outcome
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
 from observation.replay.record_replay import Onlook, replay_actor

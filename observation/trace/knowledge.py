@@ -13,7 +13,7 @@ from actors.robot.behaviour.decision_log import Deciding
 from actors.runtime.core import Core, Inputs
 from deeco.knowledge import Knowledge, type_of
 from deeco.local import Commit
-from deeco.replication.replicas import Replica
+from deeco.replication.network import Replica
 from observation.trace.dependence import Dependence, dependence
 from observation.trace.orders import OrderWatch
 from observation.trace.points import KnownPoints
@@ -66,7 +66,7 @@ class Tracer:
         cast(Any, core).advance = watched
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """See `deeco.onlooking.Onlooker`, as for the next ones."""
+        """See `deeco.node.Onlooker`, as for the next ones."""
         self.has_nodes = True
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:

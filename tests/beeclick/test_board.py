@@ -4,11 +4,9 @@ import pytest
 
 from actors.ieee802154 import TURNAROUND_NS
 from actors.instant import START, Duration, Instant, milliseconds, seconds
-from actors.radio.frame import airtime_us
-from actors.radio.frame_codec import DataFrame
+from actors.radio.frame import DataFrame, airtime_us
 from actors.radio.medium.state import Cca
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir
 from firmware_bridge.beeclick.emulated_board import BoardParameters, EmulatedBoard

@@ -3,7 +3,7 @@
 import pytest
 
 from actors.messages import Heard, Sent
-from actors.radio.frame_codec import DataFrame
+from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, Answer, ReceivedPacket, Warmth
 from tests.beeclick.hosts import ECHOES, Host, confirm, said

@@ -5,11 +5,9 @@ import numpy as np
 from actors.board_readings import Info, LinkState
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard, Sent
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup, radio_model
 from benchmarks.hardware.beeclick import soak, throughput
-from deeco.replication.fragments import Fragmenter
-from deeco.replication.reassembly import Reassembly
+from deeco.replication.fragments import Fragmenter, Reassembly
 from firmware_bridge import emulate
 from firmware_bridge.beeclick.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard

@@ -1,7 +1,7 @@
 from actors.board_readings import LinkState, Temperature
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
-from actors.radio.frame_codec import DataFrame
+from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.reception import UnconfirmedPacket
 from firmware_bridge.beeclick.wire import (

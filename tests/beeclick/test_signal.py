@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from actors.radio.signal_codes import link_qualities, rssi_codes, rssi_dbm, strengths_dbm
+from actors.radio.frame import link_qualities, rssi_codes, rssi_dbm, strengths_dbm
 from firmware_bridge.beeclick.parameters import (
     power_setting,
     radiated,

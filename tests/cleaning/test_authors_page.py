@@ -26,8 +26,8 @@ from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalS
 from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from deeco import Knowledge, in_seconds, role
-from deeco.immutability import fault
-from deeco.process import Periodic, processes_of
+from deeco.component import Periodic, processes_of
+from deeco.knowledge import immutability_fault
 from deeco.replication.schema import RoleBook
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -85,7 +85,7 @@ def test_a_place_key_travels_in_knowledge_and_a_struct_that_can_change_does_not(
     class Loose(msgspec.Struct):
         place: int
 
-    assert "not among the types" in (fault(Loose) or "")
+    assert "not among the types" in (immutability_fault(Loose) or "")
 
 
 def test_a_behaviour_without_the_component_model_cleans_its_places(

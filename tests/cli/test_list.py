@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from actors.floor.map_file import load_map
-from actors.radio.presets import PRESETS as RADIO
+from actors.radio.radio_model import PRESETS as RADIO
 from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model

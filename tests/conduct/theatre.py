@@ -26,7 +26,7 @@ from actors.messages import (
 )
 from actors.orders import Order
 from actors.radio.program import build as build_radio
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode

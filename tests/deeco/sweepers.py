@@ -6,8 +6,8 @@ from typing import Annotated, NamedTuple
 
 from deeco.component import component, role
 from deeco.knowledge import Knowledge
+from deeco.replication.on_air import Resolution
 from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.scalars import Resolution
 from deeco.replication.schema import RoleBook
 
 

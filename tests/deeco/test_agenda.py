@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deeco.agenda import Agenda, Task
 from deeco.errors import ExecutionError
-from deeco.instant import Duration, Instant
+from deeco.instant import Duration, Instant, Task
+from deeco.node import Agenda
 
 T = TypeVar("T")
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from deeco import DefinitionError, immutability
+from deeco import DefinitionError
 from deeco.ensemble import type_of
+from deeco.knowledge import immutability_fault
 
 PRELUDE = """
 from collections import deque
@@ -351,7 +352,7 @@ class Tree:
 
 
 def test_a_type_may_contain_itself() -> None:
-    assert immutability.fault(Tree) is None
+    assert immutability_fault(Tree) is None
 
 
 def test_everything_that_never_changes_may_stand_in_knowledge() -> None:

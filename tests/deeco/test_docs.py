@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from deeco.link import LinkParameters
 from deeco.node import CASCADE_LIMIT
-from deeco.parameters import LinkParameters
-from deeco.replication.network import NetworkParameters
-from deeco.replication.relaying import RelayParameters
+from deeco.replication.network import NetworkParameters, RelayParameters
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "deeco.md").read_text()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deeco.errors import ExecutionError
-from deeco.parameters import LinkParameters
+from deeco.link import LinkParameters
 from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
 
 ROOM = 118 - 9

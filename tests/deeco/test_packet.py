@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deeco.errors import ExecutionError
-from deeco.parameters import LinkParameters
+from deeco.link import LinkParameters
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
 from deeco.replication.schema import fingerprint

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deeco.instant import START, Instant, milliseconds, seconds
-from deeco.parameters import LinkParameters
-from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
-from deeco.replication.reassembly import Reassembly
+from deeco.link import LinkParameters
+from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
 from tests.deeco.sweepers import published
 
 SMALL = LinkParameters(frame_data=20)

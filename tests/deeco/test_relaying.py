@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from deeco import Knowledge, component, ensemble, milliseconds, role, seconds
 from deeco.instant import Instant
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters
+from deeco.replication.network import NetworkParameters, Relay, RelayParameters
 from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.relaying import Relay, RelayParameters
 from deeco.statistics import NodeCounters
 from tests.deeco.air import Air, Reach
 

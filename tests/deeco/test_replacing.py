@@ -7,7 +7,7 @@ from functools import cached_property
 import pytest
 
 from deeco import Knowledge, component, replace, role
-from deeco.replacing import is_plain
+from deeco.knowledge import is_plain
 
 
 @role

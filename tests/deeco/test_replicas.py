@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from deeco import Contact, Duration, Instant, Knowledge, component, periodic, role, seconds
 from deeco.link import Reception
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters
+from deeco.replication.network import NetworkParameters, Replica, Replicas
 from deeco.replication.packet import Version
-from deeco.replication.replicas import Replica, Replicas
 from deeco.statistics import NodeCounters
 
 

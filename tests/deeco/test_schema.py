@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from deeco.component import component, role
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge
-from deeco.parameters import LinkParameters
+from deeco.link import LinkParameters
 from deeco.replication.schema import Resolution, RoleBook, Unpacked, fingerprint
 from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
 

@@ -14,7 +14,7 @@ import msgspec
 
 from actors.instant import Instant
 from actors.messages import Scan
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.link import BoardLink

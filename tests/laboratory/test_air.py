@@ -20,12 +20,11 @@ from actors.messages import (
     Transmit,
     Truth,
 )
+from actors.radio.frame import rssi_codes, rssi_dbm
 from actors.radio.program import build
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
-from actors.radio.signal_codes import rssi_codes, rssi_dbm
+from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink

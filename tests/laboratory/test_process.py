@@ -15,7 +15,7 @@ from actors.board_readings import LinkState
 from actors.geometry import Pose
 from actors.instant import START
 from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.world.body import Bodies
 from firmware_bridge.laboratory.__main__ import main
 from firmware_bridge.laboratory.laboratory import LIDAR

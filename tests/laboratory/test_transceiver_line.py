@@ -5,7 +5,7 @@ import pytest
 
 from actors.instant import START, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, Received, Refused, Sent, Transmit
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from firmware_bridge.beeclick.air import EmulatedAir, air
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.radio.frame_outcomes import COPIES
+from actors.radio.robot_medium import COPIES
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
 SCENARIO = f"""

@@ -7,7 +7,7 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.instant import Instant
-from actors.radio.presets import PRESETS
+from actors.radio.radio_model import PRESETS
 from deploy.laboratory import hardware_in_the_loop
 from deploy.laboratory.hardware_in_the_loop import check_limits
 from deploy.run import swarm

@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.radio.medium.draws import ACK_RECEPTION, BACKOFF, RECEPTION, drawn
-from actors.radio.medium.error_rate import bit_error_rate
 from actors.radio.medium.medium import Request
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
+from actors.radio.medium.reception import ACK_RECEPTION, BACKOFF, RECEPTION, bit_error_rate, drawn
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
 
 SYMBOL = 16_000
 ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)

@@ -20,12 +20,9 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.core import RadioCore
-from actors.radio.medium.state import Cca
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
-from actors.radio.presets import RadioParameters
-from actors.radio.propagation.indoor import IndoorPropagation
-from actors.radio.propagation.path_loss import line_of_sight
-from actors.radio.radio_model import RadioModel
+from actors.radio.medium.state import Cca, PhyParameters, Transceiver
+from actors.radio.propagation.indoor import IndoorPropagation, line_of_sight
+from actors.radio.radio_model import RadioModel, RadioParameters
 from actors.topic import Message
 
 STEP = 100_000

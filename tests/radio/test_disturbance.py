@@ -8,9 +8,9 @@ import pytest
 
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Outcome
-from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters
+from actors.radio.radio_model import preset
 
 FRAMES = 3000
 SPACING_NS = 45_000_000

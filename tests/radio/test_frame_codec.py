@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.ieee802154 import PSDU_LIMIT
-from actors.radio.frame import octets
-from actors.radio.frame_codec import DataFrame, FrameError, decode, encode, frame_check
+from actors.radio.frame import DataFrame, FrameError, decode, encode, frame_check, octets
 
 
 def with_check(body: str | bytes) -> bytes:

@@ -9,14 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.radio.link_budget import DirectReach, needed_dbm, reach, share
-from actors.radio.medium.error_rate import frame_error_rate
-from actors.radio.presets import PRESETS, preset
-from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
-from actors.radio.propagation.materials import MATERIALS
-from actors.radio.propagation.path_loss import PathLossParameters, over
-from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.medium.reception import frame_error_rate
+from actors.radio.propagation.indoor import IndoorPropagation, PathLossParameters, PropagationParameters, over
+from actors.radio.propagation.walls import MATERIALS
+from actors.radio.radio_model import (
+    PRESETS,
+    DirectReach,
+    RadioSetup,
+    needed_dbm,
+    preset,
+    radio_model,
+    reach,
+    share,
+)
 from actors.runtime.errors import AcrcError
 
 CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")

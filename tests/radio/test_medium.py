@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from actors.messages import Jam
 from actors.radio.medium import engine
-from actors.radio.medium.medium import Medium, Request, fingerprint
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
-from actors.radio.medium.traffic import Poisson
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
-from actors.radio.presets import preset
-from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
-from actors.radio.propagation.path_loss import PathLossParameters
+from actors.radio.medium.medium import Medium, Poisson, Request, fingerprint
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
+from actors.radio.propagation.indoor import IndoorPropagation, PathLossParameters, PropagationParameters
+from actors.radio.radio_model import preset
 from tests.radio.plain_medium import PlainMedium, Said, mw
 from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 

@@ -6,9 +6,8 @@ import re
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.radio.link_budget import reach
-from actors.radio.presets import PRESETS
-from actors.radio.propagation.materials import MATERIALS
+from actors.radio.propagation.walls import MATERIALS
+from actors.radio.radio_model import PRESETS, reach
 
 MINUS = "\N{MINUS SIGN}"
 PAGE = (REPOSITORY / "docs" / "radio.md").read_text()

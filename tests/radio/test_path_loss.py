@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.radio.presets import preset
-from actors.radio.propagation.path_loss import PathLossParameters, line_of_sight, over
+from actors.radio.propagation.indoor import PathLossParameters, line_of_sight, over
+from actors.radio.radio_model import preset
 from actors.runtime.errors import AcrcError
 
 ANNEX_E = PathLossParameters()

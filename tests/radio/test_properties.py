@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.messages import AccessFailure, Heard, Overflow, RadioEvent, Sent
-from actors.radio.link_budget import reach
-from actors.radio.presets import preset
+from actors.radio.radio_model import preset, reach
 from tests.radio.swarm import REACH, SPACING, TURNAROUND, Frame, Robot, Swarm, around
 
 HORIZON = 60_000

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from actors.radio.link_budget import reach
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Outcome
-from actors.radio.presets import RadioParameters, preset
 from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.radio_model import RadioParameters, preset, reach
 
 FRAMES = 1500
 SPACING_NS = 45_000_000

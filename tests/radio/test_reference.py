@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 
 from actors.ieee802154 import SYMBOL_NS
-from actors.radio.medium.error_rate import bit_error_rate, frame_error_rate
-from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.medium import Medium, Poisson, Request, Saturated
+from actors.radio.medium.reception import bit_error_rate, frame_error_rate
 from actors.radio.medium.state import Kind
-from actors.radio.medium.traffic import Poisson, Saturated
-from actors.radio.presets import preset
+from actors.radio.radio_model import preset
 from benchmarks.radio.reference import OperatingPoint
 from benchmarks.radio.trials import SECOND, LossTable, contend, measure, scene
 from benchmarks.radio.truth import formula_kbps

@@ -20,7 +20,7 @@ from actors.messages import (
 )
 from actors.radio.core import RadioCore
 from actors.radio.program import build
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from actors.runtime.errors import AcrcError
 from tests.radio.swarm import STEP, Frame, Robot
 from tests.radio.test_stories import three

@@ -9,9 +9,15 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Point
-from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters, fingerprint
-from actors.radio.propagation.path_loss import PathLossParameters
-from actors.radio.propagation.shadowing import ShadowingParameters, Waves, waves
+from actors.radio.propagation.indoor import (
+    IndoorPropagation,
+    PathLossParameters,
+    PropagationParameters,
+    ShadowingParameters,
+    Waves,
+    fingerprint,
+    waves,
+)
 from actors.radio.propagation.walls import build
 
 Floats = NDArray[np.float64]

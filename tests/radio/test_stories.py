@@ -15,7 +15,7 @@ from actors.messages import (
     Sent,
 )
 from actors.radio.medium.state import Cca
-from actors.radio.transceiver_truth import TransceiverTruth
+from actors.radio.robot_medium import TransceiverTruth
 from tests.radio.swarm import PLAIN, SPACING, STEP, TURNAROUND, Frame, Robot, Swarm, around
 
 NEXT = TURNAROUND + 832 + SPACING

@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.radio.propagation.materials import MATERIALS, material
-from actors.radio.propagation.tiles import TILE, tiles_of
-from actors.radio.propagation.walls import WallPatch, Walls, between, build
+from actors.radio.propagation.walls import (
+    MATERIALS,
+    TILE,
+    WallPatch,
+    Walls,
+    between,
+    build,
+    material,
+    tiles_of,
+)
 from actors.runtime.errors import AcrcError
 
 BRICK = MATERIALS["brick"]

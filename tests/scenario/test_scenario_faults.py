@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.radio.propagation.materials import MATERIALS
+from actors.radio.propagation.walls import MATERIALS
 from actors.runtime.errors import AcrcError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import fault

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.radio.radio_setup import RadioSetup
+from actors.radio.radio_model import RadioSetup
 from observation.replay.recorded_setup import setup_of
 from tests.swarm.command import ROOT, run
 

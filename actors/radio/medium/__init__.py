@@ -3,11 +3,8 @@
 `examples/contention.py` shows it at work by itself.
 """
 
-from actors.radio.medium.channel import Interferer, Propagation
-from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Cca, Kind, Outcome
-from actors.radio.medium.traffic import Poisson, Saturated
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
+from actors.radio.medium.medium import Interferer, Medium, Poisson, Propagation, Request, Saturated
+from actors.radio.medium.state import Cca, Kind, Outcome, PhyParameters, Transceiver
 
 __all__ = [
     "Cca",

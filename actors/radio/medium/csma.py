@@ -6,13 +6,14 @@ Sections are those of IEEE 802.15.4-2006; the algorithm is that of 7.5.1.4, Figu
 import math
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from actors import ieee802154
 from actors.ieee802154 import CCA_NS, SYMBOL_NS, TURNAROUND_NS, UNIT_BACKOFF_NS
 from actors.kernels import njit
 from actors.portable.compiled import log
-from actors.radio.medium.agenda import push
-from actors.radio.medium.draws import ARRIVAL, BACKOFF, drawn
-from actors.radio.medium.reception import begin, count, judge, leave, let_go, sense
+from actors.radio.medium.reception import ARRIVAL, BACKOFF, begin, count, drawn, judge, leave, let_go, sense
 from actors.radio.medium.state import (
     BROADCAST,
     NEVER,
@@ -25,6 +26,56 @@ from actors.radio.medium.state import (
     OfferKind,
     Outcome,
 )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: int) -> int:
+    """Put an entry into a heap of so many; the new size."""
+    place = size
+    while place > 0:
+        above = (place - 1) >> 1
+        entry = agenda[above]
+        if entry.instant_ns < instant or (entry.instant_ns == instant and entry.order <= order):
+            break
+        agenda[place].instant_ns = entry.instant_ns
+        agenda[place].order = entry.order
+        agenda[place].ticket = entry.ticket
+        place = above
+    agenda[place].instant_ns = instant
+    agenda[place].order = order
+    agenda[place].ticket = ticket
+    return size + 1
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def pop(agenda: NDArray[np.void], size: int) -> int:
+    """Take the first entry out of a heap of so many, at least one; the new size."""
+    size -= 1
+    instant, order, ticket = agenda[size].instant_ns, agenda[size].order, agenda[size].ticket
+    place = 0
+    while True:
+        below = 2 * place + 1
+        if below >= size:
+            break
+        entry = agenda[below]
+        if below + 1 < size:
+            other = agenda[below + 1]
+            if other.instant_ns < entry.instant_ns or (
+                other.instant_ns == entry.instant_ns and other.order < entry.order
+            ):
+                below += 1
+                entry = other
+        if instant < entry.instant_ns or (instant == entry.instant_ns and order <= entry.order):
+            break
+        agenda[place].instant_ns = entry.instant_ns
+        agenda[place].order = entry.order
+        agenda[place].ticket = entry.ticket
+        place = below
+    agenda[place].instant_ns = instant
+    agenda[place].order = order
+    agenda[place].ticket = ticket
+    return size
+
 
 SHORT_SPACING_NS: Final = 12 * SYMBOL_NS
 LONG_SPACING_NS: Final = 40 * SYMBOL_NS

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from actors.kernels import njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
-from actors.radio.medium.agenda import pop
+from actors.radio.medium.csma import pop
 from actors.radio.medium.reception import change_outside, count, free_share, leave, let_go
 from actors.radio.medium.state import NEVER, Due, MacState, MediumState, OfferKind, Outcome, Outside
 

@@ -1,26 +1,179 @@
 """The medium that transceivers share: whose frame is in the air when, and who hears it.
 
 A library of its own: transceivers, where they are, what they send, and how far the time is to go. Every
-instant is a whole number of nanoseconds. A frame is followed as far as it counts (`initial_state`). Nothing
-depends on how the time is cut into calls of `run`, nor on transceivers that are silent: all random numbers
-are functions of a seed and of what they are for (`actors.radio.medium.draws`).
+instant is a whole number of nanoseconds. A frame is followed as far as it counts
+(`actors.radio.medium.state.initial_state`). Nothing depends on how the time is cut into calls of `run`, nor
+on transceivers that are silent: all random numbers are functions of a seed and of what they are for
+(`actors.radio.medium.reception`).
+
+The medium knows frames, transceivers and instants; walls, distances and shadowing belong to a `Propagation`,
+Wi-Fi and jammers to an `Interferer`. Positions are (…, 2) arrays, m, map frame. Everything here is a function
+of its arguments and of a seed given at construction, never of how often or in which order it is asked.
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium import engine
-from actors.radio.medium.channel import Interferer, Propagation, Trajectory
-from actors.radio.medium.initial_state import initial_state
-from actors.radio.medium.interference import Interference
-from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outcome, Outside
-from actors.radio.medium.traffic import Poisson, Saturated, Traffic
-from actors.radio.medium.transceiver import PhyParameters, Transceiver
+from actors.radio.medium.state import (
+    BROADCAST,
+    EVENT,
+    REQUEST,
+    SWITCH,
+    OfferKind,
+    Outcome,
+    Outside,
+    PhyParameters,
+    Transceiver,
+    initial_state,
+    milliwatts,
+)
+
+Trajectory = Callable[[int], NDArray[np.float64]]
+"""Positions of all transceivers, (n, 2), m, at an instant, ns; each depends on the instant alone."""
+
+
+class Propagation(Protocol):
+    """How much weaker a signal arrives than it was sent."""
+
+    def loss_db(
+        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
+    ) -> NDArray[np.float64]:
+        """Loss from each sender to each receiver, dB ≥ 0, `inf` = nothing arrives: (senders, receivers).
+
+        Where it is above `most_db` any value above will do, so that far ones need not be computed.
+
+        `senders` (s, 2), `receivers` (r, 2). Asked once per frame, with one sender, for the positions at its
+        first symbol, or once per sender while all stand still: entry (i, j) must depend on these two points
+        only, to the last bit. Where a sender is its own receiver any value will do.
+        """
+        ...
+
+
+class Interferer(Protocol):
+    """A source that is no 802.15.4 transceiver: it disturbs while it is on and is never decoded."""
+
+    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+        """The bursts that begin in [since, until): (bursts, 2), begin and end, ns; in order, without overlap.
+
+        An end may lie beyond `until`. How the time is cut into such windows must not change the bursts.
+        """
+        ...
+
+    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Power within the receiver's band while the source is on, dBm: `receivers` (…, 2) → (…).
+
+        `-inf` = nothing arrives. Evaluated at a burst's first instant, and again every 20 ms of a longer one.
+        """
+        ...
+
+    def over(self, now_ns: int) -> bool:
+        """True if no burst begins or goes on at `now_ns` or later."""
+        ...
+
+
+@dataclass(frozen=True)
+class Poisson:
+    """Frames at random, independent of one another."""
+
+    octets: int
+    """Of the PSDU, MAC header and FCS included: 9 to 127."""
+    per_second: float
+    to: int = BROADCAST
+    """Number of the receiving transceiver."""
+    acknowledged: bool = False
+
+
+@dataclass(frozen=True)
+class Saturated:
+    """Always one more frame: the next is handed over as soon as one is done with."""
+
+    octets: int
+    """As in Poisson."""
+    after_ns: int = 0
+    """When the first comes, counted from now: phases that differ keep transceivers from moving in step."""
+    to: int = BROADCAST
+    acknowledged: bool = False
+
+
+Traffic = Poisson | Saturated
+
+REFRESH_NS = 20_000_000
+"""The power of a long burst is evaluated again at every multiple of this, as transceivers may move."""
+
+OFF = -1
+
+
+class Interference:
+    """The interferers, and the bursts of theirs that have begun and not ended."""
+
+    def __init__(self) -> None:
+        self._interferers: list[Interferer | None] = []
+        self._ends: dict[int, int] = {}
+
+    def __len__(self) -> int:
+        """How many numbers have been given out."""
+        return len(self._interferers)
+
+    def add(self, interferer: Interferer) -> None:
+        """One more; it takes the number of one that has ended for good, or the next."""
+        if None in self._interferers:
+            self._interferers[self._interferers.index(None)] = interferer
+        else:
+            self._interferers.append(interferer)
+
+    def forget(self, now_ns: int) -> None:
+        """Let go of the sources that will not be on any more, from `now_ns` on."""
+        for source, interferer in enumerate(self._interferers):
+            if interferer is not None and interferer.over(now_ns) and source not in self._ends:
+                self._interferers[source] = None
+
+    def until(
+        self, since_ns: int, until_ns: int, where: Trajectory
+    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+        """The switches in [since, until), in order, and the powers, mW, that they name by row."""
+        entries = [
+            entry
+            for source, interferer in enumerate(self._interferers)
+            if interferer is not None
+            for entry in self._entries(source, interferer, since_ns, until_ns)
+        ]
+        if not entries:
+            return np.zeros(0, SWITCH), np.zeros((0, len(where(since_ns)) if self._interferers else 0))
+        entries.sort()
+        switches = np.zeros(len(entries), SWITCH)
+        rows: list[NDArray[np.float64]] = []
+        for place, (instant, source, on) in enumerate(entries):
+            switches[place] = (instant, source, len(rows) if on else OFF)
+            interferer = self._interferers[source]
+            if on and interferer is not None:
+                rows.append(interferer.power_dbm(where(instant)))
+        transceivers = len(where(since_ns))
+        return switches, milliwatts(np.array(rows).reshape(-1, transceivers))
+
+    def _entries(
+        self, source: int, interferer: Interferer, since_ns: int, until_ns: int
+    ) -> list[tuple[int, int, bool]]:
+        """Instants at which the source goes off (or on; at one instant off is first)."""
+        spans = [(begin, end) for begin, end in interferer.bursts(since_ns, until_ns).tolist()]
+        entries = [(begin, source, True) for begin, _ in spans]
+        if source in self._ends:
+            spans.insert(0, (since_ns - 1, self._ends.pop(source)))
+        for begin, end in spans:
+            first = (begin // REFRESH_NS + 1) * REFRESH_NS
+            entries += [(at, source, True) for at in range(first, min(end, until_ns), REFRESH_NS)]
+            if end < until_ns:
+                entries.append((end, source, False))
+            else:
+                self._ends[source] = end
+        return entries
+
 
 _NOT_ASKED: Final = np.zeros(0)
 _NO_SWITCHES: Final = np.zeros(0, SWITCH)

@@ -2,8 +2,18 @@
 
 Interference is exact: whenever a frame or an outside source begins or ends, every receiver that is locked
 onto a frame closes a segment of constant SINR; what ends before the frame does counts while it lasted.
+
+Bit errors are those of the 2.4 GHz O-QPSK PHY in white noise.
+`BER = 8/15 · 1/16 · Σ_{k=2}^{16} (−1)^k C(16, k) exp(20 SINR (1/k − 1))` (IEEE 802.15.4-2006, E.4.1.8), as
+ns-3 and INET have it. Both charge the 6 octets of preamble, delimiter and length like data; so does this.
+
+Random numbers are a function of their key: no stream, no order, no state.
+The output function of SplitMix64 (Steele, Lea & Flood, "Fast splittable pseudorandom number generators",
+OOPSLA 2014; variant 13 of D. Stafford's mixers) is applied along the key. So one more transceiver, or
+another step, changes no draw of anybody else.
 """
 
+from math import comb
 from typing import Final
 
 import numpy as np
@@ -11,10 +21,85 @@ from numpy.typing import NDArray
 
 from actors.ieee802154 import PHY_HEADER_OCTETS
 from actors.kernels import njit
+from actors.portable import arrays
 from actors.portable.compiled import exp
-from actors.radio.medium.draws import ACK_RECEPTION, RECEPTION, drawn
-from actors.radio.medium.error_rate import CLEAN, log_right
 from actors.radio.medium.state import NOBODY, MediumState, Outcome, Record
+
+BACKOFF: Final = 1
+"""Key: transceiver, frame, try."""
+RECEPTION: Final = 2
+"""Key: sender, frame, receiver."""
+ACK_RECEPTION: Final = 3
+"""Key: sender of the frame that is acknowledged, that frame, receiver."""
+ARRIVAL: Final = 4
+"""Key: transceiver, number of the arrival."""
+
+_GAMMA: Final = np.uint64(0x9E3779B97F4A7C15)
+_FIRST: Final = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND: Final = np.uint64(0x94D049BB133111EB)
+_S27, _S30, _S31, _S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _mixed(state: np.uint64, word: int) -> np.uint64:
+    z = (state ^ np.uint64(word)) + _GAMMA
+    z = (z ^ (z >> _S30)) * _FIRST
+    z = (z ^ (z >> _S27)) * _SECOND
+    mixed: np.uint64 = z ^ (z >> _S31)
+    return mixed
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def drawn(seed: int, purpose: int, transceiver: int, frame: int, other: int) -> float:
+    """The number in [0, 1) that belongs to this key; all whole numbers of up to 63 bits."""
+    state = _mixed(np.uint64(purpose), seed)
+    state = _mixed(_mixed(_mixed(state, transceiver), frame), other)
+    return np.float64(state >> _S11) * 1.1102230246251565e-16
+
+
+CLEAN: Final = 4.5
+"""A SINR, linear, from which on no bit of any frame is lost: below 1e-19 per bit."""
+_STEPS: Final = 4096
+"""Of the table per unit of SINR: linear interpolation is then true to 1e-6 of the value."""
+
+
+def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Probability of a wrong bit at each signal to interference and noise ratio, linear; same shape."""
+    k = np.arange(2, 17, dtype=np.float64)
+    weights = np.array([(-comb(16, i) if i % 2 else comb(16, i)) for i in range(2, 17)], dtype=np.float64)
+    terms = weights * arrays.exp(20.0 * np.asarray(sinr)[..., None] * (1.0 / k - 1.0))
+    rate: NDArray[np.float64] = np.clip(8.0 / 15.0 / 16.0 * arrays.total(terms), 0.0, 0.5)
+    return rate
+
+
+def frame_error_rate(snr_db: NDArray[np.float64], octets: int) -> NDArray[np.float64]:
+    """Probability that a frame of so many PSDU octets is lost at a constant ratio, dB; same shape."""
+    bits = 8 * (octets + PHY_HEADER_OCTETS)
+    log_right = arrays.log1p(-bit_error_rate(arrays.exp10(np.asarray(snr_db) / 10.0)))
+    rate: NDArray[np.float64] = -arrays.expm1(bits * log_right)
+    return rate
+
+
+def _table() -> NDArray[np.float64]:
+    log = arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
+    log.setflags(write=False)
+    return log
+
+
+_LOG_RIGHT: Final = _table()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def log_right(sinr: float) -> float:
+    """Logarithm of the probability that a bit is right; for kernels. `sinr` ≥ 0, linear."""
+    if sinr >= CLEAN:
+        return 0.0
+    place = sinr * _STEPS
+    left = int(place)
+    low = _LOG_RIGHT[left]
+    between: float = low + (place - left) * (_LOG_RIGHT[left + 1] - low)
+    return between
+
 
 _BITS_PER_NS: Final = 250e-6
 _HEARD: Final = int(Outcome.HEARD)

@@ -4,11 +4,16 @@ All instants and durations are whole nanoseconds: a symbol of 16 µs is exact, s
 transceivers whose phases are drawn at random practically never meet at one instant.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from actors.ieee802154 import PSDU_LIMIT
+from actors.portable import arrays
 
 Record = Any
 """One entry of an array of records, as kernels know it: fields by name, changed in place."""
@@ -236,3 +241,140 @@ class Outside(NamedTuple):
     """(rows, n): powers that the switches name."""
     now_mw: NDArray[np.float64]
     """(s, n): power that each source gives now, 0 while it is off."""
+
+
+@dataclass(frozen=True)
+class PhyParameters:
+    """How every receiver of a medium decodes; the defaults are a fair model of a 2.4 GHz O-QPSK receiver."""
+
+    noise_dbm: float = -98.0
+    """Thermal noise with the receiver's noise figure, in its 2 MHz, dBm. Default: the bit error rate's
+    formula then gives 1 % of lost frames of 20 octets at -97.4 dBm."""
+    lock_sinr_db: float = -5.0
+    """A receiver locks onto a frame only above this ratio, dB. Default: as ns-3 has it; below, one bit in ten
+    is wrong (IEEE 802.15.4-2006, Figure E.2)."""
+    cochannel_penalty_db: float = 3.0
+    """How much worse another 802.15.4 frame disturbs than white noise of its power, dB. Default: CC2420 data
+    sheet, co-channel rejection -3 dB; 0 treats it as noise, which is what ns-3 and INET do."""
+    capture_db: float = 3.0
+    """How much stronger a later frame must be for the receiver to drop the one it is locked onto, dB.
+    Default: Cooja's MRM channel model."""
+    capture_us: int = 128
+    """How long after the lock that may happen, µs; 0 = never. Default: the preamble, 8 symbols."""
+    peak_cca: bool = False
+    """False: the energy that counts for clear channel assessment is the mean over all of its 8 symbols, and a
+    carrier at any time in them. True: as in ns-3, the level at the end and wherever a frame begins meanwhile;
+    what ends before is missed."""
+    dead_us: int = 0
+    """After each frame that a receiver gives to its computer it receives nothing for so long, µs, while its
+    buffer is read."""
+    dead_octet_us: int = 0
+    """… and for so much longer per octet of the frame, µs."""
+    dead_octets: int = PSDU_LIMIT
+    """… of at most so many octets."""
+
+
+@dataclass(frozen=True)
+class Transceiver:
+    """The settings of one transceiver; the defaults are the standard's, with the MRF24J40's sensitivity."""
+
+    address: int
+    """Short address; it keys all random numbers of this transceiver, so it must be its own."""
+    tx_power_dbm: float = 0.0
+    sensitivity_dbm: float = -95.0
+    """No frame that arrives weaker is received, dBm. Default: typical for the MRF24J40 (Microchip
+    DS39776C)."""
+    cca: Cca = Cca.ENERGY
+    """Default: mode 1 of the standard."""
+    cca_threshold_dbm: float = -85.0
+    """Energy from which the channel counts as busy, dBm. Default: 10 dB above the sensitivity, the most that
+    the standard allows (6.9.9)."""
+    min_be: int = 3
+    max_be: int = 5
+    max_backoffs: int = 4
+    max_retries: int = 3
+    """macMinBE, macMaxBE, macMaxCSMABackoffs, macMaxFrameRetries (7.4.2)."""
+    queue: int = 8
+    """Frames that the transmit queue holds, with the one that is being sent."""
+
+    def numbered(self, address: int) -> "Transceiver":
+        """The same settings with another address."""
+        return replace(self, address=address)
+
+
+_DUE_EACH = 8
+"""One thing of the MAC, an acknowledgement, an arrival, and what has been called off but not yet come up."""
+_EVENTS = 4096
+_LEFT_OUT_DB: Final = -26.38
+"""So far below noise a power is that raises it by 0.01 dB: 10 log10(10^0.001 - 1)."""
+
+
+def milliwatts(dbm: Any) -> Any:
+    """Power in mW; any shape."""
+    return arrays.exp10(np.asarray(dbm, dtype=np.float64) / 10.0)
+
+
+def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> MediumState:
+    """All transceivers on, silent and listening."""
+    n = len(transceivers)
+    return MediumState(
+        medium=_medium(transceivers, phy, seed)[0],
+        transceivers=_transceivers(transceivers, phy),
+        queue=np.zeros((n, max((t.queue for t in transceivers), default=1)), FRAME),
+        agenda=np.zeros(_DUE_EACH * n + 1, AGENDA),
+        rosters=np.zeros(n, ROSTER),
+        gains_mw=np.zeros((n, n)),
+        reached=np.zeros((n, n), np.int64),
+        outcomes=np.zeros((n, n), np.uint8),
+        withheld=np.zeros((n, n), np.int64),
+        events=np.zeros(max(_EVENTS, 4 * n), EVENT),
+    )
+
+
+def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> NDArray[np.void]:
+    medium = np.zeros(1, MEDIUM)
+    medium["seed"] = seed
+    medium["noise_mw"] = milliwatts(phy.noise_dbm)
+    medium["lock_sinr"] = milliwatts(phy.lock_sinr_db)
+    medium["capture"] = milliwatts(phy.capture_db)
+    medium["capture_ns"] = phy.capture_us * 1000
+    medium["penalty"] = milliwatts(phy.cochannel_penalty_db)
+    medium["peak_cca"] = phy.peak_cca
+    medium["dead_ns"], medium["dead_octet_ns"] = phy.dead_us * 1000, phy.dead_octet_us * 1000
+    medium["dead_octets"] = phy.dead_octets
+    medium["faintest_dbm"] = _faintest_dbm(transceivers, phy)
+    return medium
+
+
+def _faintest_dbm(transceivers: Sequence[Transceiver], phy: PhyParameters) -> float:
+    """All that is not followed of the frames in the air may be as strong as this at a receiver, together.
+
+    It adds 0.01 dB to the noise, or to the least energy that makes the channel busy, and nobody could
+    lock onto it.
+    """
+    least_dbm = min([phy.noise_dbm, *(one.cca_threshold_dbm for one in transceivers)])
+    together_dbm = least_dbm + _LEFT_OUT_DB - max(phy.cochannel_penalty_db, 0.0)
+    return min(together_dbm, phy.noise_dbm + phy.lock_sinr_db)
+
+
+def _transceivers(transceivers: Sequence[Transceiver], phy: PhyParameters) -> NDArray[np.void]:
+    records = np.zeros(len(transceivers), TRANSCEIVER)
+    records["settings"] = _settings(transceivers, phy)
+    records["mac"]["powered"] = True
+    records["receiver"]["lock"] = NOBODY
+    records["receiver"]["unlock_ns"] = -NEVER
+    return records
+
+
+def _settings(transceivers: Sequence[Transceiver], phy: PhyParameters) -> NDArray[np.void]:
+    settings = np.zeros(len(transceivers), SETTINGS)
+    settings["key"] = [t.address for t in transceivers]
+    for name in ("min_be", "max_be", "max_backoffs", "max_retries", "cca"):
+        settings[name] = [getattr(t, name) for t in transceivers]
+    settings["cca_mw"] = milliwatts([t.cca_threshold_dbm for t in transceivers])
+    settings["tx_dbm"] = [t.tx_power_dbm for t in transceivers]
+    settings["capacity"] = [t.queue for t in transceivers]
+    faintest = milliwatts(phy.lock_sinr_db + phy.noise_dbm)
+    settings["floor_mw"] = np.maximum(milliwatts([t.sensitivity_dbm for t in transceivers]), faintest)
+    settings["watched"] = True
+    return settings

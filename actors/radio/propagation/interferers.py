@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from actors.bounds import ParameterError, check, check_range
 from actors.portable import log10
 from actors.portable.draws import exponentials
-from actors.radio.medium.channel import Propagation
+from actors.radio.medium.medium import Propagation
 from actors.wording import span
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any, Final, Protocol, Self, runtime_checkable
 from actors.geometry import Point
 from actors.instant import Instant
 from deeco import Knowledge
+from deeco.component import processes_of
 from deeco.local import Commit
-from deeco.process import processes_of
 
 SUBJECT: Final = "adaptation"
 """Under which it stands in the outcome."""

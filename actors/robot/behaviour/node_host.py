@@ -22,11 +22,10 @@ from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from deeco import DeecoError, Knowledge
+from deeco.knowledge import made
 from deeco.link import Reception, Transmission
 from deeco.node import Node
-from deeco.replacing import made
-from deeco.replication.network import NetworkParameters
-from deeco.replication.relaying import RelayParameters
+from deeco.replication.network import NetworkParameters, RelayParameters
 
 _TAGS: Final = 2**32
 """Of one epoch."""

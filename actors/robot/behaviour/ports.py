@@ -25,7 +25,7 @@ Scalar: TypeAlias = bool | int | float | str
 Setting: TypeAlias = Scalar | tuple[Scalar, ...]
 """A value in a scenario's table [strategy], or a list of values, as a tuple."""
 EVERYBODY_DBM: Final = 0.0
-"""No transceiver reports more (`actors.radio.signal_codes` ends at -35 dBm)."""
+"""No transceiver reports more (`actors.radio.frame` ends at -35 dBm)."""
 FARTHEST_BACK: Final = 3.0
 """Farther than this nobody backs out, m: so long is the trail that a robot remembers."""
 _NO_MAP: Final = LookupError("this Start was made without a floor plan")

@@ -24,7 +24,7 @@ from actors.robot.cost_maps.inflation import Inflation
 from actors.robot.cost_maps.ray_tracing import note_arrivals, stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
-from deeco.replacing import made
+from deeco.knowledge import made
 
 _NEVER: Final = np.iinfo(np.int64).min
 

@@ -20,7 +20,7 @@ from actors.robot.local_planning.dwa import CRITICS, CheapestVelocity
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
 from actors.robot_model import DriveParameters
-from deeco.replacing import made
+from deeco.knowledge import made
 
 _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure)."""

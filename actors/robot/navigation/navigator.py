@@ -19,7 +19,7 @@ from actors.robot.navigation.planning import GlobalPlanner
 from actors.robot.navigation.pursuit import Pursuit, PursuitState
 from actors.robot.navigation.trail import Trail, Withdrawal, backward
 from actors.robot.sweep import Sweep
-from deeco.replacing import made
+from deeco.knowledge import made
 
 _DRIVES: Final = PursuitState.CONTROLLING
 """While this is its state, the local planner is asked for commands."""
