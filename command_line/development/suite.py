@@ -1,68 +1,109 @@
-"""The test suite in two halves: what leaves the clock alone runs in several workers, the rest one by one.
-
-A few tests repeat, for more seeds, what others of the suite have shown: those are left to the night.
-"""
+"""The test suite in two halves: most tests run in several workers, those marked `alone` one by one."""
 
 import os
 import subprocess
 import sys
+import threading
+import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from types import TracebackType
+from typing import Final, Self
 
 ALONE: Final = "alone"
 """The marker of tests that measure wall time or want every core."""
 NIGHTLY: Final = "nightly"
-"""The marker of tests that show for more seeds what others of the suite show for some."""
+"""The marker of tests that the suite leaves to `acrc test --nightly`."""
 BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "0")
-"""A file goes to one worker, where its fixtures are made once; tests/conftest.py says which begin. A worker
-that has crashed ends the half, with its test's name: replaced, it can leave the others waiting for ever
-(pytest-dev/pytest-xdist#1378)."""
+"""Each file runs on one worker, which makes its fixtures once, in the order of tests/conftest.py. A crashed
+worker ends the half: replaced, it can block the others (pytest-dev/pytest-xdist#1378)."""
+BUDGET: Final = Path("tests", "development", "budget.toml")
+"""The file with the number of processes that the suite may start."""
 NO_TESTS: Final = 5
-"""pytest's exit code where nothing was left to run; of one half of the suite it is no fault."""
+"""pytest's exit code if no test was selected; not a failure of one half."""
+_PERIOD_S: Final = 0.02
 
 
 def run_suite(root: Path, words: Sequence[str]) -> int:
-    """Run pytest in the folder `root`; its exit code, or the first one that is not 0.
+    """Run pytest in the folder `root` and return its exit code.
 
-    `words` go to pytest as they are, in one process, since whoever names tests also wants `--pdb` or `-s`;
-    without any the suite runs, in two halves, and with `--nightly` alone all there is of it.
+    `words` go to pytest unchanged, in one process. Without words the suite runs in two halves and its
+    processes are counted; `--nightly` alone runs all tests.
     """
     whole = list(words) == [f"--{NIGHTLY}"]
     if words and not whole:
         return _pytest(root, words)
     now = "" if whole else f" and not {NIGHTLY}"
-    workers = str((os.cpu_count() or 1) + 1)  # in each some tests wait while others compute
-    beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
-    alone = _pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
+    workers = str((os.cpu_count() or 1) + 1)  # some tests wait while others compute
+    with ProcessCounter() as started:
+        beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
+        alone = _pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
     if beside == alone == NO_TESTS:
         return NO_TESTS
-    return next((code for code in (beside, alone) if code not in (0, NO_TESTS)), 0)
+    exceeded = not whole and _is_over_budget(root, started.count)
+    return next((code for code in (beside, alone) if code not in (0, NO_TESTS)), int(exceeded))
 
 
 def marked_alone(root: Path) -> list[str]:
-    """The files of the second half, lest pytest imports all others once more; none: it looks at all.
-
-    The marker stands in a test's own file, or tests/conftest.py refuses it.
-    """
+    """Return the files of the second half, so that pytest imports no others."""
     folder = root / "tests" if (root / "tests").is_dir() else root
     files = sorted(folder.rglob("test_*.py"))
-    return [str(path.relative_to(root)) for path in files if says_alone(path)]
+    return [str(path.relative_to(root)) for path in files if has_alone_marker(path)]
 
 
-def says_alone(path: Path) -> bool:
-    """True if this file has tests with the marker."""
+def has_alone_marker(path: Path) -> bool:
+    """Return whether the source of a test file names the marker `alone`."""
     return f"mark.{ALONE}" in path.read_text("utf-8")
 
 
+class ProcessCounter:
+    """Counts the descendants of this process by sampling /proc; processes of under 20 ms may be missed."""
+
+    def __init__(self) -> None:
+        self._own, self._foreign = {os.getpid()}, set[int]()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    @property
+    def count(self) -> int:
+        """Number of descendants so far."""
+        return len(self._own) - 1
+
+    def _watch(self) -> None:
+        while not self._ended.wait(_PERIOD_S):
+            present = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()}
+            self._foreign &= present
+            for pid in sorted(present - self._own - self._foreign):
+                with suppress(OSError):
+                    stat = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
+                    parent = int(stat.rpartition(")")[2].split()[1])
+                    (self._own if parent in self._own else self._foreign).add(pid)
+
+
+def _is_over_budget(root: Path, started: int) -> bool:
+    """Print the number of started processes; return whether it exceeds the limit of the budget file."""
+    if not (root / BUDGET).is_file():
+        return False
+    limit = int(tomllib.loads((root / BUDGET).read_text())["suite"]["processes"])
+    sys.stderr.write(f"{started} processes were started; {BUDGET} allows {limit}\n")
+    return started > limit
+
+
 def _pytest(root: Path, words: Sequence[str]) -> int:
-    """With modules compiled once and kept: the tests start some hundred interpreters, each of which needs a
-    thousand modules; compiling them anew takes as long as all else that `acrc` does before a run.
-    """
+    """Run pytest; byte code is kept, since the tests start many interpreters that import the same modules."""
     kept = {
         name: value
         for name, value in os.environ.items()
-        if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")  # of another environment
+        if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
     }
     return subprocess.run(
         [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, check=False

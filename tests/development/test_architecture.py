@@ -1,22 +1,15 @@
-"""docs/architecture.md is true: its rooms are all rooms, its files exist, a run goes its two ways."""
+"""Files, modules and classes that the documentation names exist."""
 
 import ast
 import re
 import subprocess
-import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import pytest
 
 from actors.installation import repository
 from actors.installation.repository import REPOSITORY
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 PACKAGES = tuple(sorted(repository.PACKAGES))
@@ -34,7 +27,6 @@ ELSEWHERE = {
     "PoseStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
 }  # fmt: skip
 """Names of ROS, Foxglove, JDEECo, systemd, Linux and Python."""
-WAYS = ("The way of one scan", "The way of one packet of knowledge")
 
 
 @cache
@@ -80,26 +72,6 @@ def coded(text: str) -> str:
     return code
 
 
-def section(title: str) -> str:
-    """The text below a heading, to the next one."""
-    return PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
-
-
-def rows(title: str) -> list[list[str]]:
-    """The cells of the table below a heading, without its first two lines."""
-    lines = [line for line in section(title).splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
-
-
-def names(text: str) -> list[str]:
-    """What stands in backticks and is no file."""
-    return [name for name in re.findall(r"`([^`]+)`", text) if re.fullmatch(r"[A-Za-z_][\w.]*", name)]
-
-
-def files(text: str) -> list[Path]:
-    return [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", text)]
-
-
 @cache
 def defined(path: Path) -> set[str]:
     """Classes, functions and methods of a file, these as `Class.method`."""
@@ -112,79 +84,41 @@ def defined(path: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_module_that_a_page_names_exists(page: str) -> None:
-    text = (REPOSITORY / page).read_text()
-    packages = "|".join(PACKAGES)
-    named = set(re.findall(rf"(?<![\w./-])((?:{packages})/[\w/]+\.py)\b", text))
-    assert sorted(name for name in named if not (REPOSITORY / name).is_file()) == []
-    dotted = set(re.findall(rf"(?:from|import|python -m) ((?:{packages})(?:\.\w+)+)", text))
-    places = {name: REPOSITORY / name.replace(".", "/") for name in dotted}
-    assert (
-        sorted(n for n, at in places.items() if not at.is_dir() and not at.with_suffix(".py").is_file()) == []
-    )
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_every_class_that_a_page_names_exists(page: str) -> None:
-    """In backticks or in a block of code: a class of ours, a member of one, or a name of somebody else."""
-    wrong, ours = [], classes()
-    for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
-        if name not in ours and name not in ELSEWHERE:
-            wrong.append(name)
-        elif member and member not in ours.get(name, {member}):
-            wrong.append(f"{name}.{member}")
+def test_modules_on_pages_exist() -> None:
+    packages, wrong = "|".join(PACKAGES), []
+    for page in PAGES:
+        text = (REPOSITORY / page).read_text()
+        named = re.findall(rf"(?<![\w./-])((?:{packages})/[\w/]+\.py)\b", text)
+        dotted = re.findall(rf"(?:from|import|python -m) ((?:{packages})(?:\.\w+)+)", text)
+        paths = {name: REPOSITORY / name.replace(".", "/") for name in dotted}
+        wrong += [f"{page}: {name}" for name in named if not (REPOSITORY / name).is_file()]
+        wrong += [
+            f"{page}: {name}"
+            for name, path in paths.items()
+            if not path.is_dir() and not path.with_suffix(".py").is_file()
+        ]
     assert wrong == []
 
 
-@pytest.mark.parametrize("title", [*WAYS, "Where is …"])
-def test_every_name_on_a_way_is_in_a_file_beside_it(title: str) -> None:
+def test_classes_on_pages_exist() -> None:
+    """In backticks or code blocks: classes of the project, their members, or names of other projects."""
+    wrong, ours = [], classes()
+    for page in PAGES:
+        for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
+            if name not in ours and name not in ELSEWHERE:
+                wrong.append(f"{page}: {name}")
+            elif member and member not in ours.get(name, {member}):
+                wrong.append(f"{page}: {name}.{member}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize("title", ["The way of one scan", "The way of one packet of knowledge"])
+def test_names_in_a_table_of_the_architecture_are_in_the_file_beside_them(title: str) -> None:
     everything = set().union(*(defined(REPOSITORY / path) for path in sources() if path.parts[0] in PACKAGES))
-    for cells in rows(title):
-        row = " | ".join(cells[1:])
-        here = set().union(*(defined(path) for path in files(row)))
-        for name in names(row):
-            a_class_of_elsewhere = name[0].isupper() and "." not in name and name in everything
-            assert name in here or a_class_of_elsewhere, f"{name} in: {row}"
-
-
-@pytest.fixture(scope="module")
-def calls(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, str]]:
-    """File and name of every function of the project that was called in a few seconds of a run, in order."""
-    seen: list[tuple[str, str]] = []
-    root = str(REPOSITORY)
-
-    def note(frame: FrameType, event: str, _: Any) -> None:
-        code = frame.f_code
-        if event == "call" and code.co_filename.startswith(root):
-            seen.append((code.co_filename, code.co_qualname))
-
-    scenario = load_scenario(REPOSITORY / "scenarios" / "chapter.toml", Overrides(robots=2, duration=6.0))
-    options = RunOptions(tmp_path_factory.mktemp("walked") / "out", bus="memory", json=True)
-    plan = swarm.plan(scenario, options)
-    sys.setprofile(note)
-    try:
-        swarm.run_in_memory(plan, lambda progress: None)
-    finally:
-        sys.setprofile(None)
-    return seen
-
-
-def walked(title: str) -> Iterator[tuple[str, str]]:
-    """Each method named on a way, with its file."""
-    for cells in rows(title):
-        first, *_ = files(cells[1])
-        for name in names(" ".join(cells[2:])):
-            if "." in name:
-                yield str(first), name
-
-
-@pytest.mark.parametrize("title", WAYS)
-def test_a_run_goes_the_way_that_the_page_tells(title: str, calls: list[tuple[str, str]]) -> None:
-    way = list(walked(title))
-    assert len(way) > 10
-    at = 0
-    for step in way:
-        later = next((index for index in range(at, len(calls)) if calls[index] == step), None)
-        assert later is not None, f"{step[1]} is not called after what stands before it on the page"
-        at = later + 1
+    section = PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
+    for row in [line for line in section.splitlines() if line.startswith("|")][2:]:
+        files = [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", row)]
+        here = set().union(*(defined(path) for path in files))
+        for name in re.findall(r"`([A-Za-z_]\w*(?:\.\w+)*)`", row):
+            is_other_class = name[0].isupper() and "." not in name and name in everything
+            assert name in here or is_other_class, f"{name} in: {row}"

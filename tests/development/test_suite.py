@@ -1,4 +1,4 @@
-"""`acrc test` runs the suite in two halves, and what is wrong in either is the command's exit code."""
+"""`acrc test`: two halves, one process for named tests, a limit on started processes; skips fail in CI."""
 
 import ast
 import os
@@ -9,137 +9,91 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation.repository import PACKAGES
-from command_line.development.suite import BY_FILE, run_suite
+from actors.installation.repository import PACKAGES, REPOSITORY
+from command_line.development import suite as module
+from command_line.development.suite import BUDGET, BY_FILE, ProcessCounter, run_suite
 from tests.conftest import LONGEST
 
 PASSES = "def test_passes(): pass\n"
-FAILS = "def test_fails(): assert 0\n"
-CRASHES = "import os\ndef test_crashes(): os._exit(3)\n"
-MARKED = "import pytest\npytestmark = pytest.mark.alone\n"
-MORE = "import pytest\npytestmark = pytest.mark.nightly\n"
-SETTINGS = """[pytest]
-markers =
-    alone: nothing runs beside it
-    nightly: more seeds
-addopts = --strict-markers -p xdist
-"""
+MARKED = "import pytest\npytestmark = pytest.mark.alone\n" + PASSES
 
 
 @pytest.fixture
 def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[list[str]]]]:
-    """Runs a suite of these files as on one core: the exit code, and what pytest was told."""
+    """Return exit code and pytest's arguments for given exit codes of the two halves."""
 
-    def suite_of(*words: str, **files: str) -> tuple[int, list[list[str]]]:
-        (tmp_path / "pytest.ini").write_text(SETTINGS)
-        for name, text in files.items():
-            (tmp_path / f"{name}.py").write_text(text)
+    def run(*words: str, codes: tuple[int, ...] = (0, 0)) -> tuple[int, list[list[str]]]:
         calls: list[list[str]] = []
+        (tmp_path / "test_a.py").write_text(PASSES)
+        (tmp_path / "test_b.py").write_text(MARKED)
 
-        def noted(command: list[str], **settings: object) -> subprocess.CompletedProcess[bytes]:
-            calls.append(command[3:])
-            return run(command, stdout=subprocess.DEVNULL, **settings)  # type: ignore[call-overload,no-any-return]
+        def noted(root: Path, words: list[str]) -> int:
+            calls.append(list(words))
+            return codes[len(calls) - 1]
 
-        run = subprocess.run
-        monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # each of a run's processes would load all
         monkeypatch.setattr("command_line.development.suite.os.cpu_count", lambda: 1)
-        monkeypatch.setattr("command_line.development.suite.subprocess.run", noted)
+        monkeypatch.setattr(module, "_pytest", noted)
         return run_suite(tmp_path, words), calls
 
-    return suite_of
+    return run
 
 
 @pytest.mark.parametrize(
-    ("files", "code"),
-    [
-        ({"test_a": PASSES, "test_b": MARKED + PASSES}, 0),
-        ({"test_a": FAILS, "test_b": MARKED + PASSES}, 1),
-        ({"test_a": PASSES, "test_b": MARKED + FAILS}, 1),
-        ({"test_a": PASSES}, 0),
-        ({"test_b": MARKED + PASSES}, 0),
-        ({"nothing": ""}, 5),
-    ],
+    ("codes", "code"), [((0, 0), 0), ((1, 0), 1), ((0, 1), 1), ((5, 0), 0), ((0, 5), 0), ((5, 5), 5)]
 )
 def test_both_halves_decide(
-    suite: Callable[..., tuple[int, list[list[str]]]], files: dict[str, str], code: int
+    suite: Callable[..., tuple[int, list[list[str]]]], codes: tuple[int, int], code: int
 ) -> None:
-    marked = [f"{name}.py" for name, text in files.items() if text.startswith(MARKED)]
-    assert suite(**files) == (
-        code,
-        [
-            ["-m", "not alone and not nightly", "-n", "2", *BY_FILE],
-            ["-m", "alone and not nightly", *marked],
-        ],
-    )
+    halves = [
+        ["-m", "not alone and not nightly", "-n", "2", *BY_FILE],
+        ["-m", "alone and not nightly", "test_b.py"],
+    ]
+    assert suite(codes=codes) == (code, halves)
 
 
-@pytest.mark.timeout(60)
-def test_a_worker_that_crashes_ends_its_half_and_keeps_nobody_waiting(
+def test_arguments_select_one_process_or_the_nightly_tests(
     suite: Callable[..., tuple[int, list[list[str]]]],
 ) -> None:
-    files = {f"test_{letter}": PASSES for letter in "bcdefgh"}
-    code, calls = suite(test_a=PASSES, test_i=CRASHES, **files)
-    assert (code, len(calls)) == (1, 2)
+    assert suite("-q", "test_a.py", codes=(3,)) == (3, [["-q", "test_a.py"]])
+    _, (beside, alone) = suite("--nightly")
+    assert beside[1] == "not alone" and alone[1] == "alone"
 
 
-def test_a_marker_from_another_file_is_refused(tmp_path: Path) -> None:
-    """The second half would not find it."""
-    (tmp_path / "marks.py").write_text(MARKED)
-    (tmp_path / "test_own.py").write_text("from marks import pytestmark\n" + PASSES)
-    words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "."]
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-    )  # fmt: skip
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "test_own.py::test_passes: the marker alone must stand in the test's own file" in done.stderr
-
-
-@pytest.mark.parametrize(("words", "code"), [((), 0), (("--nightly",), 1)])
-@pytest.mark.parametrize(
-    "failing", [MORE + FAILS, MARKED + "pytestmark = [pytestmark, pytest.mark.nightly]\n" + FAILS]
-)
-def test_what_is_left_to_the_night_runs_when_asked_for(
-    suite: Callable[..., tuple[int, list[list[str]]]], failing: str, words: tuple[str, ...], code: int
+def test_a_suite_that_starts_too_many_processes_fails(
+    suite: Callable[..., tuple[int, list[list[str]]]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert suite(*words, test_a=PASSES, test_b=MARKED + PASSES, test_c=failing)[0] == code
+    (tmp_path / BUDGET).parent.mkdir(parents=True)
+    (tmp_path / BUDGET).write_text("[suite]\nprocesses = 0\n")
+    assert suite()[0] == 0
+    (tmp_path / BUDGET).write_text("[suite]\nprocesses = -1\n")
+    assert suite()[0] == 1
+    assert capsys.readouterr().err.splitlines()[-1].endswith(f"were started; {BUDGET} allows -1")
 
 
-def test_modules_are_compiled_once_for_all_that_the_tests_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "helping.py").write_text("")
-    (tmp_path / "test_own.py").write_text("def test_it(): import helping\n")
-    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
-    monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)
-    assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
-    assert list(tmp_path.glob("__pycache__/helping.*.pyc")) != []
+def test_started_processes_are_counted_with_their_children() -> None:
+    with ProcessCounter() as started:
+        subprocess.run(["sh", "-c", "sleep 0.3 & sleep 0.3; wait"], check=True)
+    assert started.count == 3
 
 
-def test_what_is_to_begin_first_is_there() -> None:
-    tests = Path(__file__).parents[1]
-    assert [name for name in LONGEST if not (tests / name).is_file()] == []
-
-
-def test_whoever_names_tests_gets_one_process(tmp_path: Path) -> None:
-    (tmp_path / "test_own.py").write_text("def test_it(worker_id='none'): assert worker_id == 'none'\n")
-    assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
-
-
-def test_under_ci_a_module_skipped_in_a_worker_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    root = Path(__file__).parents[2]
+@pytest.mark.parametrize(("ci", "code"), [("true", 1), ("false", 0)])
+def test_a_skipped_module_is_a_failure_under_ci(tmp_path: Path, ci: str, code: int) -> None:
+    """The module is skipped in a worker of pytest-xdist, whose controller reports it."""
     (tmp_path / "test_gone.py").write_text("import pytest\npytest.skip('why', allow_module_level=True)\n")
     (tmp_path / "test_here.py").write_text(PASSES)
-    monkeypatch.setenv("CI", "true")
-    monkeypatch.setenv("PYTHONPATH", str(root))
-    words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "-n", "2", "."]
+    words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "-n", "1", "."]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "CI is set, so skipped tests are failures; skipped: test_gone.py" in done.stdout.splitlines()
+        [sys.executable, "-m", "pytest", *words],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "CI": ci, "PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout
+    sentence = "CI is set, so skipped tests are failures; skipped: test_gone.py"
+    assert (sentence in done.stdout.splitlines()) == bool(code)
+
+
+def test_files_to_begin_first_exist() -> None:
+    assert [name for name in LONGEST if not (REPOSITORY / "tests" / name).is_file()] == []
 
 
 PURE = {"abs", "all", "array", "array_equal", "int", "isinstance", "len", "reshape"}
@@ -147,8 +101,8 @@ PURE = {"abs", "all", "array", "array_equal", "int", "isinstance", "len", "resha
 
 def test_the_product_works_without_assertions_and_docstrings() -> None:
     """With -O and -OO they are gone."""
-    root, wrong = Path(__file__).parents[2], []
-    for path in (path for name in PACKAGES for path in (root / name).rglob("*.py")):
+    wrong = []
+    for path in (path for name in PACKAGES for path in (REPOSITORY / name).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             parts = list(ast.walk(node)) if isinstance(node, ast.Assert) else []
             calls = {ast.unparse(one.func).rpartition(".")[2] for one in parts if isinstance(one, ast.Call)}

@@ -1,0 +1,71 @@
+"""Size of the product: Python tokens without comments and docstrings, and modules, per top-level package.
+
+`python -m tests.development.budget` prints the present size, `--write` also stores it in budget.toml.
+"""
+
+import ast
+import io
+import subprocess
+import sys
+import tokenize
+import tomllib
+from collections import Counter
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[2]
+FILE: Final = Path(__file__).with_name("budget.toml")
+LAYOUT: Final = {
+    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+}
+
+
+def tokens(source: str) -> int:
+    """Return the number of tokens of a module, without comments, docstrings and layout."""
+    bodies = [getattr(node, "body", None) for node in ast.walk(ast.parse(source))]
+    statements = [one for body in bodies if isinstance(body, list) for one in body]
+    docstrings = {
+        (one.lineno, one.col_offset)
+        for one in statements
+        if isinstance(one, ast.Expr)
+        and isinstance(one.value, ast.Constant)
+        and isinstance(one.value.value, str)
+    }
+    counted = tokenize.generate_tokens(io.StringIO(source).readline)
+    return sum(
+        one.type not in LAYOUT and not (one.type == tokenize.STRING and one.start in docstrings)
+        for one in counted
+    )
+
+
+def measure() -> dict[str, dict[str, int]]:
+    """Return `tokens` and `modules` by package, of all Python files but the tests."""
+    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
+    listed = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    files = [Path(name) for name in listed if not name.startswith("tests/") and (ROOT / name).is_file()]
+    size, modules = Counter[str](), Counter[str]()
+    for file in files:
+        size[file.parts[0]] += tokens((ROOT / file).read_text("utf-8"))
+        modules[file.parts[0]] += 1
+    return {"tokens": dict(sorted(size.items())), "modules": dict(sorted(modules.items()))}
+
+
+def as_toml(tables: dict[str, dict[str, int]]) -> str:
+    """Return the text of budget.toml."""
+    parts = ["# Upper limits that only go down; see CONTRIBUTING.md."]
+    for title, values in tables.items():
+        parts.append("\n".join((f"[{title}]", *(f"{name} = {value}" for name, value in values.items()))))
+    return "\n\n".join(parts) + "\n"
+
+
+def main(words: list[str]) -> None:
+    """Print the present size and, with `--write`, store it."""
+    suite = tomllib.loads(FILE.read_text())["suite"] if FILE.is_file() else {"processes": 3000}
+    text = as_toml({**measure(), "suite": suite})
+    sys.stdout.write(text)
+    if words == ["--write"]:
+        FILE.write_text(text)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
