@@ -1,26 +1,21 @@
-"""The scenario of the original experiment, against its figures."""
+"""The scenario of the original experiment against its figures; its places, computed again."""
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import fields
+
+import pytest
 
 from actors.installation.repository import REPOSITORY
 from cleaning.parameters import AdaptationParameters
+from cleaning.places import GOLDEN
 from cleaning.settings import from_settings
+from deploy.scenario.areas import for_places
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.stack_tables import TABLES
 
 CHAPTER = REPOSITORY / "scenarios" / "chapter.toml"
-FIRST_PLACES = [
-    ((21.216, 11.918), (17.665, 6.420), (8.456, 12.329), (23.105, 12.257), (18.843, 11.570),
-     (7.928, 13.289), (17.528, 5.508), (10.890, 13.094), (12.216, 5.907), (14.042, 12.991)),
-    ((8.583, 13.617), (20.843, 12.078), (3.337, 12.312), (10.002, 13.292), (17.959, 3.762),
-     (2.740, 11.575), (19.643, 12.216), (21.349, 11.936), (9.218, 13.410), (20.680, 12.092)),
-    ((23.019, 11.620), (20.773, 12.328), (3.600, 12.783), (12.495, 1.164), (12.468, 4.930),
-     (13.771, 12.119), (21.914, 13.469), (14.058, 11.304), (17.981, 13.483), (9.700, 11.981)),
-    ((3.357, 11.356), (17.117, 13.234), (11.686, 1.162), (8.508, 13.664), (26.454, 11.137),
-     (19.922, 13.313), (11.756, 12.574), (12.677, 6.371), (18.811, 13.495), (17.832, 13.650)),
-]  # fmt: skip
 AREAS = {
     "Office1": (11.50, 13.50, 1.00, 7.00),
     "Office2": (16.50, 18.25, 1.00, 7.00),
@@ -40,7 +35,8 @@ def test_the_figures_are_those_of_the_original() -> None:
     world = resolve(chapter).world
     assert (world.duration_us, world.step_us) == (600_000_000, 100_000)
     assert [robot.start for robot in world.robots] == [*STARTS[:4]]
-    assert [robot.places for robot in world.robots] == FIRST_PLACES
+    assert [robot.places for robot in world.robots] == [*GOLDEN]
+    assert [len(places) for places in GOLDEN] == [10] * 4
     assert chapter.robots.start == STARTS
     assert {area.name: (*area.x, *area.y) for area in chapter.area} == AREAS
     assert round(sum((x1 - x0) * (y1 - y0) for x0, x1, y0, y1 in AREAS.values()), 3) == 80.8
@@ -66,3 +62,30 @@ def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
     assert content["localisation"] == {"preset": "chapter"}
     assert content["navigation"] == {"preset": "chapter"}
     assert set(content["strategy"]) == {field.name for field in fields(AdaptationParameters)}
+
+
+def java_doubles(seed: int) -> Iterator[float]:
+    """java.util.Random.nextDouble: a linear congruential generator of 48 bits (Java SE API, class Random)."""
+    state = (seed ^ 0x5DEECE66D) % 2**48
+    while True:
+        bits = []
+        for wanted in (26, 27):
+            state = (state * 0x5DEECE66D + 0xB) % 2**48
+            bits.append(state >> (48 - wanted))
+        yield ((bits[0] << 27) + bits[1]) / 2**53
+
+
+def test_the_golden_places_are_what_the_testbed_drew() -> None:
+    assert next(java_doubles(42)) == 0.7275636800328681, "as Java prints it"
+    numbers, areas = java_doubles(42), for_places(load_scenario()) or ()
+    total = sum(area.surface for area in areas)
+    for places in GOLDEN:
+        for place in places:
+            rest = next(numbers) * total
+            for area in areas:
+                rest -= area.surface
+                if rest < 0:
+                    break
+            x = area.x0 + next(numbers) * (area.x1 - area.x0)
+            y = area.y0 + next(numbers) * (area.y1 - area.y0)
+            assert place == pytest.approx((x, y), abs=0.00051)

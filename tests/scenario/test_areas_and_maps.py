@@ -1,0 +1,244 @@
+"""Named areas and maps: where starts and places are drawn, drawn floors, copies in runs."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.floor.map_file import load_map
+from actors.floor.placement import Area
+from actors.installation.repository import REPOSITORY, SHIPPED
+from actors.installation.usage import OptionError
+from actors.runtime.errors import AcrcError
+from actors.world.world_setup import BodySetup
+from deploy.run.plan import copy_map
+from deploy.scenario.named_files import map_files
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, parse
+from deploy.scenario.survey import map_as_json, map_sentences, survey_map
+from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import to_toml
+from tests.floor.map_files import written
+from tests.scenario.faults import scenario
+
+ELSEWHERE = Path("/elsewhere/scenario.toml")
+DRAWN = 'map = "offices:7"\n[robots]\ncount = 4\n[places]\nper_robot = 5\n'
+FREE: tuple[tuple[str, object], ...] = (("robots.start", []), ("places.preset", "free"))
+OWN = "../maps/corridor.yaml"
+CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
+OFFICES = (
+    '[[area]]\nname = "Office1"\nx = [11.5, 13.5]\ny = [1, 7]\n'
+    '[[area]]\nname = "Office2"\nx = [16.5, 18.25]\ny = [1, 7]\n'
+)
+FIRST = Area("Office1", 11.5, 1.0, 13.5, 7.0)
+SECOND = Area("Office2", 16.5, 1.0, 18.25, 7.0)
+
+
+def chapter(*settings: tuple[str, object]) -> Scenario:
+    return load_scenario(DEFAULT_SCENARIO, Overrides(settings=settings))
+
+
+def robots(text: str) -> tuple[BodySetup, ...]:
+    return resolve(scenario(text)).world.robots
+
+
+def within(area: Area, point: tuple[float, ...]) -> bool:
+    return area.x0 <= point[0] <= area.x1 and area.y0 <= point[1] <= area.y1
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(AcrcError) as caught:
+        resolve(scenario(text))
+    return str(caught.value)
+
+
+def test_robots_beyond_the_listed_starts_are_put_in_their_areas() -> None:
+    text = f'[robots]\ncount = 8\nstart = [[26, 11, 0]]\nareas = ["Office2"]\n{OFFICES}'
+    first, *others = robots(text)
+    assert first.start == (26.0, 11.0, 0.0)
+    assert all(within(SECOND, robot.start) for robot in others)
+    both = robots(text.replace('["Office2"]', '["Office2", "Office1"]'))[1:]
+    assert {within(FIRST, robot.start) for robot in both} == {True, False}
+    assert all(within(FIRST, robot.start) or within(SECOND, robot.start) for robot in both)
+
+
+def test_areas_without_a_table_that_names_them_say_nothing_about_starts() -> None:
+    text = "[robots]\ncount = 8\n"
+    starts = [robot.start for robot in robots(text)]
+    assert [robot.start for robot in robots(text + OFFICES)] == starts
+    assert not all(within(FIRST, start) or within(SECOND, start) for start in starts)
+
+
+def test_places_are_drawn_in_all_areas_or_in_those_that_are_named() -> None:
+    absent, asked, named = (
+        robots(f"[places]\nper_robot = 9\n{line}\n{OFFICES}")
+        for line in ("", 'preset = "areas"', 'areas = ["Office1"]')
+    )
+    assert absent == asked
+    everywhere = [place for robot in absent for place in robot.places]
+    assert {within(FIRST, place) for place in everywhere} == {True, False}
+    assert all(within(FIRST, place) or within(SECOND, place) for place in everywhere)
+    assert all(within(FIRST, place) for robot in named for place in robot.places)
+
+
+def test_without_areas_places_are_drawn_on_all_free_floor() -> None:
+    free = '[places]\npreset = "free"\n'
+    assert robots("") == robots(free) == robots(free + OFFICES)
+
+
+def test_robots_without_golden_places_get_theirs_in_the_areas() -> None:
+    text = f'[robots]\ncount = 6\n[places]\npreset = "golden"\nareas = ["Office2"]\n{OFFICES}'
+    assert [all(within(SECOND, place) for place in robot.places) for robot in robots(text)] == (
+        [False] * 4 + [True] * 2
+    )
+
+
+def test_the_lines_about_areas_that_the_shipped_scenario_mentions_can_be_used() -> None:
+    text = CORRIDOR.read_text()
+    (line,) = {row.removeprefix("# ").partition("  ")[0] for row in text.splitlines() if "# areas" in row}
+    assert tomllib.loads(line) == {"areas": ["Office1"]}
+    used = text.replace("\n[places]\n", f"\n[places]\n{line}\n")
+    used = used.replace("count = 4\n", f"count = 10\n{line}\n")
+    last = resolve(parse(used, CORRIDOR)).world.robots[9]
+    assert within(FIRST, last.start) and all(within(FIRST, place) for place in last.places)
+
+
+def test_what_a_run_with_areas_writes_down_gives_the_same_run() -> None:
+    text = f'[robots]\nareas = ["Office2"]\n[places]\nareas = ["Office1"]\n{OFFICES}'
+    first = resolve(scenario(text))
+    second = resolve(parse(to_toml(first.scenario), Path("/elsewhere/scenario.toml")))
+    assert (second.world, second.scenario) == (first.world, first.scenario)
+    assert parse(to_toml(scenario(text)), Path("/elsewhere/scenario.toml")) == scenario(text)
+
+
+def test_an_area_must_hold_free_floor_also_if_nobody_uses_it() -> None:
+    walled = '[places]\npreset = "free"\n[[area]]\nname = "void"\nx = [4.9, 5.1]\ny = [12.4, 12.6]\n'
+    assert refusal(walled) == (
+        'area[0] "void" spans x 4.9 to 5.1 and y 12.4 to 12.6 m, where nothing is free,'
+        " but must hold free floor"
+    )
+    outside = f'{OFFICES}[[area]]\nname = "Moon"\nx = [100, 101]\ny = [-5, 1]\n'
+    assert refusal(outside) == (
+        'area[2] "Moon" spans x 100 to 101 and y -5 to 1 m, where nothing is free, but must hold free floor'
+    )
+
+
+def test_an_area_without_room() -> None:
+    narrow = '[[area]]\nname = "edge"\nx = [11.5, 13.5]\ny = [0.9, 1.0]\n'
+    room = "area 'edge' has no reachable point at least 0.6 m from walls; a place must be free floor."
+    assert refusal(f'[robots]\nareas = ["edge"]\n{narrow}') == (
+        f"robot r1 finds no start in robots.areas beside 0 others: {room}"
+    )
+    assert refusal(narrow) == f"robot r1 cannot get its 10 places in places.areas: {room}"
+
+
+def test_a_drawn_floor_has_its_rooms_as_areas_unless_the_scenario_has_its_own() -> None:
+    drawn = parse(DRAWN, ELSEWHERE)
+    names = [area.name for area in drawn.area]
+    assert names[:2] == ["corridor", "office 1"] and len(names) == len(set(names)) > 4
+    settled = resolve(drawn).scenario
+    inside = [any(within(area.area, place) for area in drawn.area) for place in _places(settled)]
+    assert settled.area == drawn.area and len(inside) == 20 and all(inside)
+    own = DRAWN + '[[area]]\nname = "mine"\nx = [1, 4]\ny = [1, 3]\n'
+    assert [area.name for area in parse(own, ELSEWHERE).area] == ["mine"]
+
+
+def test_starts_and_places_can_be_drawn_in_chosen_rooms() -> None:
+    text = DRAWN.replace("[places]", 'areas = ["corridor"]\n[places]\nareas = ["office 1", "office 2"]')
+    chosen = parse(text, ELSEWHERE)
+    settled = resolve(chosen).scenario
+    areas = {area.name: area.area for area in chosen.area}
+    assert all(robot.start and within(areas["corridor"], robot.start) for robot in settled.robot)
+    rooms = [areas["office 1"], areas["office 2"]]
+    assert all(any(within(room, place) for room in rooms) for place in _places(settled))
+
+
+def test_what_a_run_on_a_drawn_floor_writes_down_gives_the_same_run(tmp_path: Path) -> None:
+    first = resolve(parse(DRAWN, ELSEWHERE))
+    copy_map(Path(first.world.map), tmp_path)
+    text = to_toml(first.scenario.model_copy(update={"map": "map.yaml"}))
+    second = resolve(parse(text, tmp_path / "scenario.toml"))
+    assert second.world.robots == first.world.robots and second.scenario.area == first.scenario.area
+    assert np.array_equal(load_map(second.world.map).cells, load_map(first.world.map).cells)
+    assert parse(to_toml(parse(DRAWN, ELSEWHERE)), ELSEWHERE) == parse(DRAWN, ELSEWHERE)
+
+
+def test_of_another_map_the_areas_of_the_scenario_are_none() -> None:
+    maze = chapter(("map", "../maps/maze.yaml"), *FREE)
+    assert maze.area == () and resolve(maze).world.robots
+    drawn = chapter(("map", "offices:3"), ("robots.start", []), ("places.preset", "areas"))
+    assert drawn.area[0].name == "corridor" and resolve(drawn).world.robots
+    same = chapter(("map", "../scenarios/../maps/corridor.yaml"))
+    assert same == chapter() and same.area
+    named = [{"name": "mine", "x": [1.0, 4.0], "y": [1.0, 3.0]}]
+    assert [area.name for area in chapter(("map", "offices:3"), ("area", named), *FREE).area] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "missing"),
+    [
+        ((), "robots.start=[] and places.preset=free"),
+        ((("robots.start", []),), "places.preset=free"),
+        ((("places.preset", "free"),), "robots.start=[]"),
+    ],
+)
+def test_starts_and_places_of_the_own_map_must_be_set_with_another(
+    settings: tuple[tuple[str, object], ...], missing: str
+) -> None:
+    with pytest.raises(OptionError) as caught:
+        chapter(("map", "offices:7"), *settings)
+    assert str(caught.value) == (
+        f"--set map: offices:7 is another map than the scenario's own {OWN}, for which its starts or places"
+        f" are made; must be set together with {missing}"
+    )
+
+
+def test_a_robot_with_a_start_of_its_own_is_of_the_own_map_too(tmp_path: Path) -> None:
+    file = tmp_path / "scenario.toml"
+    maze = SHIPPED / "maps" / "maze.yaml"
+    file.write_text(f'map = "{maze}"\n[[robot]]\nid = "r1"\nstart = [0.6, 1.0, 0.0]\n')
+    with pytest.raises(OptionError, match=r"must be set together with robot=\[\]$"):
+        load_scenario(file, Overrides(settings=(("map", "offices:7"),)))
+    assert load_scenario(file, Overrides(settings=(("map", "offices:7"), ("robot", [])))).robot == ()
+
+
+def test_a_floor_that_cannot_be_drawn_is_told_where_it_stands() -> None:
+    with pytest.raises(AcrcError) as caught:
+        parse('map = "offices:7,count=50"\n', ELSEWHERE)
+    assert str(caught.value) == (
+        f"{ELSEWHERE}: map 'offices:7,count=50': count is '50', but must be a whole number from 1 to 20"
+    )
+    with pytest.raises(OptionError, match=r"^--set map: 'offices:x': the seed is 'x'"):
+        chapter(("map", "offices:x"), *FREE)
+
+
+def _places(scenario: Scenario) -> list[tuple[float, float]]:
+    return [place for robot in scenario.robot for place in robot.places or ()]
+
+
+def test_the_copy_in_a_run_reads_as_the_map_itself(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        origin='["-1e-05", 2, 1.5708]',
+        mode="Scale",
+        negate="yes",
+        map_frame="map",
+        free_thresh=None,
+    )
+    folder = tmp_path / "run"
+    folder.mkdir()
+    copy_map(path, folder)
+    copy, grid = load_map(folder / "map.yaml"), load_map(path)
+    assert copy.content == grid.content
+    assert (folder / "map.yaml").read_text() == (
+        "image: map.png\nmode: scale\nresolution: 0.05\norigin: [-1e-05, 2.0, 1.5708]\nnegate: 1\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    assert list(map_files(path)) == [path, tmp_path / "plan.png"]
+
+
+def test_a_survey_tells_the_warnings(tmp_path: Path) -> None:
+    found = survey_map(written(tmp_path, map_frame="map"))
+    assert "warning: plan.yaml: ignored keys: 'map_frame'" in list(map_sentences(found))
+    assert map_as_json(found)["warnings"] == ["plan.yaml: ignored keys: 'map_frame'"]
