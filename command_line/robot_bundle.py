@@ -27,15 +27,15 @@ def bundle(
 ) -> None:
     """Pack all that a robot needs, for a computer without a network.
 
-    The archive holds wheels, program, service, map, fleet file, the robot's keys and an installer. Only you
-    can read it. It is refused for what the robot's doctor would find wrong with fleet file, map and keys.
+    The archive holds wheels, program, map, fleet file and the robot's keys. Only you can read it. Faults of
+    fleet file, map and keys that `acrc fleet doctor` would report are refused.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from deploy.fleet.bundle import making
+    from deploy.fleet import bundle as robot_bundle
     from deploy.fleet.fleet_file import load_fleet
 
     root = clone("fleet bundle")
-    made = making.make(
+    made = robot_bundle.make(
         root,
         load_fleet(fleet),
         robot,
@@ -47,9 +47,10 @@ def bundle(
     said = (
         f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.files} files, for {machine} with Python {python}\n"
         f"SHA-256 {made.sha256}\n\n"
-        "Copy it onto the robot's computer, then there:\n\n"
+        "Copy it onto the robot's computer, then in /srv there:\n\n"
         f"  tar -xf {made.file.name}\n"
-        f"  sudo acrc-{robot}/install.sh"
+        f"  acrc-{robot}/acrc fleet units acrc-{robot}/{made.fleet} --robot {robot}"
+        + (f" --modules acrc-{robot}/modules" if made.own_code else "")
     )
     answer([said], made._asdict(), json=json)
     if made.lacks:

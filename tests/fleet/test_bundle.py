@@ -1,37 +1,63 @@
-"""A robot's bundle: what is in it, who may read it, and why none is made."""
+"""A robot's bundle: its contents, its refusals, and a robot that is installed from one without a network."""
 
-import hashlib
 import json
+import os
+import platform
+import shutil
 import stat
 import subprocess
 import sys
 import tarfile
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from actors.installation import pins, version
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
-from deploy.fleet.bundle import making
+from benchmarks.hardware.standstill_rig import MAP, Rig
+from deploy.fleet import bundle, keys
+from deploy.fleet.bundle import RobotBundle
 from deploy.fleet.fleet_file import load_fleet
-from tests.cli.test_cli import acrc
-from tests.fleet.small_bundle import NATIVE, PURE, SmallClone, copied, without_network
-from tests.fleet.texts import ROOT
-from tests.fleet.unit_file import read_unit, words
+from observation.replay import record_replay
+from tests.fleet.texts import OFFICE, ROOT
+from tests.in_process import acrc
 
-OWN = """
-from cleaning.strategies.none import behaviour
-import helper
-"""
+OWN = "from cleaning.strategies.none import behaviour\nimport helper\n"
+WHEELS = {"wheels/tiny-1.0-py3-none-any.whl": (b"a wheel", 0o644)}
+
+
+class SmallClone:
+    """A git repository of a few files, and a fleet with keys."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root, self.office = folder / "clone", folder / "office.toml"
+        for name in bundle._PACKAGES:
+            (self.root / name).mkdir(parents=True)
+            (self.root / name / "py.typed").touch()
+        for name in bundle._ROOT:
+            shutil.copy(ROOT / name, self.root)
+        (self.root / "actors" / "core.py").touch()
+        (self.root / "actors" / "link.py").symlink_to("../acrc")
+        for words in (("init", "-q"), ("add", ".")):
+            subprocess.run(["git", *words], cwd=self.root, check=True)
+        (self.root / "runs.py").touch()
+        self.office.write_text(OFFICE.read_text().replace("../maps", "maps"))
+        shutil.copytree(ROOT / "maps", folder / "maps")
+        fleet = load_fleet(self.office)
+        keys.issue(fleet, fleet.keys, {}, now=datetime.now(UTC), days=1)
+
+    def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
+        fleet, permit = load_fleet(self.office), permit or Permit()
+        return bundle.make(self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out)
 
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SmallClone:
-    small = SmallClone(tmp_path)
-    monkeypatch.setattr(making, "fetch", copied(small.wheels))
-    return small
+    monkeypatch.setattr(bundle, "_wheels", lambda *_: WHEELS)
+    return SmallClone(tmp_path)
 
 
 def members(file: Path) -> dict[str, tarfile.TarInfo]:
@@ -46,95 +72,45 @@ def content(file: Path, name: str) -> str:
         return found.read().decode()
 
 
-@pytest.mark.parametrize("machine", ["aarch64", "x86_64"])
-def test_it_holds_what_a_robot_needs_for_its_processor_and_nothing_else(
-    machine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    small = SmallClone(tmp_path)
-    small.issue()
-    without_network(monkeypatch, small.wheels)
-    out = tmp_path / "b.tar"
-    made = small.bundle(out, machine=machine.replace("_", "-"))
-    inside = members(out)
-    keys = {f"files/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
-    told = {*keys, "files/office.toml", "files/maps/corridor.yaml", "files/maps/corridor.png", "fleet.toml"}
-    program = {
-        *("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml", "COMMIT", "about", ".state"),
-        *("actors/core.py", "actors/py.typed", "units/acrc-r2.service", *(f"fleets/{one}" for one in told)),
-    }
-    wheels = {f"wheels/{PURE}", f"wheels/{NATIVE[machine]}"}
-    assert set(inside) == {"SHA256SUMS", "install.sh", *wheels, *(f"program/{one}" for one in program)}
-    links = {name: one.linkname for name, one in inside.items() if one.issym()}
-    assert links == {
-        "program/.state": "/var/lib/acrc/state",
-        "program/fleets/fleet.toml": "files/office.toml",
-    }
-    assert content(out, "program/about") == f"robot r2\nmachine {machine}\npython 3.12\n"
-    assert content(out, "program/fleets/files/office.toml") == small.office.read_text()
-    size, digest = out.stat().st_size, hashlib.sha256(out.read_bytes()).hexdigest()
-    assert (made.bytes, made.files, made.sha256) == (size, len(inside) - 3, digest)
-
-
-def test_keys_and_archive_are_its_owners_alone_and_nothing_tells_of_who_made_it(clone: SmallClone) -> None:
-    clone.issue()
+def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(clone: SmallClone) -> None:
     out = clone.root.parent / "b.tar"
-    clone.bundle(out)
-    assert stat.S_IMODE(out.stat().st_mode) == 0o600
-    modes = {name: one.mode for name, one in members(out).items() if not one.issym()}
-    private = [name for name, mode in modes.items() if mode == 0o600]
-    assert private and all("office-keys/r2/" in name for name in private)
-    assert [name for name, mode in modes.items() if mode == 0o755] == ["install.sh", "program/acrc"]
-    assert {*modes.values()} == {0o600, 0o644, 0o755}
-    assert {(one.uid, one.gid, one.uname, one.mtime) for one in members(out).values()} == {
-        (0, 0, "", 946_684_800)
-    }
-
-
-def test_the_same_inputs_give_the_same_bytes_and_others_do_not(clone: SmallClone) -> None:
-    clone.issue()
-    folder = clone.root.parent
-    first, second = clone.bundle(folder / "a.tar"), clone.bundle(folder / "b.tar")
-    assert first.sha256 == second.sha256 and first.lacks == ""
     (clone.root / "actors" / "core.py").write_text("pass\n")
-    assert clone.bundle(folder / "c.tar").sha256 != first.sha256
-
-
-def test_every_file_has_its_sum_as_sha256sum_reads_it(clone: SmallClone) -> None:
-    clone.issue()
-    folder = clone.root.parent
-    clone.bundle(folder / "b.tar")
-    subprocess.run(["tar", "-xf", folder / "b.tar", "-C", folder], check=True)
-    home = folder / "acrc-r2"
-    said = subprocess.run(
-        ["sha256sum", "-c", "SHA256SUMS"], cwd=home, capture_output=True, text=True, check=True
-    )
-    files = {str(one.relative_to(home)) for one in home.rglob("*") if one.is_file() and not one.is_symlink()}
-    assert {line.removesuffix(": OK") for line in said.stdout.splitlines()} == files - {"SHA256SUMS"}
-
-
-def test_its_service_is_that_of_fleet_units_where_the_installer_puts_it(clone: SmallClone) -> None:
-    clone.issue()
-    out = clone.root.parent / "b.tar"
-    clone.bundle(out)
-    service = read_unit(content(out, "program/units/acrc-r2.service"))["Service"]
-    current = "/srv/acrc/current"
-    assert words(service["ExecStart"][0]) == [
-        *(f"{current}/acrc", "fleet", "onboard", f"{current}/fleets/fleet.toml", "--robot", "r2")
-    ]
-    assert (service["User"], service["ReadWritePaths"]) == (["acrc"], [current])
-    assert f"{current}/firmware_bridge/kobuki/guardian.py" in words(service["ExecStopPost"][0])
+    made = clone.bundle(out)
+    inside = members(out)
+    private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
+    configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
+    packages = {f"{name}/py.typed" for name in bundle._PACKAGES}
+    assert inside.keys() == {
+        *bundle._ROOT,
+        *packages,
+        *private,
+        *configuration,
+        *WHEELS,
+        "COMMIT",
+        "actors/core.py",
+    }
+    assert content(out, "actors/core.py") == "pass\n", "changes of tracked files are in it"
+    assert content(out, "fleets/office.toml") == clone.office.read_text()
+    assert {name for name, one in inside.items() if one.mode == 0o600} == private
+    assert [name for name, one in inside.items() if one.mode == 0o755] == ["acrc"]
+    assert {(one.uid, one.gid, one.uname) for one in inside.values()} == {(0, 0, "")}
+    assert stat.S_IMODE(out.stat().st_mode) == 0o600
+    assert (made.fleet, made.own_code, made.files) == ("fleets/office.toml", False, len(inside))
+    assert clone.bundle(out.with_name("c.tar")).sha256 == made.sha256
+    (clone.root / "actors" / "core.py").write_text("")
+    assert clone.bundle(out.with_name("d.tar")).sha256 != made.sha256
 
 
 @pytest.fixture
 def forgotten() -> Iterator[None]:
-    """What is loaded here under names that others use as well is gone afterwards."""
+    """Unload modules whose names other tests use as well."""
     yield
     for name in ("mine", "helper"):
         sys.modules.pop(name, None)
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_a_strategy_of_ones_own_comes_with_what_it_loads(clone: SmallClone, tmp_path: Path) -> None:
+def test_a_strategy_of_the_user_comes_with_what_it_loads(clone: SmallClone, tmp_path: Path) -> None:
     own = tmp_path / "own"
     own.mkdir()
     for name, text in (("mine.py", OWN), ("helper.py", ""), ("other.py", "raise ValueError")):
@@ -143,41 +119,12 @@ def test_a_strategy_of_ones_own_comes_with_what_it_loads(clone: SmallClone, tmp_
     for given, left in (("adoption_distance", "# "), ("listen =", "# listen =")):
         text = text.replace(given, left)
     clone.office.write_text(text)
-    out, fleet, permit = tmp_path / "b.tar", load_fleet(clone.office), Permit((own,))
     (clone.root / "requirements.txt").write_text("pandas\nnetworkx\n")
-    made = making.make(clone.root, fleet, "r2", permit, machine="x86-64", python="3.12", out=out)
-    assert made.lacks == "pandas, networkx"
-    code = [name for name in members(out) if name.startswith("program/modules/")]
-    assert code == ["program/modules/helper.py", "program/modules/mine.py"]
-    start = read_unit(content(out, "program/units/acrc-r2.service"))["Service"]["ExecStart"][0]
-    assert words(start)[-2:] == ["--modules", "/srv/acrc/current/modules"]
-    assert not any("office-keys" in name for name in members(out)), "who does not listen needs no keys"
-
-
-def test_a_wheel_that_is_not_there_is_a_sentence_and_no_bundle(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    small = SmallClone(tmp_path)
-    small.issue()
-    without_network(monkeypatch, small.wheels)
-    with pytest.raises(AcrcError) as caught:
-        small.bundle(tmp_path / "b.tar", python="3.13")
-    assert str(caught.value) == (
-        "wheels for x86-64 and Python 3.13 cannot be fetched: No matching distribution found for "
-        "native==2.0; connect to a network, or set PIP_FIND_LINKS to a folder that has them"
-    )
-    assert not (tmp_path / "b.tar").exists()
-
-
-def test_a_wheel_with_another_hash_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = SmallClone(tmp_path)
-    small.issue()
-    without_network(monkeypatch, small.wheels)
-    with (small.wheels / PURE).open("ab") as file:
-        file.write(b"more")
-    with pytest.raises(AcrcError, match=r"^wheels for x86-64 and Python 3\.12 cannot be fetched: "):
-        small.bundle(tmp_path / "b.tar")
-    assert not (tmp_path / "b.tar").exists()
+    made = clone.bundle(tmp_path / "b.tar", Permit((own,)))
+    assert (made.lacks, made.own_code) == ("pandas, networkx", True)
+    names = members(tmp_path / "b.tar")
+    assert [name for name in names if name.startswith("modules/")] == ["modules/helper.py", "modules/mine.py"]
+    assert not any("office-keys" in name for name in names), "a robot that does not listen needs no keys"
 
 
 @pytest.mark.parametrize(
@@ -187,64 +134,52 @@ def test_a_wheel_with_another_hash_is_not_taken(tmp_path: Path, monkeypatch: pyt
         (("--machine", "mips"), 2, "--machine: mips; must be x86-64 or aarch64"),
         (("--python", "3.10"), 2, "--python: 3.10; must be one of 3.11, 3.12, 3.13, 3.14"),
         (("--out", "."), 2, "--out: . is a folder; must be a file"),
-        (
-            (),
-            1,
-            "keys: {keys}/r2/authority.pem cannot be read (No such file or directory); `acrc fleet keys` "
-            "makes the keys of all machines, and this machine needs a copy of its own folder",
-        ),
     ],
 )
-def test_what_cannot_be_bundled_is_one_line(
+def test_wrong_options_are_one_line(
     options: tuple[str, ...], code: int, said: str, clone: SmallClone
 ) -> None:
     out = clone.root.parent / "b.tar"
-    given = ("--robot", "r2", "--out", str(out), *options)
-    office = clone.office
-    expected = said.format(office=office, keys=office.with_name("office-keys"))
-    assert acrc("fleet", "bundle", str(office), *given) == (code, "", f"acrc: {expected}\n")
+    done = acrc("fleet", "bundle", clone.office, "--robot", "r2", "--out", out, *options)
+    assert (done.returncode, done.stderr) == (code, f"acrc: {said.format(office=clone.office)}\n")
     assert not out.exists()
 
 
-@pytest.mark.parametrize("key", ["map", "keys"])
-def test_a_path_that_only_this_computer_knows_is_refused(key: str, clone: SmallClone) -> None:
-    folder, text = clone.office.parent, clone.office.read_text()
-    clone.issue()
-    there = {"map": f"{folder}/maps/corridor.yaml", "keys": f"{folder}/office-keys"}[key]
-    kept = [line for line in text.splitlines() if not line.startswith(f"{key} =")]
-    clone.office.write_text("\n".join([f'{key} = "{there}"', *kept]))
+def test_a_path_that_only_this_computer_knows_is_refused(clone: SmallClone) -> None:
+    there = f"{clone.office.parent}/maps/corridor.yaml"
+    clone.office.write_text(clone.office.read_text().replace('"maps/corridor.yaml"', f'"{there}"'))
     with pytest.raises(AcrcError) as caught:
-        clone.bundle(folder / "b.tar")
+        clone.bundle(clone.root.parent / "b.tar")
     assert str(caught.value) == (
         f"{clone.office}: names {there}; must be relative to the fleet file, so that the robot finds it"
     )
 
 
-def test_what_the_doctor_would_find_wrong_on_the_robot_is_found_here(clone: SmallClone) -> None:
-    clone.issue()
-    clone.office.write_text(
-        clone.office.read_text().replace("start = [17.5, 5.0, 0.0]", "start = [0.0, 0.0, 0.0]")
-    )
+def test_what_the_doctor_would_report_on_the_robot_is_refused(clone: SmallClone) -> None:
+    text = clone.office.read_text()
+    clone.office.write_text(text.replace("start = [17.5, 5.0, 0.0]", "start = [0.0, 0.0, 0.0]"))
     with pytest.raises(AcrcError, match=r"^start: robot 'r2' at \(0\.00, 0\.00\) is not on free floor"):
         clone.bundle(clone.root.parent / "b.tar")
+    clone.office.write_text(text)
+    (clone.office.with_name("office-keys") / "r2" / "authority.pem").unlink()
+    with pytest.raises(AcrcError, match=r"^keys: .*authority\.pem cannot be read"):
+        clone.bundle(clone.root.parent / "b.tar")
+    assert not (clone.root.parent / "b.tar").exists()
 
 
-def test_the_command_says_how_large_it_is_and_what_to_do_with_it(clone: SmallClone) -> None:
-    """With the wheels of this project, or, where they cannot be had, why it is not made."""
-    clone.issue()
-    out = clone.root.parent / "b.tar"
-    code, said, err = acrc("fleet", "bundle", str(clone.office), "--robot", "r2", "--out", str(out))
-    if code:
-        assert (
-            err.startswith("acrc: wheels for x86-64 and Python 3.11 cannot be fetched: ") and not out.exists()
+def test_wheels_that_pip_does_not_find_are_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in {"CONFIG_FILE": "/dev/null", "NO_INDEX": "1", "FIND_LINKS": str(tmp_path)}.items():
+        monkeypatch.setenv(f"PIP_{name}", value)
+    with pytest.raises(AcrcError) as caught:
+        bundle._wheels(
+            f"# [base]\ntiny==1.0 --hash=sha256:{'0' * 64}\n# [hardware]\n# [build]\n", "x86-64", "3.13"
         )
-        return
-    digest = hashlib.sha256(out.read_bytes()).hexdigest()
-    assert said.splitlines()[0].startswith(f"{out}: {out.stat().st_size / 1e6:.1f} MB, ")
-    assert said.splitlines()[1:] == [
-        f"SHA-256 {digest}", "", "Copy it onto the robot's computer, then there:", "",
-        "  tar -xf b.tar", "  sudo acrc-r2/install.sh",
-    ]  # fmt: skip
+    assert str(caught.value) == (
+        "wheels for x86-64 and Python 3.13 cannot be fetched: No matching distribution found for tiny==1.0; "
+        "connect to a network, or set PIP_FIND_LINKS to a folder that has them"
+    )
 
 
 def test_a_bundles_program_knows_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,4 +197,38 @@ def test_every_pin_of_a_robot_is_read_with_its_hashes(minor: int) -> None:
     assert all(pin.hashes for section in found.values() for pin in section)
     listed = pins.requirements(text, minor, ("build", "base", "hardware"))
     assert len(listed) == len(names) and json.dumps(listed).count("; python") == 0
-    assert sum(text.count(f"\n{pin.name}=={pin.version}") for pin in found["base"]) == len(found["base"])
+
+
+class BundledRig(Rig):
+    """Emulated devices here; the robot runs from its bundle, in a network namespace without interfaces."""
+
+    def onboard(self) -> list[str]:
+        words = (self.folder / "acrc-r1" / "acrc", "fleet", "onboard", "fleets/fleet.toml")
+        place = ("env", "-C", str(self.folder / "acrc-r1"), "unshare", "--map-root-user", "--net")
+        return [*place, *map(str, words), "--robot", "r1", "--out", str(self.out)]
+
+
+@pytest.mark.claim("bundle")
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_a_robot_is_installed_and_drives_without_a_network(tmp_path: Path, full: bool) -> None:
+    """Needs a network, or PIP_FIND_LINKS, to fetch the wheels; the installation has neither."""
+    rig = BundledRig(tmp_path)
+    for file in (MAP, MAP.with_suffix(".png")):
+        shutil.copy(file, tmp_path)
+    machine = {"x86_64": "x86-64"}.get(platform.machine(), platform.machine())
+    fleet, out = load_fleet(rig.write_fleet(MAP.name)), tmp_path / "r1.tar"
+    python = f"3.{sys.version_info.minor}"
+    bundle.make(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
+    subprocess.run(["tar", "-xf", out, "-C", tmp_path], check=True)
+    words = ("acrc-r1/acrc", "fleet", "units", "acrc-r1/fleets/fleet.toml", "--robot", "r1", "--user", "acrc")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
+    offline = ("unshare", "--map-root-user", "--net")
+    subprocess.run([*offline, *words, "--out", "units"], cwd=tmp_path, env=environment, check=True)
+    assert f"{tmp_path}/acrc-r1/acrc fleet onboard" in (tmp_path / "units" / "acrc-r1.service").read_text()
+    with rig:
+        rig.until_driving(900.0)  # compiles the numeric kernels first
+        way = rig.where().way
+        rig.standing(60.0 if full else 5.0)
+        assert rig.where().way > way
+    assert record_replay.replay_actor(rig.out, "r1").outputs > 20

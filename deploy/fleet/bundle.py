@@ -1,0 +1,188 @@
+"""A robot's bundle: program, wheels and configuration in one archive, for a computer without a network."""
+
+import hashlib
+import io
+import os
+import subprocess
+import sys
+import tarfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from actors import toml_file
+from actors.installation.pins import MINORS, requirements
+from actors.installation.repository import PACKAGES
+from actors.installation.usage import OptionError, wrong_value
+from actors.installation.version import COMMIT, software
+from actors.processes.scratch import scratch_folder
+from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.modules import FOLDERS
+from actors.runtime import regular_file
+from actors.runtime.access.credentials import PRIVATE_KEY_FILE
+from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
+from actors.runtime.errors import AcrcError, printable
+from deploy.fleet.doctor import robot as checks
+from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
+from deploy.scenario.named_files import map_files, strategy_files
+
+MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
+"""Processors with pinned wheels, as `uname -m` names them."""
+_PLATFORMS: Final = ("manylinux2014", "manylinux_2_17", "manylinux_2_26", "manylinux_2_27", "manylinux_2_28")
+_PATIENCE_S: Final = 900.0
+_ROOT: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
+_PACKAGES: Final = sorted(PACKAGES - {"acrc_testbed", "benchmarks", "experiments"})
+CONFIGURATION: Final = "fleets"
+"""Folder of the bundle, which a robot's sandbox hides from its strategy."""
+_Files = dict[str, tuple[bytes, int]]
+"""Content and mode by the path within the bundle."""
+
+
+class RobotBundle(NamedTuple):
+    """A bundle that was written."""
+
+    file: Path
+    robot: str
+    machine: str
+    python: str
+    fleet: str
+    """Path of the fleet file within the bundle."""
+    own_code: bool
+    """True if it holds a strategy that is not shipped."""
+    files: int
+    bytes: int
+    sha256: str
+    lacks: str = ""
+    """Packages of `acrc add`, which are not in the bundle; empty for a shipped strategy."""
+
+
+def make(
+    root: Path, fleet: Fleet, name: str, permit: Permit, *, machine: str, python: str, out: Path
+) -> RobotBundle:
+    """Bundle the clone in `root` for the robot `name`. The same inputs give the same bytes.
+
+    Raises OptionError, and AcrcError also for what the robot's doctor would report; then writes nothing.
+    """
+    if machine not in MACHINES:
+        raise wrong_value("--machine", machine, " or ".join(MACHINES))
+    if python not in (known := [f"3.{minor}" for minor in MINORS]):
+        raise wrong_value("--python", python, f"one of {', '.join(known)}")
+    if out.is_dir():
+        raise OptionError(f"--out: {out} is a folder; must be a file")
+    robot = fleet.robot(name)
+    checked = [*checks.floor(fleet, robot), *checks.behaviour(fleet, robot, permit)]
+    for found in [*checked, *checks.keys(Machine(), fleet, robot)]:
+        if not found.ok:
+            raise AcrcError(f"{found.subject}: {found.text}")
+    own, (told, place) = _own_code(fleet, permit), _configuration(fleet, robot)
+    files = {**_program(root), **own, **told}
+    files[COMMIT] = (f"{software()}\n".encode(), 0o644)
+    files |= _wheels((root / "constraints.txt").read_text(), machine, python)
+    try:
+        _write(out, f"acrc-{name}", files)
+    except OSError as error:
+        raise AcrcError(f"{out}: the bundle cannot be written: {error.strerror}") from None
+    content, added = out.read_bytes(), root / "requirements.txt"
+    lacks = ", ".join(added.read_text().split()) if own and added.is_file() else ""
+    digest = hashlib.sha256(content).hexdigest()
+    return RobotBundle(out, name, machine, python, place, bool(own), len(files), len(content), digest, lacks)
+
+
+def _program(root: Path) -> _Files:
+    """Return the tracked files that a robot runs, as they are now."""
+    listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *_ROOT, *_PACKAGES).decode()
+    paths = [root / name for name in listed.split("\0") if name]
+    return {
+        str(path.relative_to(root)): (path.read_bytes(), 0o755 if os.access(path, os.X_OK) else 0o644)
+        for path in paths if path.is_file() and not path.is_symlink()
+    }  # fmt: skip
+
+
+def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
+    """Return fleet file, map, models and keys at the same relative paths, and the fleet file's path."""
+    tables = toml_file.tables(toml_file.read(fleet.path, "fleet"), fleet.path)
+
+    def local(named: str) -> Path:
+        if Path(named).is_absolute():
+            raise AcrcError(
+                f"{fleet.path}: names {named}; must be relative to the fleet file, so that the robot finds it"
+            )
+        return Path(os.path.normpath(fleet.path.parent / named))
+
+    paths = {Path(os.path.normpath(path)) for path in (fleet.path, *map_files(local(tables["map"])))}
+    paths |= {local(one["model"]) for one in tables["robot"] if one.get("model", "").endswith(".toml")}
+    private = set[Path]()
+    if robot.listen is not None:
+        keys = local(tables.get("keys", fleet.keys.name)) / robot.id
+        private = {keys / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE)}
+    top = os.path.commonpath([path.parent for path in paths | private])
+    names = {path: f"{CONFIGURATION}/{path.relative_to(top)}" for path in paths | private}
+    told = {
+        name: (regular_file.content(path), 0o600 if path in private else 0o644)
+        for path, name in names.items()
+    }
+    return told, names[Path(os.path.normpath(fleet.path))]
+
+
+def _own_code(fleet: Fleet, permit: Permit) -> _Files:
+    """Return the user's strategy, and every module that it loaded when it was checked, in `modules/`."""
+    folders = own_code(fleet, permit)
+    if len(folders) > 1:
+        both = " and ".join(map(str, folders))
+        raise AcrcError(f"{fleet.path}: its strategies lie in {both}; must lie in one folder to be bundled")
+    loaded: Sequence[str] = tuple(FOLDERS.hashes())
+    return {
+        f"modules/{path.relative_to(folder)}": (regular_file.content(path), 0o644)
+        for folder in folders
+        for path in {*strategy_files(fleet.run.strategy, folder), *(folder / name for name in loaded)}
+    }
+
+
+def _wheels(constraints: str, machine: str, python: str) -> _Files:
+    """Return pinned wheels, fetched by pip as it is configured here, in `wheels/`. Raises AcrcError."""
+    names = [f"{one}_{MACHINES[machine]}" for one in _PLATFORMS]
+    platforms = [word for name in (*names, "any") for word in ("--platform", name)]
+    pinned = requirements(constraints, int(python.removeprefix("3.")), ("base", "hardware", "build"))
+    with scratch_folder() as folder:
+        listed, place, pip = folder / "requirements.txt", folder / "wheels", folder / "pip"
+        listed.write_text("".join(f"{line}\n" for line in pinned))
+        try:
+            _run(sys.executable, "-P", "-m", "venv", str(pip))
+            _run(
+                str(pip / "bin" / "python"), "-P", "-m", "pip", "--disable-pip-version-check", "-q",
+                "download", "--only-binary", ":all:", "--no-deps", "--require-hashes",
+                "--python-version", python, *platforms, "-r", str(listed), "-d", str(place),
+            )  # fmt: skip
+        except AcrcError as error:
+            raise AcrcError(
+                f"wheels for {machine} and Python {python} cannot be fetched: {error}; connect to a network, "
+                "or set PIP_FIND_LINKS to a folder that has them"
+            ) from None
+        files = {f"wheels/{path.name}": (path.read_bytes(), 0o644) for path in place.glob("*.whl")}
+    return {**files, "wheels/computer": (f"{MACHINES[machine]} {python}\n".encode(), 0o644)}
+
+
+def _run(*command: str) -> bytes:
+    """Return standard output; raise AcrcError with the last error of a program that fails."""
+    try:
+        done = subprocess.run(command, capture_output=True, check=False, timeout=_PATIENCE_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise AcrcError(f"{command[0]}: {type(error).__name__}") from None
+    if done.returncode:
+        lines = done.stderr.decode(errors="replace").strip().splitlines() or ["no output"]
+        errors = [line.strip() for line in lines if "ERROR:" in line] or lines
+        raise AcrcError(printable(errors[-1].removeprefix("ERROR: ")))
+    return done.stdout
+
+
+def _write(path: Path, top: str, files: _Files) -> None:
+    """Write a new tar archive that only its owner can read, whole or not at all. OSError."""
+    with regular_file.replaced(path) as new:
+        new.chmod(0o600)
+        with tarfile.open(new, "w", format=tarfile.GNU_FORMAT) as archive:
+            for name, (content, mode) in sorted(files.items()):
+                entry = tarfile.TarInfo(f"{top}/{name}")
+                entry.size, entry.mode = len(content), mode
+                entry.mtime = 946_684_800  # a date that zip files, which start in 1980, can hold
+                archive.addfile(entry, io.BytesIO(content))
