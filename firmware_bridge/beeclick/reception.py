@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from functools import reduce
 from operator import xor
 from typing import Final
@@ -141,8 +140,6 @@ class Reader:
 
 
 _FRAME: Final = re.compile(rb"\$(GPRMC,[\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})")
-_TIME: Final = re.compile(r"(\d\d)(\d\d)(\d\d)(\.\d+)?")
-_DATE: Final = re.compile(r"(\d\d)(\d\d)(\d\d)")
 _ANGLE: Final = re.compile(r"(\d+)(\d\d(?:\.\d+)?)")
 _LEAST_FIELDS: Final = 10
 """Type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
@@ -156,7 +153,6 @@ class RecommendedMinimum:
     """True if the receiver vouches for the position, which is then there."""
     latitude: float | None
     longitude: float | None
-    utc: datetime | None
 
 
 def parse_rmc(text: bytes) -> RecommendedMinimum | None:
@@ -168,29 +164,14 @@ def parse_rmc(text: bytes) -> RecommendedMinimum | None:
     if len(fields) < _LEAST_FIELDS or fields[2] not in ("A", "V"):
         return None
     try:
-        utc = _instant(fields[9], fields[1])
         latitude = _degrees(fields[3], fields[4], 2, "NS", 90.0)
         longitude = _degrees(fields[5], fields[6], 3, "EW", 180.0)
     except ValueError:
         return None
     valid = fields[2] == "A"
-    if valid and (latitude is None or longitude is None or utc is None):
+    if valid and (latitude is None or longitude is None):
         return None
-    return RecommendedMinimum(valid, latitude, longitude, utc)
-
-
-def _instant(date: str, time: str) -> datetime | None:
-    """From `ddmmyy` and `hhmmss.s…`; None if one is missing, as before the first fix."""
-    if not date or not time:
-        return None
-    day, clock = _DATE.fullmatch(date), _TIME.fullmatch(time)
-    if day is None or clock is None:
-        raise ValueError
-    midnight = datetime(2000 + int(day[3]), int(day[2]), int(day[1]), tzinfo=UTC)
-    hours, minutes, seconds = int(clock[1]), int(clock[2]), int(clock[3])
-    if hours > 23 or minutes > 59 or seconds > 60:  # 60: a leap second
-        raise ValueError
-    return midnight + timedelta(hours=hours, minutes=minutes, seconds=seconds + float(clock[4] or 0))
+    return RecommendedMinimum(valid, latitude, longitude)
 
 
 def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> float | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import motion, wire
 from firmware_bridge.kobuki.motion import KobukiOdometry, OdometryParameters
 from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop, StopCause
@@ -258,15 +258,6 @@ class KobukiDriver:
     def late_commands(self) -> int:
         """Commands that were overtaken by newer ones, and left out."""
         return self._safety.late_commands
-
-    def waiting(self, now: Instant) -> str | None:
-        """What to tell a person while there is no base; None while there is one."""
-        if self.found:
-            return None
-        return (
-            f"no feedback from the Kobuki for {in_seconds(now - self._heard):.1f} s: it should be "
-            "switched on, its USB cable plugged in, and its battery charged"
-        )
 
     # --- to the base ---
 

@@ -123,7 +123,6 @@ class HoldCause(Enum):
     SCAN_TURNED = "the scan moves in another direction than wheels and gyro: the sensor is mounted turned"
     SCAN_MIRRORED = "the scan moves as a mirror image of wheels and gyro: the sensor is mounted upside down"
     SCAN_LATE = "the scan follows wheels and gyro late"
-    SCAN_ODD = "the scans do not follow from one another, however the robot has moved"
     BLIND = "the range sensor sees nothing"
     UNWATCHED = "no guardian has the last word"
     NO_COMMAND = "no command for too long"

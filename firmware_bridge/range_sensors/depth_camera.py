@@ -52,9 +52,6 @@ class CameraFeed:
         self._said = ""
         self._newest: Image | None = None
         self._ended = threading.Event()
-        self.errors = 0
-        self.missed = 0
-        """Images that nobody took before the next."""
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
@@ -73,7 +70,6 @@ class CameraFeed:
             try:
                 self._follow()
             except Exception as error:
-                self.errors += 1
                 self._tell(str(error) or type(error).__name__)
                 self._ended.wait(_RETRY_S)
 
@@ -84,7 +80,6 @@ class CameraFeed:
                 depth = camera.read(_PATIENCE_S)
                 if depth is not None:
                     self._said = ""
-                    self.missed += self._newest is not None
                     self._newest = Image(self._clock(), depth)
         finally:
             camera.close()

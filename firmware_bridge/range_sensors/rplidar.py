@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.instant import Duration, Instant, milliseconds
 from actors.messages import Scan
 from actors.robot_model import RangeSensor as SensorModel
 from firmware_bridge.range_sensors.sensor import Rays, Repeats, SensorSweep, StillBeams
@@ -203,32 +203,22 @@ _KEPT_TURNS: Final = 64
 """Earlier turns that a part is compared with, 12 s of an A1; own choice."""
 _REPEATED: Final = 4
 """Parts of the last turn that may not be repeated; own choice: 60 ms, and no other cause is known."""
-
-
-@dataclass(frozen=True)
-class RplidarParameters:
-    """How the lidar is mounted, and how long it is waited for."""
-
-    zero_deg: float = 0.0
-    """Where its zero points in the frame of the model's sensor, degrees counter-clockwise."""
-    upside_down: bool = False
-    """Seen from above its angles grow clockwise; hanging upside down they grow counter-clockwise."""
-    patience: Duration = milliseconds(1000)  # noqa: RUF009 - a NewType makes no object
-    """Without an answer or a sample for so long it is started again; own choice, five turns."""
-    pause: Duration = milliseconds(20)  # noqa: RUF009
-    """After stopping it; application notes: at least 1 ms."""
-    reset: Duration = milliseconds(2000)  # noqa: RUF009
-    """After resetting it; application notes: at least 2 ms, but an A1 first prints a greeting."""
-    sight: Duration = milliseconds(250)  # noqa: RUF009
-    """Without an echo, or without its head turning, for so long it sees nothing; own choice: a turn of an A1
-    takes 182 ms at most."""
-    fewest: int = 90
-    """Samples of a turn that is a scan; own choice, a quarter of what an A1 gives. Others are left out."""
-    most: int = 8192
-    """The same upwards: the start of a turn was lost."""
-    widest_gap_deg: float = 10.0
-    """The same for the angle between neighbouring samples, degrees; own choice, ten samples. A sample without
-    an echo is sent too, so a gap is a loss, and must not look like free floor."""
+PATIENCE: Final[Duration] = milliseconds(1000)
+"""Without an answer or a sample for so long the lidar is started again; own choice, five turns."""
+_PAUSE: Final[Duration] = milliseconds(20)
+"""After stopping it; application notes: at least 1 ms."""
+_RESET: Final[Duration] = milliseconds(2000)
+"""After resetting it; application notes: at least 2 ms, but an A1 first prints a greeting."""
+_SIGHT: Final[Duration] = milliseconds(250)
+"""Without an echo, or without its head turning, for so long it sees nothing; own choice: a turn of an A1
+takes 182 ms at most."""
+FEWEST, MOST = 90, 8192
+"""Samples of a turn that is a scan; own choice: a quarter of what an A1 gives, and less than two turns."""
+_WIDEST_GAP: Final = 10 * 64
+"""Between neighbouring samples of a scan, 1/64°; own choice, ten samples. A sample without an echo is sent
+too, so a gap is a loss, and must not look like free floor."""
+_TURNING: Final = -math.radians(1 / 64)
+"""Angles grow clockwise, seen from above."""
 
 
 class LidarPhase(Enum):
@@ -249,8 +239,6 @@ class RplidarCounts:
     scans: int = 0
     thin: int = 0
     """Turns with too few or too many samples, or with a gap."""
-    missed: int = 0
-    """Scans that nobody fetched before the next."""
     blind: int = 0
     """Turns without a single echo; they are no scans."""
     starts: int = 0
@@ -262,13 +250,8 @@ class RplidarCounts:
 class Rplidar:
     """One lidar on one wire; a RangeSensor."""
 
-    def __init__(
-        self, model: SensorModel, started: Instant, parameters: RplidarParameters = RplidarParameters()
-    ) -> None:
-        self._p = parameters
+    def __init__(self, model: SensorModel, started: Instant) -> None:
         self._rays = Rays(model)
-        self._zero = math.radians(parameters.zero_deg)
-        self._turning = math.radians(1 / 64) * (1 if parameters.upside_down else -1)
         self._pending = bytearray()
         self._asked = False
         self._samples = SampleReader()
@@ -319,25 +302,11 @@ class Rplidar:
         """True while a part of the turn stays the same, turn after turn."""
         return self._still.found
 
-    def waiting(self, now: Instant) -> str | None:
-        """What to tell a person while there are no scans; None while there are."""
-        if self.health is not None and self.health.status == 2:
-            return (
-                f"the RPLIDAR says that it is broken (error {self.health.code}); unplug it and plug it in "
-                "again, and see that nothing holds its motor"
-            )
-        if self.phase is LidarPhase.SCANNING and now - self._alive <= self._p.patience:
-            return None
-        return (
-            f"no scan from the RPLIDAR for {in_seconds(now - self._alive):.1f} s; it should be plugged in, "
-            f"and its head should turn (it is {self.phase.value})"
-        )
-
     def sees(self, now: Instant) -> bool:
         """True while its head turns and something is seen."""
         if self.phase is not LidarPhase.SCANNING or self._echo is None:
             return False
-        return now - min(self._echo, self._turning_at) <= self._p.sight
+        return now - min(self._echo, self._turning_at) <= _SIGHT
 
     def take(self, now: Instant, data: bytes) -> None:
         """Bytes that have come, also none."""
@@ -359,11 +328,11 @@ class Rplidar:
     def due(self, now: Instant) -> bytes:
         """The bytes to write now."""
         waited = now - self._entered
-        rest = {LidarPhase.STOPPING: self._p.pause, LidarPhase.RESETTING: self._p.reset}.get(self.phase)
+        rest = {LidarPhase.STOPPING: _PAUSE, LidarPhase.RESETTING: _RESET}.get(self.phase)
         if rest is not None:
             if self._asked and waited >= rest:
                 self._enter(LidarPhase.HEALTH, now)
-        elif max(self._entered, self._alive) + self._p.patience < now:
+        elif max(self._entered, self._alive) + PATIENCE < now:
             self._enter(LidarPhase.STOPPING, now)
         if self._asked:
             return b""
@@ -420,7 +389,7 @@ class Rplidar:
             if sample.start:
                 self._turned(now)
                 self._turn, self._turn_began = [], now
-            if self._turn is not None and len(self._turn) <= self._p.most:
+            if self._turn is not None and len(self._turn) <= MOST:
                 self._turn.append((sample.angle_q6, sample.distance_q2))
 
     def _compare(self, sample: Sample) -> None:
@@ -430,7 +399,7 @@ class Rplidar:
             if sum(one.distance_q2 > 0 for one in self._sector) >= _ECHOES:
                 self._repeats.take(b"".join(one.encode() for one in self._sector))
             self._sector = []
-        if len(self._sector) < self._p.most:
+        if len(self._sector) < MOST:
             self._sector.append(sample)
 
     def _turned(self, now: Instant) -> None:
@@ -444,10 +413,9 @@ class Rplidar:
         if not turn[:, 1].any():
             self.counts.blind += 1
             return
-        angles = self._zero + self._turning * turn[:, 0]
+        angles = _TURNING * turn[:, 0]
         stamp = Instant((self._turn_began + now) // 2)
         self.counts.scans += 1
-        self.counts.missed += self._scan is not None
         ranges = turn[:, 1] / 4000
         self._scan = self._rays.scan(stamp, angles, ranges)
         stamps = np.linspace(self._turn_began, now, angles.size, endpoint=False).astype(np.int64)
@@ -456,11 +424,11 @@ class Rplidar:
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
         """True if a turn has samples enough, all round."""
-        if not self._p.fewest <= angles_q6.size <= self._p.most:
+        if not FEWEST <= angles_q6.size <= MOST:
             return False
         around = np.sort(angles_q6 % FULL_TURN_Q6)
         gaps = np.diff(around, append=around[0] + FULL_TURN_Q6)
-        return bool(gaps.max() <= self._p.widest_gap_deg * 64)
+        return bool(gaps.max() <= _WIDEST_GAP)
 
 
 _REQUESTS = {

@@ -1,0 +1,273 @@
+"""Depth camera: images as scans, repeated images, the reading thread, and OpenNI2 with a stand-in library."""
+
+import ctypes
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import Pose
+from actors.instant import Instant
+from actors.messages import NO_ECHO_MM
+from actors.robot_model import load_model
+from firmware_bridge.emulate import Room
+from firmware_bridge.range_sensors import depth_camera
+from firmware_bridge.range_sensors.depth import DepthError, DepthScanner, column_slopes
+from firmware_bridge.range_sensors.depth_camera import Camera, CameraError, CameraFeed, OpenNICamera
+from firmware_bridge.range_sensors.sensor import Repeats, StillBeams
+
+KINECT = load_model("turtlebot2", "kinect").sensor
+
+
+def picture(depth_of_column: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """An image with the same in all rows; m."""
+    row = np.rint(1000 * depth_of_column).astype(np.uint16)
+    return np.tile(row, (480, 1))
+
+
+def scanned(depth: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """The ranges that the model's rays get, m; nan = no echo."""
+    scanner = DepthScanner(KINECT)
+    scanner.take(Instant(7), depth)
+    scan = scanner.scan()
+    assert scan is not None and scan.stamp == 7
+    assert scanner.scan() is None
+    ranges = np.frombuffer(scan.ranges_mm, "<u2")
+    metres: NDArray[np.float64] = np.where(ranges == NO_ECHO_MM, np.nan, ranges / 1000)
+    return metres
+
+
+def test_a_room_looks_as_the_simulated_world_sees_it() -> None:
+    """Equal columns are not equal angles: a column's depth is along the axis, a ray's range is not."""
+    room, here = Room(6.0, 4.0), Pose(1.5, 1.2, 0.7)
+    columns = -np.arctan(column_slopes())
+    along_axis = room.ranges(here, columns) * np.cos(columns)
+    truth = room.ranges(here, np.radians(np.linspace(-29, 29, 640)))
+    assert np.nanmax(np.abs(scanned(picture(along_axis)) - truth)) < 0.02
+
+
+def test_a_thing_on_the_left_is_at_the_ray_that_looks_there() -> None:
+    column = round(319.5 - 320 / np.tan(np.radians(29)) * np.tan(np.radians(20)))
+    depth = np.full(640, 5.0)
+    depth[column - 3 : column + 4] = 1.0
+    near = np.flatnonzero(scanned(picture(depth)) < 2.0)
+    degrees = np.linspace(-29, 29, 640)[near]
+    assert degrees.mean() == pytest.approx(20.0, abs=0.1)
+    assert degrees.max() - degrees.min() == pytest.approx(7 * 58 / 640 * 0.96, abs=0.12)
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "seen"), [(449, False), (450, True), (6499, True), (6501, False), (65535, False)]
+)
+def test_values_outside_the_limits_are_no_echo(depth_mm: int, seen: bool) -> None:
+    depth = np.zeros((480, 640), np.uint16)
+    depth[:, 310:330] = depth_mm
+    depth[:, 0] = 3000  # not all is unseen
+    ranges = scanned(depth)
+    assert np.isfinite(ranges[317:323]).any() == seen
+    assert np.isnan(ranges[:300]).all()
+
+
+def test_a_model_or_an_image_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(
+        DepthError, match="the camera sees 58°, but the robot model's sensor has rays over 360°"
+    ):
+        DepthScanner(load_model("turtlebot2", "chapter").sensor)
+    DepthScanner(KINECT.model_copy(update={"field_of_view_deg": 40.0}))
+    with pytest.raises(DepthError, match="has 320 columns and 240 rows; it should have 640 and 480"):
+        DepthScanner(KINECT).take(Instant(0), np.zeros((240, 320), np.uint16))
+
+
+@pytest.mark.parametrize("depth_mm", [0, 300])
+def test_an_image_in_which_nothing_is_seen_or_all_is_too_near_is_no_free_floor(depth_mm: int) -> None:
+    scanner = DepthScanner(KINECT)
+    assert not scanner.sees(Instant(0))
+    scanner.take(Instant(10_000), np.full((480, 640), 2000, np.uint16))
+    assert scanner.scan() is not None
+    for stamp in range(40_000, 250_000, 33_000):
+        scanner.take(Instant(stamp), np.full((480, 640), depth_mm, np.uint16))
+        assert scanner.scan() is None
+        assert scanner.sees(Instant(stamp)) == (stamp <= 210_000)
+    scanner.take(Instant(270_000), np.full((480, 640), 20_000, np.uint16))
+    assert scanner.sees(Instant(270_000)), "what is far away is seen, too"
+
+
+# --- repeated data -----------------------------------------------------------------------------------------
+
+
+def test_parts_that_come_again_are_counted_within_a_window_and_forgotten_in_the_end() -> None:
+    repeats = Repeats(kept=100, window=4, most=2)
+    for part in (b"a", b"b", b"c", b"a"):
+        repeats.take(part)
+    assert not repeats.found
+    repeats.take(b"b")
+    assert repeats.found
+    for part in (b"d", b"e", b"f"):
+        repeats.take(part)
+    assert not repeats.found
+    short = Repeats(kept=2, window=1, most=1)
+    for part in (b"a", b"b", b"c", b"a"):
+        short.take(part)
+    assert not short.found
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.0, False), (0.2, False), (0.35, True), (1.0, True)])
+def test_frozen_beams_are_found_from_three_in_ten_on(share: float, found: bool) -> None:
+    beams, random = StillBeams(), np.random.default_rng(2)
+    still = np.arange(360) % 20 < 20 * share
+    for _ in range(6):
+        beams.take(np.radians(np.arange(360.0)), np.where(still, 4000, 4000 + random.integers(0, 3, 360)))
+    assert beams.found == found
+    for _ in range(6):
+        beams.take(np.radians(np.arange(360.0)), np.zeros(360, np.int64))
+    assert not beams.found, "beams without an echo are not frozen"
+
+
+def test_a_camera_that_repeats_one_image_is_noticed_after_three() -> None:
+    scanner, random = DepthScanner(KINECT), np.random.default_rng(1)
+    images = [(2000 + random.integers(0, 9, (480, 640))).astype(np.uint16) for _ in range(4)]
+    for at, image in enumerate(images):
+        scanner.take(Instant(33_000 * at), image)
+    for at in range(3):
+        assert not scanner.repeats
+        scanner.take(Instant(33_000 * (5 + at)), images[at])
+    assert scanner.repeats
+    assert scanner.sweep() is not None and scanner.sweep() is None
+
+
+# --- the thread and the library ----------------------------------------------------------------------------
+
+IMAGE: NDArray[np.uint16] = np.full((2, 2), 7, np.uint16)
+
+
+class Scripted:
+    """Gives an image at once for each True in its script, fails for a sentence, and then hangs."""
+
+    def __init__(self, script: list[bool | str], hang: threading.Event) -> None:
+        self._script = script
+        self._hang = hang
+        self.closed = False
+
+    def read(self, patience: float) -> NDArray[np.uint16] | None:
+        if not self._script:
+            self._hang.wait(10)
+            return None
+        said = self._script.pop(0)
+        if isinstance(said, str):
+            raise CameraError(said)
+        return IMAGE if said else None
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline, "timeout"
+        time.sleep(0.005)
+
+
+def test_a_camera_that_fails_is_opened_again_and_one_that_hangs_blocks_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(depth_camera, "_RETRY_S", 0.1)
+    hang = threading.Event()
+    cameras = [Scripted([True, "it gives no image"], hang), Scripted([True, True], hang)]
+    opened: list[Camera] = []
+    said: list[str] = []
+
+    def open_camera() -> Camera:
+        if len(opened) == 1 and not said[1:]:
+            raise OSError("no such device")
+        opened.append(cameras[len(opened)])
+        return opened[-1]
+
+    feed = CameraFeed(open_camera, lambda: Instant(5), said.append)
+    until(lambda: len(opened) == 2 and not cameras[1]._script)
+    assert said == ["it gives no image", "no such device"]
+    assert cameras[0].closed
+    image = feed.take()
+    assert image is not None and image.stamp == 5 and image.depth is IMAGE
+    assert feed.take() is None
+    begun = time.monotonic()
+    feed.close()
+    assert time.monotonic() - begun < 1.0
+    hang.set()
+
+
+class StandIn:
+    """A library with a camera of 4 x 2 pixels; `failing`: the call that does not work."""
+
+    def __init__(self, failing: str = "", said: bytes = b"") -> None:
+        self.calls: list[str] = []
+        self.settings: dict[int, bytes] = {}
+        self.waiting = 0
+        self._failing, self._said = failing, said
+        self.pixels = np.arange(8, dtype=np.uint16).reshape(2, 4) * 100
+        # Rows of 10 bytes, of which two are padding.
+        self._data = ctypes.create_string_buffer(b"".join(row.tobytes() + b"\xff\xff" for row in self.pixels))
+        self.frame = depth_camera._Frame(size=20, width=4, height=2, stride=10)
+        self.frame.data = ctypes.addressof(self._data)
+
+    def __getattr__(self, name: str) -> Any:
+        def function(*arguments: Any) -> Any:
+            return self._call(name, *arguments)
+
+        setattr(self, name, function)  # it also has room for its type
+        return function
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        if name == "oniGetExtendedError":
+            return self._said
+        self.calls.append(name)
+        if name == self._failing:
+            return 1
+        if name == "oniWaitForAnyStream":
+            return self.waiting
+        if name in {"oniDeviceOpen", "oniDeviceCreateStream"}:
+            arguments[-1]._obj.value = 99
+        elif name == "oniStreamSetProperty":
+            self.settings[arguments[1]] = bytes(arguments[2]._obj)
+        elif name == "oniStreamReadFrame":
+            arguments[1]._obj.contents = self.frame
+        return 0
+
+
+def test_without_library_or_camera_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(_: str) -> Any:
+        raise OSError("cannot open shared object file")
+
+    library = StandIn("oniDeviceOpen", b"\tDeviceOpen using default: no devices found\n\n")
+    with pytest.raises(CameraError) as failure:
+        OpenNICamera(library=library)
+    assert str(failure.value) == (
+        "no depth camera is plugged in, or none may be used (DeviceOpen using default: no devices found); "
+        "`sudo apt install libopenni2-0 openni2-utils` brings drivers and NiViewer2, which shows whether the "
+        "camera works"
+    )
+    assert library.calls == ["oniInitialize", "oniDeviceOpen", "oniShutdown"]
+    monkeypatch.setattr(ctypes, "CDLL", missing)
+    with pytest.raises(CameraError, match="`sudo apt install libopenni2-0` brings it on Debian and Ubuntu"):
+        OpenNICamera()
+
+
+def test_images_are_read_unmirrored_without_padding_and_a_short_one_is_refused() -> None:
+    library = StandIn()
+    with OpenNICamera(4, 2, 30, library=library) as camera:
+        image = camera.read(0.1)
+        library.waiting = 102
+        assert camera.read(0.1) is None
+        library.waiting, library.frame.size = 0, 19
+        with pytest.raises(CameraError, match="the camera's image has 19 bytes; 4 x 2 pixels"):
+            camera.read(0.1)
+    assert image is not None
+    assert image.dtype == np.uint16
+    assert image.tolist() == library.pixels.tolist()
+    assert library.settings[7] == bytes(4)
+    assert np.frombuffer(library.settings[3], np.int32).tolist() == [100, 4, 2, 30]
+    assert library.calls[-4:] == ["oniStreamStop", "oniStreamDestroy", "oniDeviceClose", "oniShutdown"]
