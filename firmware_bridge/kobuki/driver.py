@@ -16,6 +16,7 @@ from firmware_bridge.kobuki.motion import KobukiOdometry, OdometryParameters
 from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop, StopCause
 from firmware_bridge.kobuki.wire import (
     POWER_RAILS,
+    RECHARGE_MELODY,
     UDID,
     Basic,
     Command,
@@ -26,7 +27,6 @@ from firmware_bridge.kobuki.wire import (
     GeneralOutput,
     Hardware,
     Inertial,
-    Melody,
     RequestExtra,
     SoundSequence,
     WireCounts,
@@ -166,15 +166,6 @@ than a frame's."""
 _ASK_ALL: Final = wire.HARDWARE_REQUEST | wire.FIRMWARE_REQUEST | wire.UDID_REQUEST
 
 
-class Colour(Enum):
-    """Of an LED; the values are those of LED 1."""
-
-    OFF = 0
-    RED = wire.LED1_RED
-    GREEN = wire.LED1_GREEN
-    ORANGE = wire.LED1_RED | wire.LED1_GREEN
-
-
 @dataclass(frozen=True)
 class DriverParameters:
     """How the driver treats a base."""
@@ -212,7 +203,8 @@ class KobukiDriver:
         self._requests_left = parameters.requests
         self._skipped = 0
         """Damaged bytes until the last feedback."""
-        self._queue: dict[type[Command], bytes] = {}
+        self._sound = b""
+        """A sound command that is still to be sent."""
         self._pressed = 0
         self._told: list[Event] = []
         self._senses: dict[Sense, int] = {}
@@ -308,18 +300,6 @@ class KobukiDriver:
         """The last bytes to write: stand, whatever was wanted."""
         return _framed(motion.base_control(0.0, 0.0))
 
-    def light(self, now: Instant, led: int, colour: Colour) -> None:
-        """Set LED 1 or 2."""
-        assert led in {1, 2}
-        shift = 2 * (led - 1)
-        self._outputs &= ~(Colour.ORANGE.value << shift)
-        self._outputs |= colour.value << shift
-        self._outputs_due = now
-
-    def play(self, melody: Melody) -> None:
-        """Play one of the base's own sounds."""
-        self._queue[SoundSequence] = _framed(SoundSequence(melody))
-
     # --- within ---
 
     def _feedback(self, now: Instant, packets: list[Feedback]) -> None:
@@ -377,18 +357,19 @@ class KobukiDriver:
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Show and sound a low battery; with one that is nearly empty nothing moves."""
         self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
-        colours = {BatteryLevel.LOW: Colour.ORANGE, BatteryLevel.DANGER: Colour.RED}
-        self.light(now, 1, colours.get(battery, Colour.OFF))
-        if battery in colours:
-            self.play(Melody.RECHARGE)
+        light = {BatteryLevel.LOW: wire.LED1_RED | wire.LED1_GREEN, BatteryLevel.DANGER: wire.LED1_RED}
+        self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now
+        if battery in light:
+            self._sound = _framed(SoundSequence(RECHARGE_MELODY))
 
     def _other(self, now: Instant) -> bytes:
         """The most urgent other command, or nothing."""
         if now >= self._outputs_due:
             self._outputs_due = Instant(now + self._p.repeat)
             return _framed(GeneralOutput(self._outputs))
-        if self._queue:
-            return self._queue.pop(next(iter(self._queue)))
+        if self._sound:
+            sound, self._sound = self._sound, b""
+            return sound
         wanted = self.found and not self.identity.complete and self._requests_left > 0
         if wanted and now >= self._request_due:
             self._requests_left -= 1

@@ -8,7 +8,6 @@ Source: kobuki-base/kobuki_documentation, doc/protocol.rst, compared with the co
 import struct
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from enum import IntEnum
 from functools import reduce
 from operator import xor
 from typing import Any, Final, Generic, TypeVar
@@ -26,23 +25,14 @@ class BaseControl:
     """mm; 0 straight, 1 turn on the spot."""
 
 
-class Melody(IntEnum):
-    """The base's own sounds."""
-
-    ON = 0
-    OFF = 1
-    RECHARGE = 2
-    BUTTON = 3
-    ERROR = 4
-    CLEANING_START = 5
-    CLEANING_END = 6
-
-
 @dataclass(frozen=True)
 class SoundSequence:
     """Play one of the base's own sounds."""
 
     melody: int
+
+
+RECHARGE_MELODY: Final = 2
 
 
 HARDWARE_REQUEST: Final = 0x01
@@ -61,8 +51,6 @@ POWER_RAILS: Final = 0x00F0
 """The outputs of 3.3 V, 5 V, 12 V 5 A and 12 V 1.5 A: whatever computer hangs on them goes out with them."""
 LED1_RED: Final = 0x0100
 LED1_GREEN: Final = 0x0200
-LED2_RED: Final = 0x0400
-LED2_GREEN: Final = 0x0800
 
 
 @dataclass(frozen=True)

@@ -91,9 +91,9 @@ class Bench:
         return self._do(robots[robot], robot, (verb, *words[1:])) or "ok"
 
     def _do(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
-        for device, faults in ((hardware.base.faults, _BASE), (hardware.lidar, _LIDAR)):
+        for target, faults in ((hardware.base.faults, _BASE), (hardware.lidar, _LIDAR)):
             for field, value in faults.get(words, {}).items():
-                setattr(device, field, value)
+                setattr(target, field, value)
         match words:
             case ("lift",):
                 hardware.body.drive(0.0, 0.0)

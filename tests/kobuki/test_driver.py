@@ -1,13 +1,21 @@
-"""The driver at an emulated base: who it is, what it tells, what it sends and how often."""
+"""The driver at an emulated base: its events and what it sends; serial ports and why they fail."""
+
+import errno
+import sys
+import time
+from pathlib import Path
+from typing import Any
 
 import pytest
+import serial
 
 from actors.instant import Instant
+from actors.runtime.errors import AcrcError
+from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki.driver import (
     BaseIdentity,
     BatteryChanged,
     BatteryLevel,
-    Colour,
     FieldChanged,
     Found,
     Identified,
@@ -23,11 +31,11 @@ from firmware_bridge.kobuki.wire import (
     Command,
     FirmwareVersion,
     GeneralOutput,
-    Melody,
     RequestExtra,
     SoundSequence,
     encode_frame,
 )
+from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 from tests.kobuki.drives import Rig
 
 
@@ -39,14 +47,9 @@ def test_a_base_is_found_and_says_who_it_is() -> None:
     rig = Rig()
     rig.base.faults.silent = True
     rig.run(2.0)
-    assert rig.driver.waiting(rig.now) == (
-        "no feedback from the Kobuki for 2.0 s: it should be switched on, its USB cable plugged in, "
-        "and its battery charged"
-    )
     assert [type(event) for event in rig.told] == [StopsChanged]
     rig.base.faults.silent = False
     rig.run(1.0)
-    assert rig.driver.waiting(rig.now) is None
     assert [event for event in rig.told if isinstance(event, Found)] != []
     identity = BaseIdentity(FirmwareVersion(1, 0, 4), FirmwareVersion(1, 1, 4), UDID((1, 2, 3)))
     assert rig.driver.identity == identity
@@ -91,31 +94,6 @@ def test_base_control_goes_out_once_per_feedback_and_never_too_often() -> None:
     assert rig.fed == 200
     assert len(controls) == 200
     assert len(rig.base.heard) <= 206  # and the outputs once a second
-
-
-def test_the_power_rails_stay_on_whatever_the_leds_show() -> None:
-    rig = Rig()
-    rig.run(0.1)
-    assert rig.base.outputs == POWER_RAILS
-    rig.driver.light(rig.now, 1, Colour.GREEN)
-    rig.driver.light(rig.now, 2, Colour.ORANGE)
-    rig.run(0.1)
-    assert rig.base.outputs == 0x00F0 | 0x0200 | 0x0C00
-    rig.driver.light(rig.now, 2, Colour.RED)
-    rig.run(0.1)
-    assert rig.base.outputs == 0x00F0 | 0x0200 | 0x0400
-    rig.driver.light(rig.now, 1, Colour.OFF)
-    rig.base.outputs = 0  # a frame was lost, or the base switched off and on
-    rig.run(1.1)
-    assert rig.base.outputs == 0x00F0 | 0x0400
-    assert all(c.flags & POWER_RAILS == POWER_RAILS for c in heard(rig, GeneralOutput))  # type: ignore[union-attr]
-
-
-def test_sounds() -> None:
-    rig = Rig()
-    rig.driver.play(Melody.ERROR)
-    rig.run(0.2)
-    assert heard(rig, SoundSequence) == [SoundSequence(4)]
 
 
 def test_sensors_that_change_are_events() -> None:
@@ -164,32 +142,21 @@ def test_a_low_battery_is_shown_and_heard_and_with_a_nearly_empty_one_it_stands(
     assert rig.base.outputs == POWER_RAILS and heard(rig, SoundSequence) == []
     rig.base.faults.battery = 14.0
     rig.run(1.0, (0.1, 0.0))
-    assert rig.base.outputs == POWER_RAILS | Colour.ORANGE.value
-    assert heard(rig, SoundSequence) == [SoundSequence(Melody.RECHARGE)]
+    assert rig.base.outputs == POWER_RAILS | 0x0300
+    assert heard(rig, SoundSequence) == [SoundSequence(2)]
     assert rig.body.truth().v > 0
     rig.told.clear()
     rig.base.faults.battery = 13.2
     rig.run(1.0, (0.1, 0.0))
-    assert rig.base.outputs == POWER_RAILS | Colour.RED.value
+    assert rig.base.outputs == POWER_RAILS | 0x0100
     assert len(heard(rig, SoundSequence)) == 2
     assert rig.body.truth().v == 0
     (change,) = [e for e in rig.told if isinstance(e, StopsChanged)]
     assert [stop.cause for stop in change.stops] == [HoldCause.BATTERY]
-    rig.base.faults.battery = 16.0
-    rig.run(1.0, (0.1, 0.0))
+    rig.base.faults.battery, rig.base.outputs = 16.0, 0  # and the base was switched off and on
+    rig.run(1.1, (0.1, 0.0))
+    assert all(command.flags & POWER_RAILS == POWER_RAILS for command in heard(rig, GeneralOutput))  # type: ignore[union-attr]
     assert rig.base.outputs == POWER_RAILS and rig.body.truth().v > 0
-
-
-def test_why_the_base_stands_is_told_when_it_changes() -> None:
-    rig = Rig()
-    rig.run(1.0, (0.1, 0.0))
-    rig.told.clear()
-    rig.base.faults.bumper = 1
-    rig.run(0.1, (0.1, 0.0))
-    rig.base.faults.bumper = 0
-    rig.run(0.1, (0.1, 0.0))
-    changes = [e for e in rig.told if isinstance(e, StopsChanged)]
-    assert [[(s.cause, s.bits) for s in e.stops] for e in changes] == [[(HoldCause.BUMPER, 1)], []]
 
 
 def test_a_noisy_line_loses_frames_and_no_more() -> None:
@@ -231,14 +198,6 @@ def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:
     assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0
 
 
-def test_a_silent_line_is_no_noisy_one() -> None:
-    rig = Rig()
-    rig.run(1.0, (0.4, 0.0))
-    rig.base.faults.silent = True
-    rig.run(0.3, (0.4, 0.0))
-    assert {stop.cause for stop in rig.driver.allowed.stops} == {HoldCause.NO_FEEDBACK}
-
-
 def test_a_base_that_does_not_hear_stop_is_told_so_150_times_a_second_until_it_stands() -> None:
     rig = Rig()
     rig.run(2.0, (0.4, 0.0))
@@ -252,3 +211,106 @@ def test_a_base_that_does_not_hear_stop_is_told_so_150_times_a_second_until_it_s
     before = len(rig.written)
     rig.run(1.0, (0.0, 0.0))
     assert 48 <= len(rig.written) - before <= 52
+
+
+@pytest.mark.parametrize(
+    ("path", "number", "sentence"),
+    [
+        (
+            "x",
+            errno.ENOENT,
+            "there is no such port; plug in the Kobuki and switch it on, or give its right port",
+        ),
+        (
+            "/dev/kobuki",
+            errno.ENOENT,
+            "there is no such port; plug in the Kobuki and switch it on, and if it has another "
+            "name, as without a udev rule, give that, e.g. /dev/ttyUSB0",
+        ),
+        (
+            "x",
+            errno.EACCES,
+            "this user may not open it; join its group with `sudo usermod -aG dialout $USER` and "
+            "log in again, or give the port to everyone by a udev rule",
+        ),
+        ("x", errno.EBUSY, "another program has the port open; end it, as only one can talk to the Kobuki"),
+        (
+            "x",
+            errno.ENOTTY,
+            "this is no serial port; the Kobuki should be at /dev/kobuki or e.g. /dev/ttyUSB0",
+        ),
+        ("x", errno.EIO, "the port cannot be opened (EIO); plug in the Kobuki again"),
+        (
+            "x",
+            None,
+            "the Kobuki cannot be reached without the Python package pyserial; "
+            "install the extra hardware: pip install 'acrc-testbed[hardware]'",
+        ),
+    ],
+)
+def test_why_a_port_cannot_be_opened(
+    path: str, number: int | None, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> Any:
+        raise serial.SerialException(number, "could not open port")
+
+    monkeypatch.setattr(serial, "Serial", fail)
+    if number is None:
+        monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(PortError) as failure:
+        SerialPort(path, KOBUKI)
+    assert str(failure.value) == f"{path}: {sentence}"
+
+
+def test_a_missing_port_a_file_and_a_port_in_use_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("nothing")
+    with PseudoTerminal(tmp_path / "used"), SerialPort(str(tmp_path / "used"), KOBUKI):
+        for name, sentence in (
+            ("none", "there is no such port"),
+            ("notes.txt", "this is no serial port"),
+            ("used", "another program has the port open"),
+        ):
+            with pytest.raises(PortError, match=sentence):
+                SerialPort(str(tmp_path / name), KOBUKI)
+
+
+def test_bytes_go_both_ways_until_the_cable_is_pulled_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pulled(*_: object) -> bytes:
+        raise OSError(errno.EIO, "gone")
+
+    link = tmp_path / "kobuki"
+    link.symlink_to("/nowhere")  # left behind by a process that was killed
+    with PseudoTerminal(link) as line, SerialPort(str(link), KOBUKI) as port:
+        line.write(b"\x00\x11\x13\n\r\xaa")
+        assert _read(port, 6) == b"\x00\x11\x13\n\r\xaa"
+        assert port.read() == b""
+        port.write(b"\xaa\x55\n")
+        assert line.read(1.0) == b"\xaa\x55\n"
+        line.write(bytes(100_000))
+        assert line.lost > 50_000
+        monkeypatch.setattr(port._port, "read", pulled)
+        with pytest.raises(PortError) as failure:
+            port.read()
+    sentence = f"{link}: the Kobuki has gone while in use (EIO); plug its USB cable in again"
+    assert str(failure.value) == sentence
+    assert not link.is_symlink(), "the link goes with the device"
+
+
+def test_a_link_is_not_put_in_place_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("kept")
+    with pytest.raises(AcrcError, match="there is something that is no link; give a path where"):
+        PseudoTerminal(path)
+    assert path.read_text() == "kept"
+    with pytest.raises(AcrcError, match=r"no link can be made there \(No such file or directory\)"):
+        PseudoTerminal(tmp_path / "none" / "kobuki")
+
+
+def _read(port: SerialPort, count: int) -> bytes:
+    """Read so many bytes, or what has come within 5 s: they may come in pieces."""
+    data, end = b"", time.monotonic() + 5
+    while len(data) < count and time.monotonic() < end:
+        data += port.read()
+    return data
