@@ -20,7 +20,6 @@ from actors.messages import (
     Transmit,
     Truth,
 )
-from actors.radio.frame import rssi_codes, rssi_dbm
 from actors.radio.program import build
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
