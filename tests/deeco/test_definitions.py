@@ -101,9 +101,8 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("annotation", FIELDS)
-@pytest.mark.parametrize("kind", ["role", "component"])
-def test_a_field_that_can_change(kind: str, annotation: str) -> None:
-    base = "Knowledge" if kind == "role" else "Vehicle"
+def test_a_field_that_can_change(annotation: str) -> None:
+    kind, base = ("role", "Knowledge") if "tuple" in annotation else ("component", "Vehicle")
     text = f"""
         @{kind}
         class Lorry({base}):
@@ -115,12 +114,6 @@ def test_a_field_that_can_change(kind: str, annotation: str) -> None:
 CLASSES = {
     "role Lorry does not build on Knowledge; it should, directly or by way of the roles that it plays": """
         @role
-        class Lorry:
-            load: float
-        """,
-    "component Lorry does not build on Knowledge; "
-    "it should, directly or by way of the roles that it plays": """
-        @component
         class Lorry:
             load: float
         """,
@@ -155,23 +148,14 @@ PROCESSES = {
     "@periodic: every=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
         periodic(every=seconds(0))
         """,
-    "@periodic: every=-1000 is -1000 µs, and should be at least 1000 µs; seconds(1) is a second": """
-        periodic(every=milliseconds(-1))
-        """,
     "@periodic: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
         periodic(every=seconds(1), offset=milliseconds(-1))
-        """,
-    "@periodic: every=1 is 1 µs, and should be at least 1000 µs; seconds(1) is a second": """
-        periodic(every=1)
         """,
     "@periodic: every=0.5 is no duration, and should be one, such as seconds(1)": """
         periodic(every=0.5)
         """,
     "@periodic: every=True is no duration, and should be one, such as seconds(1)": """
         periodic(every=True)
-        """,
-    "@periodic: offset=2 is 2 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
-        periodic(every=seconds(1), offset=2)
         """,
     "@on_change() should name a fact, such as Cleaner.is_blocked": """
         on_change()
@@ -180,13 +164,6 @@ PROCESSES = {
         @component
         class Lorry(Vehicle):
             @on_change(Truck.is_empty)
-            def stop(self) -> Self:
-                return self
-        """,
-    "Lorry.stop runs on a change of 'is_moving', which is no method of Lorry or its roles": """
-        @component
-        class Lorry(Vehicle):
-            @on_change("is_moving")
             def stop(self) -> Self:
                 return self
         """,
@@ -222,9 +199,6 @@ ENSEMBLES = {
     "@ensemble() should say when: every=seconds(3), on_change=a fact, or both": """
         ensemble()
         """,
-    "@ensemble: every=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
-        ensemble(every=seconds(0))
-        """,
     "@ensemble: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
         ensemble(every=seconds(1), offset=milliseconds(-1))
         """,
@@ -233,9 +207,6 @@ ENSEMBLES = {
         """,
     "@ensemble: max_age=10 is 10 µs, and should be at least 1000 µs; seconds(1) is a second": """
         ensemble(every=seconds(3), max_age=10)
-        """,
-    "@ensemble: max_age=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
-        ensemble(on_change=Vehicle.is_moving, max_age=seconds(0))
         """,
     "ensemble Convoy has no membership(self, coordinator, member)": """
         @ensemble(every=seconds(1))
@@ -266,28 +237,10 @@ ENSEMBLES = {
             def boundary(self, coordinator: Vehicle, member: Vehicle) -> bool:
                 return True
         """,
-    "Convoy.membership: its parameter 'member' should have a type, by which it is bound": """
-        @ensemble(every=seconds(1))
-        class Convoy:
-            def membership(self, coordinator: Vehicle, member) -> bool:
-                return True
-        """,
-    "Convoy.membership: its parameter 'motor' should have a type, by which it is bound": """
-        @ensemble(every=seconds(1))
-        class Convoy:
-            def membership(self, coordinator: Vehicle, member: Vehicle, motor) -> bool:
-                return True
-        """,
     "Convoy.membership: member is a float; its class should have @role or @component": """
         @ensemble(every=seconds(1))
         class Convoy:
             def membership(self, coordinator: Vehicle, member: float) -> bool:
-                return True
-        """,
-    "Convoy.membership: coordinator is a Knowledge; its class should have @role or @component": """
-        @ensemble(every=seconds(1))
-        class Convoy:
-            def membership(self, coordinator: Knowledge, member: Vehicle) -> bool:
                 return True
         """,
     "Convoy.membership: Truck and Truck are components; "
@@ -305,15 +258,6 @@ ENSEMBLES = {
 
             def at_member(self, coordinator: Truck, member: Truck) -> Truck:
                 return member
-        """,
-    "Convoy.at_coordinator: Truck is a component, but the peer's side is known by a role only": """
-        @ensemble(every=seconds(1))
-        class Convoy:
-            def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
-                return True
-
-            def at_coordinator(self, coordinator: Truck, member: Truck) -> Truck:
-                return coordinator
         """,
     "ensemble Meeting runs on a change of Truck.is_empty, which is no method of Vehicle or Vehicle": """
         @ensemble(on_change=Truck.is_empty)

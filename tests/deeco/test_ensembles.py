@@ -81,12 +81,6 @@ def test_only_the_local_side_learns_and_only_from_members() -> None:
     assert swarm["b"].outcome()["exchanges"] == {"Convoy": 1}
 
 
-def test_the_parameters_of_an_ensemble_are_its_fields() -> None:
-    swarm = nodes(Car(id="a", position=9), Car(id="b"), ensembles=(Convoy(gap=5.0),))
-    Air(swarm).run(seconds(1))
-    assert swarm["b"].knowledge("b") == Car(id="b")
-
-
 def test_components_of_one_node_meet_in_both_roles() -> None:
     node = Node([Truck(id="t"), Car(id="c"), Truck(id="u")], [Both()])
     node.advance(Instant(seconds(1)))

@@ -12,7 +12,6 @@ from deeco.errors import ExecutionError
 from deeco.link import LinkParameters
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
-from deeco.replication.schema import fingerprint
 from tests.deeco.sweepers import BOOK, Sweeper, published, robot
 
 PACKET = KnowledgePacket("r1", Version(2, 300), 1, ((0x01020304, (True, None, "x")),))
@@ -25,16 +24,11 @@ def test_the_bytes_of_a_packet() -> None:
     assert unpack(WIRE) == PACKET
 
 
-def test_a_robot_s_knowledge_fits_a_frame() -> None:
-    data = published(claims=0)
-    assert len(data) == 39
-    assert [len(frame) for frame in Fragmenter(12).frames([data])] == [52]
-
-
-def test_a_robot_s_knowledge_with_ten_claims_fits_two_frames() -> None:
-    data = published(claims=10)
-    assert len(data) == 179
-    assert [len(frame) for frame in Fragmenter(12).frames([data])] == [118, 83]
+@pytest.mark.parametrize(("claims", "size", "frames"), [(0, 39, [52]), (10, 179, [118, 83])])
+def test_a_robot_s_knowledge_fits_few_frames(claims: int, size: int, frames: list[int]) -> None:
+    data = published(claims)
+    assert len(data) == size
+    assert [len(frame) for frame in Fragmenter(12).frames([data])] == frames
 
 
 def test_what_is_published_comes_back() -> None:
@@ -70,16 +64,13 @@ def test_too_much_knowledge_is_refused() -> None:
 
 
 def test_a_long_id_is_refused() -> None:
+    longest = KnowledgePacket("ä" * 16, Version(0, 1), 0, ())
+    assert unpack(pack(longest)) == longest
     with pytest.raises(ExecutionError) as error:
         pack(KnowledgePacket("ä" * 17, Version(0, 1), 0, ()))
     assert str(error.value) == (
         "the id 'äääääääääääääääää' has 34 bytes in UTF-8; at most 32 go on the air (LinkParameters.most_id)"
     )
-
-
-def test_the_longest_id_goes() -> None:
-    packet = KnowledgePacket("ä" * 16, Version(0, 1), 0, ())
-    assert unpack(pack(packet)) == packet
 
 
 def _body(*items: Any) -> bytes:
@@ -89,37 +80,26 @@ def _body(*items: Any) -> bytes:
 @pytest.mark.parametrize(
     "data",
     [
-        b"",
         b"\0",
         b"\x01" + WIRE[1:],  # of another type
         WIRE[:-1],
         WIRE + b"\xc0",
         b"\0" + b"\x91" * 600 + b"\xc0",  # deep, yet msgpack takes it
-        b"\0" + b"\x91" * 1000 + b"\xc0",
-        b"\0\x95\xa1r\0\1\1" + b"\x91" * 600 + b"\xc0",
         b"\0\x95\xa1r\0\1\1" + b"\x91" * 17 + b"\x90",  # one array deeper than a role may have
         b"\0" + b"\xdc\xff\xff" * 340,  # arrays that claim to be long
-        b"\0\xdd\xff\xff\xff\xff",
         b"\0\x95\xa1r\0\1\1\x91\x81\xa1k\1",  # a map
         b"\0\x95\xa1r\0\1\1\x91\xd4\1\1",  # an extension
-        b"\0\x95\xa1r\0\1\1\x91\xc7\0\xff",  # an empty time stamp
         b"\0\x93\xa1\xff\0\1",  # no UTF-8
-        _body(),
-        _body("r1", 0),
         _body("r1", 0, 1, 2),
         _body("r1", 0, 1, -1, ()),
         _body("r1", 0, 1, 2**32, ()),
         _body("r1", 0, 1, True, ()),
         _body("r1", 0, 1, 7, 7),
-        _body("r1", 0, -1),
         _body("r1", -1, 0),
-        _body("r1", 0.0, 1),
-        _body("r1", 0, True),
         _body(b"r1", 0, 1),
         _body("r" * 33, 0, 1),
         _body("r1", 0, 1, 7, (0,) * 65),
         _body("r1", 0, 1, 7, ("x" * 257,)),
-        _body("r1", 0, 1, 7, (b"x" * 257,)),
         _body("r1", 0, 1, 7, ("x" * 255,) * 4),  # 1039 bytes
     ],
 )
@@ -151,23 +131,6 @@ def read(data: bytes) -> None:
         BOOK.unpack(packet.component, packet.roles)
 
 
-_LIKELY = st.lists(
-    st.sampled_from([bytes([byte]) for byte in range(256)])
-    | st.sampled_from(
-        [b"\x91", b"\x92", b"\x93", b"\x94", b"\xc0", b"\xa1r", b"\xcb" + b"\x7f\xf0" + bytes(6)]
-    )
-    | st.just(b"\xce" + fingerprint(Sweeper).to_bytes(4, "big")),
-    max_size=40,
-).map(b"".join)
-
-
-@given(st.binary(max_size=1100) | _LIKELY.map(lambda data: b"\0" + data))
-@example(b"\0" + b"\x91" * 1023)
-@settings(derandomize=True, max_examples=700, deadline=None)
-def test_no_bytes_raise(data: bytes) -> None:
-    read(data)
-
-
 def _changed(data: bytes) -> st.SearchStrategy[bytes]:
     places = st.integers(0, len(data) - 1)
     edits: list[st.SearchStrategy[Callable[[bytes], bytes]]] = [
@@ -187,7 +150,8 @@ def _changed(data: bytes) -> st.SearchStrategy[bytes]:
     return st.lists(st.one_of(edits), min_size=1, max_size=4).map(applied)
 
 
-@given(_changed(published(claims=3)))
-@settings(derandomize=True, max_examples=700, deadline=None)
-def test_no_changed_packet_raises(data: bytes) -> None:
+@given(_changed(published(claims=3)) | st.binary(max_size=1100).map(lambda data: b"\0" + data))
+@example(b"\0" + b"\x91" * 1023)
+@settings(derandomize=True, max_examples=600, deadline=None)
+def test_no_bytes_raise(data: bytes) -> None:
     read(data)

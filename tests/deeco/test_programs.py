@@ -1,0 +1,80 @@
+"""The example of docs/deeco.md and the programs with typing mistakes, run and type-checked."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deeco.explain.command import main as explain
+from deeco.link import LinkParameters
+from deeco.node import CASCADE_LIMIT
+from deeco.replication.network import NetworkParameters, RelayParameters
+
+HERE = Path(__file__).parent / "mistakes"
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "deeco.md").read_text()
+(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+MARK = "# mistake: "
+
+
+def lines(name: str) -> list[str]:
+    """Lines of mistakes/mistaken.txt or of its corrected twin, which mypy of the repository does not see."""
+    return (HERE / f"{name}.txt").read_text().splitlines()
+
+
+def test_the_example_prints_what_the_page_says_and_can_be_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "page_example.py").write_text(EXAMPLE)
+    monkeypatch.syspath_prepend(tmp_path)
+    exec(EXAMPLE, {"__name__": "__main__"})
+    assert f"\nIt prints `{capsys.readouterr().out.strip()}`.\n" in PAGE
+    assert explain(["page_example"]) == 0
+    assert "switch, a process of the adaptation layer, on a change of is_needed\n" in capsys.readouterr().out
+
+
+def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
+    network, relay = NetworkParameters(), RelayParameters()
+    for sentence in (
+        f"Every {network.publish_every // 1000} ms, first at",
+        f"A replica not heard of for {network.forget_after // 1_000_000} s is dropped",
+        f"Of more than {network.most_replicas} the one heard longest ago",
+        f"are followed for {CASCADE_LIMIT} rounds",
+        f"at most {relay.hop_limit} hops far",
+        f"at most {LinkParameters().frame_data} bytes in a frame",
+    ):
+        assert sentence in " ".join(PAGE.split())
+    assert network.relay is None
+
+
+@pytest.mark.nightly
+def test_mypy_finds_every_mistake_on_its_line_and_nothing_else(tmp_path: Path) -> None:
+    for name in ("mistaken", "corrected"):
+        (tmp_path / f"{name}.py").write_text("\n".join(lines(name)) + "\n")
+    (tmp_path / "example.py").write_text(EXAMPLE)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=cache", "--no-pretty"]
+    run = subprocess.run(
+        [*command, "mistaken.py", "corrected.py", "example.py"], cwd=tmp_path, env={"MYPYPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 1, run.stdout + run.stderr
+    reported = {
+        (place[1], int(place[2]))
+        for line in run.stdout.splitlines()
+        if (place := re.match(r"(mistaken|corrected|example)\.py:(\d+): error: ", line))
+    }
+    assert reported == {
+        ("mistaken", number) for number, line in enumerate(lines("mistaken"), start=1) if MARK in line
+    }
+
+
+def test_the_corrected_twin_runs_and_differs_in_its_mistakes_only() -> None:
+    """So each report of mypy comes from its own mistake; some take a line or two more."""
+    exec("\n".join(lines("corrected")), {"__name__": "corrected"})
+    pairs = zip(lines("mistaken"), lines("corrected"), strict=True)
+    differing = [wrong.strip() for wrong, right in pairs if wrong != right]
+    marked = [line for line in lines("mistaken") if MARK in line]
+    assert sum(MARK in line for line in differing) == len(marked) >= 8
+    assert sum(MARK not in line for line in differing) <= 6
