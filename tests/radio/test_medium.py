@@ -156,7 +156,7 @@ def test_the_step_changes_nothing(moving: bool) -> None:
 
     whole = trace(1000)
     assert len(whole[0]) > 50_000
-    for step_ms in (1, 10, 20, 50, 100):
+    for step_ms in (1, 20, 100):
         assert trace(step_ms) == whole
 
 
@@ -183,43 +183,6 @@ def test_the_number_of_a_transceiver_means_nothing_only_its_address() -> None:
     assert heard([1, 2, 3, 4]) == heard([3, 1, 4, 2]) != []
 
 
-def test_air_time_adds_up() -> None:
-    medium = busy_medium()
-    medium.run(5 * SECOND)
-    counted = medium.counters()
-    frames = int(((12 + 2 * (60 + np.arange(6))) * counted["sent"]).sum()) * 16_000
-    acks = int(counted["on_air_ns"].sum()) - frames
-    assert acks % (22 * 16_000) == 0 and acks >= 22 * 16_000 * int(counted["acknowledged"].sum()) > 0
-    assert medium.busy_ns <= counted["on_air_ns"].sum()
-    tx_ended = counted["sent"].sum() - counted["retries"].sum()
-    assert (
-        abs(
-            int(
-                tx_ended
-                - counted["acknowledged"][:2].sum()
-                - counted["no_ack"].sum()
-                - counted["sent"][2:].sum()
-            )
-        )
-        <= 2
-    )
-
-
-def test_a_frame_is_below_the_floor_or_comes_through_by_chance() -> None:
-    """Nothing is heard that arrives weaker than the sensitivity, whatever the noise."""
-    phy = PhyParameters(noise_dbm=-130.0)
-    loss = LINE_OF_SIGHT.loss_db(np.array([[0.0, 0.0]]), np.array([[30.0, 0.0]]))[0, 0]
-    for margin, heard in ((0.01, 20), (-0.01, 0)):
-        transceivers = [Transceiver(1), Transceiver(2, sensitivity_dbm=-loss - margin)]
-        medium = Medium(transceivers, LINE_OF_SIGHT, phy)
-        medium.place(np.array([[0.0, 0.0], [30.0, 0.0]]))
-        medium.submit(Request(k * 50_000_000, 0, 60) for k in range(20))
-        medium.run(2 * SECOND)
-        assert medium.outcomes()[1, Outcome.HEARD] == heard
-        assert medium.outcomes()[1, Outcome.BELOW_SENSITIVITY] == 20 - heard
-        assert math.isfinite(loss)
-
-
 FAR = np.array([[400.0 * k, 0.0] for k in range(12)])
 """Places 400 m apart."""
 
@@ -239,8 +202,7 @@ def far_apart(noise_dbm: float = -95.5, moving: bool = False) -> Medium:
     return medium
 
 
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("noise_dbm", [-110.0, -95.5, -70.0])
+@pytest.mark.parametrize(("noise_dbm", "moving"), [(-110.0, True), (-95.5, False), (-70.0, False)])
 def test_what_is_not_followed_of_all_frames_in_the_air_is_a_hundredth_of_a_decibel(
     noise_dbm: float, moving: bool
 ) -> None:

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.messages import AccessFailure, Heard, Overflow, RadioEvent, Sent
-from actors.radio.radio_model import preset, reach
-from tests.radio.swarm import REACH, SPACING, TURNAROUND, Frame, Robot, Swarm, around
+from actors.radio.radio_model import preset
+from tests.radio.swarm import REACH, Frame, Robot, Swarm, around
 
 HORIZON = 60_000
 NAMES = ("a", "b", "c", "d", "e")
@@ -57,50 +57,6 @@ def test_nobody_hears_beyond_range(robots: dict[str, Robot], frames: list[Frame]
                 assert in_range(robots[name], robots[NAMES[event.sender - 100]])
                 assert event.rssi_dbm >= -95.0
                 assert 0 <= event.lqi <= 255
-
-
-@quick
-@given(robots=places, frames=traffic)
-def test_nobody_hears_the_chapters_frames_beyond_where_noise_lets_one_in_a_million_through(
-    robots: dict[str, Robot], frames: list[Frame]
-) -> None:
-    swarm = played(robots, frames, plain=False)
-    farthest = reach(CHAPTER, 1e-6, octets=10)
-    for name, events in swarm.given.items():
-        heard = [event for event in events if isinstance(event, Heard)]
-        assert all(in_range(robots[name], robots[NAMES[e.sender - 100]], farthest) for e in heard)
-
-
-@quick
-@given(robots=places, frames=traffic)
-def test_a_frame_alone_in_the_air_is_heard_by_all_in_range(
-    robots: dict[str, Robot], frames: list[Frame]
-) -> None:
-    swarm = played(robots, frames)
-    sent = sendings(swarm, frames)
-    for begin, end, frame in sent:
-        if any(b < end + TURNAROUND and begin - TURNAROUND < e for b, e, other in sent if other is not frame):
-            continue
-        for name, robot in robots.items():
-            heard = [e for e in swarm.given.get(name, []) if isinstance(e, Heard) and e.instant == end]
-            expected = name != frame.robot and in_range(robot, robots[frame.robot])
-            assert [e.data for e in heard] == [frame.data] * expected
-
-
-@quick
-@given(robots=places, frames=traffic)
-def test_air_time_adds_up(robots: dict[str, Robot], frames: list[Frame]) -> None:
-    """Who does not listen sends at once, or after his last frame and the spacing, one at a time, in order."""
-    swarm = played(robots, frames)
-    sent = sendings(swarm, frames)
-    for name in NAMES:
-        free = 0
-        for begin, end, frame in sorted(
-            (entry for entry in sent if entry[2].robot == name), key=lambda e: e[:2]
-        ):
-            assert begin == max(frame.instant, free) + TURNAROUND
-            short = len(frame.data) + 9 <= 18
-            free = end + (192 if short else SPACING)
 
 
 @quick

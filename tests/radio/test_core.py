@@ -2,20 +2,33 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 import pytest
 
 from actors.messages import (
+    AIRED,
+    TRANSMIT,
+    TRUTH,
     AccessFailure,
     Heard,
     Jam,
     Loss,
+    Outgoing,
     Overflow,
+    Refused,
     RobotTruth,
     Sent,
+    Transmit,
+    Truth,
 )
+from actors.radio.core import RadioCore
 from actors.radio.medium.state import Cca
+from actors.radio.program import build
+from actors.radio.radio_model import RadioSetup
 from actors.radio.robot_medium import TransceiverTruth
+from actors.runtime.errors import AcrcError
 from tests.radio.swarm import PLAIN, SPACING, STEP, TURNAROUND, Frame, Robot, Swarm, around
 
 NEXT = TURNAROUND + 832 + SPACING
@@ -34,13 +47,6 @@ def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
     assert events["b"] == [Heard(1029, 100, -72.8, 255, b"12345678901")]
     assert events["c"] == [Heard(1029, 100, -90.0, 53, b"12345678901")]
     assert swarm.core.counters()["copies_heard"] == 2
-
-
-def test_a_frame_without_data_is_sent_and_heard() -> None:
-    swarm = three()
-    events = swarm.run([Frame(5, "a", tag=7, data=b"")])
-    assert events["a"] == [Sent(677, 7)]
-    assert events["b"] == [Heard(677, 100, -72.8, 255, b"")]
 
 
 def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_have_been_heard() -> None:
@@ -70,62 +76,6 @@ def test_of_two_frames_that_overlap_the_weaker_is_lost() -> None:
     events = swarm.run([first, Frame(first.instant + 400, "d")])
     assert [event.instant for event in events["b"]] == [first.end]  # it was locked onto a, 15 dB stronger
     assert swarm.core.counters()["copies_lost_collision"] == 2  # d's frame, at b and at c
-
-
-def test_equal_frames_that_overlap_are_both_lost() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
-    assert "c" not in swarm.run([Frame(0, "a"), Frame(100, "b")])
-    counters = swarm.core.counters()
-    assert (counters["copies_lost_collision"], counters["copies_lost_half_duplex"]) == (2, 2)
-
-
-def test_a_frame_survives_an_overlap_of_a_microsecond() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
-    first = Frame(0, "a")
-    events = swarm.run([first, Frame(first.instant + first.airtime - 1, "b")])
-    assert [event.instant for event in events["c"]] == [first.end]
-    assert swarm.core.counters()["copies_lost_collision"] == 1  # whose begin c missed
-
-
-def test_frames_that_only_touch_are_both_heard() -> None:
-    swarm = three()
-    first = Frame(0, "a")
-    events = swarm.run([first, Frame(first.instant + first.airtime, "b")])
-    assert [event.instant for event in events["c"]] == [TURNAROUND + 832, TURNAROUND + 2 * 832]
-    # b was turning while a still sent, and a while b began
-    assert swarm.core.counters()["copies_lost_half_duplex"] == 2
-
-
-def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> None:
-    def heard(later: int) -> list[int]:
-        swarm = Swarm({"near": Robot(1.0), "far": Robot(-8.0), "c": Robot(0.0)})
-        events = swarm.run([Frame(0, "far", data=bytes(50)), Frame(later, "near")])
-        return [event.sender for event in events.get("c", []) if isinstance(event, Heard)]
-
-    assert heard(127) == [100]
-    assert heard(128) == []
-    assert heard(-1 + 128) == [100]
-
-
-def test_interference_that_ends_early_still_spoils_a_frame() -> None:
-    swarm = Swarm({"a": Robot(-3.0), "b": Robot(1.0), "c": Robot(0.0)})
-    events = swarm.run([Frame(0, "a", data=bytes(118)), Frame(1000, "b")])
-    assert "c" not in events
-    assert swarm.core.counters()["copies_lost_collision"] == 2
-
-
-def test_a_sender_out_of_range_does_not_disturb() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(5.0), "far": Robot(25.0)})
-    events = swarm.run([Frame(0, "a", 1), Frame(100, "far", 2)])
-    assert [event.instant for event in events["b"]] == [TURNAROUND + 832]
-    assert swarm.core.counters()["copies_lost_below_sensitivity"] == 3
-
-
-def test_hidden_senders_collide_at_the_one_between() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(9.0), "c": Robot(18.0)})
-    assert "b" not in swarm.run([Frame(0, "a"), Frame(400, "c")])
-    counters = swarm.core.counters()
-    assert (counters["copies_lost_collision"], counters["copies_lost_below_sensitivity"]) == (2, 2)
 
 
 def test_a_robot_is_deaf_while_it_sends_and_turns() -> None:
@@ -165,19 +115,6 @@ def test_a_full_queue_drops_the_newest_frame_and_says_so() -> None:
     assert swarm.core.counters()["frames_overflowed"] == 2
 
 
-def test_a_frame_makes_room_at_the_very_instant_it_ends() -> None:
-    swarm = three()
-    events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(1023, "a", 8), Frame(1024, "a", 9)])
-    assert [event for event in events["a"] if isinstance(event, Overflow)] == [Overflow(1023, 8)]
-
-
-def test_who_listens_first_sends_one_after_the_other() -> None:
-    polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=3))
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}, model=around(polite))
-    swarm.run([Frame(0, "a", data=bytes(118)), Frame(3000, "b")])
-    assert [e.sender for e in swarm.given["c"] if isinstance(e, Heard)] == [100, 101]
-
-
 def test_a_channel_that_is_never_clear_is_an_access_failure() -> None:
     polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=0, max_backoffs=0))
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, model=around(polite))
@@ -202,13 +139,6 @@ def test_a_frame_that_ends_at_the_border_belongs_to_the_next_step() -> None:
     swarm = three()
     assert swarm.run([Frame(STEP - 1024, "a")]) == {}
     assert swarm.run()["a"] == [Sent(STEP, 0)]
-
-
-def test_frames_overlap_across_the_border() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
-    swarm.run([Frame(STEP - 300, "a")])
-    assert set(swarm.run([Frame(STEP + 5, "b")])) == {"a", "b"}
-    assert swarm.core.counters()["copies_lost_collision"] == 2
 
 
 def test_a_jammer_silences_its_surroundings_until_it_ends() -> None:
@@ -304,14 +234,6 @@ def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
     assert (counters["frames_sent"], counters["frames_discarded"], counters["events_discarded"]) == (2, 1, 1)
 
 
-def test_a_frame_in_the_air_is_cut_when_its_senders_epoch_ends() -> None:
-    swarm = three()
-    swarm.run([Frame(STEP - 500, "a", 1)])
-    swarm.change("a", epoch=1)
-    assert swarm.run() == {}
-    assert swarm.core.counters()["frames_cut_off"] == 1
-
-
 def test_what_was_held_for_a_frozen_robot_is_not_for_its_successor() -> None:
     swarm = three()
     swarm.change("b", stepping=False)
@@ -353,3 +275,102 @@ def test_what_was_held_for_a_robot_is_gone_when_it_is_killed() -> None:
     swarm.change("b", powered=True, stepping=True)
     assert swarm.run() == {}
     assert swarm.core.counters()["events_discarded"] == 1
+
+
+def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
+    swarm = three()
+    frames = [
+        Frame(10, "a", 1, bytes(120)),
+        Frame(20, "a", 2, bytes(119)),
+        Frame(STEP, "a", 3),
+        Frame(-1, "a", 4),
+        Frame(15, "a", 5),
+    ]
+    assert swarm.run(frames)["a"] == [
+        Refused(0, 4, "The frame's instant -1 µs lies outside step 0; it must be 0 to 99999 µs."),
+        Refused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
+        Refused(20, 2, "The frame has 119 data bytes; it must have 0 to 118."),
+        Sent(1039, 5),
+        Refused(99_999, 3, "The frame's instant 100000 µs lies outside step 0; it must be 0 to 99999 µs."),
+    ]
+    assert swarm.core.counters()["frames_refused"] == 4
+
+
+def test_a_robot_that_the_radio_does_not_know_is_refused() -> None:
+    swarm = three()
+    swarm.robots["x"] = Robot(0.0)
+    events = swarm.run([Frame(10, "x", 1)])
+    assert events == {"x": [Refused(10, 1, "Robot x has no transceiver; the radio was set up without it.")]}
+
+
+def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
+    swarm = three()
+    truth = swarm.truth([Frame(0, "a"), Frame(1, "a")])
+    with pytest.raises(AcrcError) as error:
+        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (Outgoing(0, 0, b"x"),))})
+    assert str(error.value) == "Step 0: a announced 2 frames, but its Transmit carries 1."
+
+
+def test_a_transmit_of_another_step_ends_the_run() -> None:
+    swarm = three()
+    truth = swarm.truth([Frame(0, "a")])
+    with pytest.raises(AcrcError) as error:
+        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (Outgoing(0, 0, b"x"),))})
+    assert str(error.value) == "Step 0: a gives a Transmit of step 3; it should be of step 0."
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"step": 2}, "gives Truth of step 2; it should be of step 0"),
+        (
+            {"robots": (RobotTruth("a", math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0),)},
+            "says that a is at (nan, 0), or moves, as no robot can",
+        ),
+        (
+            {"jams": (Jam(0.0, 0.0, -1.0, STEP),)},
+            "switches a jammer on that cannot be: a jammer reaches -1 m; it should be above 0 and at most "
+            "1e+06 m",
+        ),
+        (
+            {"jams": (Jam(0.0, 0.0, 1.0, 10**16),)},
+            "switches a jammer on that cannot be: a jammer is on for 1e+10 s; it should be above 0 and at "
+            "most 1e+06 s",
+        ),
+    ],
+)
+def test_a_truth_that_cannot_be_ends_the_run(changes: dict[str, Any], sentence: str) -> None:
+    swarm = three()
+    truth = msgspec.structs.replace(swarm.truth([]), **changes)
+    with pytest.raises(AcrcError) as error:
+        swarm.core.advance({TRUTH.key(): truth})
+    assert str(error.value) == f"Step 0: the world {sentence}."
+
+
+def test_halt_finishes_without_an_answer() -> None:
+    core: RadioCore = three().core
+    inputs = {TRUTH.key(): Truth(0, 0, (), halt=True)}
+    assert core.missing(inputs) == ()
+    assert core.advance(inputs) == ()
+    assert core.finished
+    assert AIRED.key() == "swarm/infra/aired"
+
+
+@pytest.mark.parametrize(
+    ("robots", "sentence"),
+    [
+        ((("a", 1), ("b", 1)), "Robots a and b share the short address 1; each needs its own."),
+        ((("a", 1), ("a", 2)), "Robot a is listed twice for the radio; each robot needs one entry."),
+        ((("a", 65534),), "Robot a has the short address 65534; it must be 0 to 65533."),
+    ],
+)
+def test_a_setup_that_makes_no_sense_is_named(robots: tuple[tuple[str, int], ...], sentence: str) -> None:
+    with pytest.raises(AcrcError) as error:
+        build(RadioSetup(1, STEP, robots))
+    assert str(error.value) == sentence
+
+
+def test_a_step_without_length_is_named() -> None:
+    with pytest.raises(AcrcError) as error:
+        build(RadioSetup(1, 0, (("a", 1),)))
+    assert str(error.value) == "The radio's step is 0 µs long; it must be at least 1 µs."
