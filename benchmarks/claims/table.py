@@ -163,13 +163,6 @@ CLAIMS: Final = (
         takes=("runs", "seed"),
     ),
     PublishedClaim(
-        "mutations", _ENDS,
-        "Bytes from outside never crash a parser.",
-        "10 MB of damaged bytes for every parser: each answers with a sentence, or none.",
-        "benchmarks.mutations.command", small={"size": 50_000}, full={"size": 10_000_000}, seconds=(8, 5400),
-        takes=("size", "seed"),
-    ),
-    PublishedClaim(
         "boards", _BOARD,
         "The drivers of base and radio board survive a noisy line, and the latter fills its line or the air.",
         "10 MB of noise and talk each: no packet reported twice, never or falsely; back within 100 ms.",

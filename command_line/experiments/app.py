@@ -71,7 +71,7 @@ def campaign(
         typer.Option(
             metavar="N",
             min=0,
-            help="Repeat one run in N of each strategy, and as many unusual runs, to check them; 0: none.",
+            help="Repeat the first run of each strategy, and every Nth, as processes to check them; 0: none.",
         ),
     ] = 20,
     isolate: Annotated[

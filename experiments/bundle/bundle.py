@@ -84,7 +84,7 @@ def _plan(kept: store.Store) -> Iterator[tuple[str, bytes]]:
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     trials = list(kept.study.trials())
     records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
-    for path in (kept.about_file, kept.plan_file, kept.draws_file, kept.looks_file, *records):
+    for path in (kept.about_file, kept.plan_file, kept.looks_file, *records):
         if path.exists():
             yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.content(path)
 

@@ -65,8 +65,8 @@ class CampaignOptions:
     patience_s: float = 3600.0
     """A trial that takes longer has failed."""
     check_every: int = 0
-    """Of each strategy one trial in so many, drawn after all have ended, and as many odd ones, are repeated
-    as real processes over Zenoh; 0: none."""
+    """Of each strategy the first trial and every `check_every`-th from there on are repeated as processes
+    over Zenoh; 0: none."""
     on: str | None = None
     """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
@@ -158,9 +158,8 @@ class _Campaign:
         self._ask()
         self._follow(self._progress())
         self._work(self._trials)
-        if self._every:  # not before every trial has ended: none can have seen what is drawn now
-            self._store.draw_again(self._every)
-            self._checks.extend(self._store.unchecked())
+        if self._every:
+            self._checks.extend(self._store.unchecked(self._every))
             self._work(self._checks)
         return self._progress()
 

@@ -1,9 +1,6 @@
 """The folder of a campaign: its study, and a file for each trial that has ended."""
 
-import hashlib
-import math
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,8 +9,7 @@ import msgspec
 from actors.installation.version import software
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from experiments.campaign.draw import Draw, DrawableRun, draw, run_of
-from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
+from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.study import frozen_plan
 from experiments.study.frozen_plan import FrozenPlan
 from experiments.study.study import Study, Trial, differences
@@ -25,9 +21,7 @@ _TRIALS: Final = "trials"
 _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
 _LOOKS: Final = "looks.json"
-_DRAWS: Final = "draws.json"
 _PLAN: Final = "plan.json"
-_ENTROPY_BYTES: Final = 32
 _OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
 """What lies in a folder whose campaign was ended before it had begun."""
 
@@ -75,65 +69,16 @@ class Store:
         """The trials that have no record yet, in the study's order."""
         return [Pending(trial) for trial in self.study.trials() if not self.path(trial).exists()]
 
-    def draw_again(self, every: int) -> bool:
-        """Draw among the runs that were in no draw as close as this one; False if there are none.
-
-        All trials must have ended: what is drawn comes from the system only now.
-        """
-        before = self.draws
-        fresh = [run for run in self._runs() if not _was_among(run, before, every)]
-        if fresh:
-            for run in fresh:
-                if not _was_among(run, before):  # nobody has repeated it, whatever lies there
-                    self.check_path(run.trial).unlink(missing_ok=True)
-            made = (*before, draw(fresh, every, os.urandom(_ENTROPY_BYTES)))
-            keep_bytes(self.draws_file, msgspec.json.format(msgspec.json.encode(made)))
-        return bool(fresh)
-
-    @property
-    def undrawn(self) -> int:
-        """Runs that were in no draw."""
-        draws = self.draws
-        return sum(not _was_among(run, draws) for run in self._runs())
-
-    def _runs(self) -> Iterator[DrawableRun]:
-        """Those with a result, which may be repeated."""
+    def unchecked(self, every: int) -> list[Pending]:
+        """Return the first trial of each strategy and every Nth from there on, if not repeated yet."""
+        own: dict[str, list[Trial]] = {}
         for trial in self.study.trials():
-            if self.path(trial).exists():
-                run = run_of(trial, self.record(trial), self._sha256(trial))
-                if run is not None:
-                    yield run
-
-    def _sha256(self, trial: Trial) -> str:
-        return hashlib.sha256(self.path(trial).read_bytes()).hexdigest()
-
-    @property
-    def draws_file(self) -> Path:
-        """Where the draws are kept once there is one."""
-        return self.folder / _DRAWS
-
-    @property
-    def draws(self) -> tuple[Draw, ...]:
-        """Which runs were drawn to be repeated, and from what, in the order of time."""
-        path = self.draws_file
-        return typed_json.read(path, tuple[Draw, ...], "draws of a campaign") if path.exists() else ()
-
-    def unchecked(self) -> list[Pending]:
-        """What was drawn, and not repeated yet."""
-        drawn = {name for one in self.draws for name in one.names}
+            own.setdefault(trial.strategy, []).append(trial)
         return [
             Pending(trial, check=True)
-            for trial in self.study.trials()
-            if trial.name in drawn and not self.check_path(trial).exists() and self._has_result(trial)
-        ]
-
-    def changed(self) -> list[Trial]:
-        """Those whose record is another than when it was last drawn among."""
-        last = {name: known for one in self.draws for name, known in one.among.items()}
-        return [
-            trial
-            for trial in self.study.trials()
-            if trial.name in last and self.path(trial).exists() and self._sha256(trial) != last[trial.name]
+            for trials in own.values()
+            for trial in trials[::every]
+            if not self.check_path(trial).exists() and self._has_result(trial)
         ]
 
     def _has_result(self, trial: Trial) -> bool:
@@ -274,9 +219,3 @@ def load(folder: Path) -> Store:
         raise AcrcError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
     check_seal(folder)
     return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
-
-
-def _was_among(run: DrawableRun, draws: Sequence[Draw], every: float = math.inf) -> bool:
-    """True if a draw as close as `every` was among others of this run, with the record that it has."""
-    name = run.trial.name
-    return any(one.every <= every and one.among.get(name) == run.sha256 for one in draws)

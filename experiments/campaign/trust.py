@@ -44,36 +44,27 @@ def other_software(kept: Store) -> list[str]:
 
 
 def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
-    """How many runs were repeated as processes, how those were shut off, and both speeds."""
+    """Yield how many runs were repeated as processes, how many of them isolated, and both speeds."""
     if not results:
         return
-    checks, left = list(kept.checks()), len(kept.unchecked())
+    checks = list(kept.checks())
     speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
-    waits = f", {left} more are still to be" if left else ""
-    late = f"; {undrawn} runs came after the draw" if kept.draws and (undrawn := kept.undrawn) else ""
     if not checks:
-        yield f"None of {len(results)} runs was repeated as processes{waits}; in memory {speed} (median)."
+        yield f"None of {len(results)} runs was repeated as processes; in memory {speed} (median)."
         return
-    shut_off = sum(check.isolation == "full" for check in checks)
+    isolated = sum(check.isolation == "full" for check in checks)
     speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
     over = f", as processes {median(speeds):.3g} x" if speeds else ""
-    drawn = ", drawn after all had ended," if kept.draws else ""
     same = sum(check.agrees for check in checks)
     yield (
-        f"{len(checks)} of {len(results)} runs{drawn} were repeated as processes "
-        f"({shut_off} isolated){waits}{late}: {same} gave the same result; in memory {speed} "
-        f"(median){over}."
+        f"{len(checks)} of {len(results)} runs were repeated as processes ({isolated} isolated): "
+        f"{same} gave the same result; in memory {speed} (median){over}."
     )
 
 
 def differing(kept: Store) -> list[str]:
-    """A sentence for each run whose repetition was not the same, or whose record changed after the draw."""
-    changed = [
-        f"{trial.strategy} with seed {trial.seed}: its record {kept.path(trial).name} was changed after the "
-        "repetitions were drawn; its digest and its numbers are somebody's word"
-        for trial in kept.changed()
-    ]
-    return [*(_difference(check) for check in kept.checks() if not check.agrees), *changed]
+    """Return a sentence for each run whose repetition had another result."""
+    return [_difference(check) for check in kept.checks() if not check.agrees]
 
 
 def _difference(check: CheckRecord) -> str:

@@ -2,24 +2,18 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Final
 
 import msgspec
 
-from actors.messages import FRAME_DATA_LIMIT
-from deeco.replication.fragments import SHORTEST
 from observation.results.outcome import MOST_LISTED, MOST_NAMES, Count, Name, told
 
 SUBJECT: Final = "deeco"
 """Under which a robot's last record holds what its node counted."""
 _BIN_MS: Final = 50
 """Width of the bins that `deeco.statistics` counts the ages of replicas in."""
-_MOST_PER_STEP: Final = 10_000
-"""Anything that a node counts happens no more often in a step; own choice, with room for many robots."""
-_PACKETS_IN_FRAME: Final = FRAME_DATA_LIMIT // SHORTEST
-"""So many packets a frame completes at most."""
 _Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53, multiple_of=_BIN_MS)]
 _Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=MOST_NAMES)]
 
@@ -53,28 +47,6 @@ class DeecoResult(msgspec.Struct, frozen=True):
 def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
     """What a process's last record says about its node; None if it says nothing."""
     return told(record, outcome, SUBJECT, NodeOutcome, "a node")
-
-
-def impossible(said: NodeOutcome, steps: int) -> str | None:
-    """Why a node cannot have done this in a run of so many steps; None if it can."""
-    most = _MOST_PER_STEP * steps
-    samples = {"samples of replicas' age": sum(said.replica_age_ms.values())}
-    for name, count in {**said.counters, **said.exchanges, **samples}.items():
-        if count > most:
-            return f"{count} {name} in {steps} steps"
-    return None
-
-
-def contradicted(nodes: Sequence[NodeOutcome], frames: Mapping[str, int]) -> str | None:
-    """What the nodes of one robot say otherwise than the radio, which counted `frames`; None if nothing."""
-    for name, counted, what, most in (
-        ("frames_sent", "frames_sent", "frames sent", 1),
-        ("packets", "copies_heard", "packets heard", _PACKETS_IN_FRAME),
-    ):
-        said = sum(node.counters.get(name, 0) for node in nodes)
-        if counted in frames and said > most * frames[counted]:
-            return f"{said} {what}; the radio counted {frames[counted]} frames"
-    return None
 
 
 def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:

@@ -1,21 +1,18 @@
 """What the robots' navigation has been through in a run, from what each robot's process said at its end."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
 
-from actors.robot.behaviour.goal import AbortReason
 from observation.results.outcome import MOST_LISTED, MOST_NAMES, Count, Metres, Name, told
 
 SUBJECT: Final = "navigation"
 """Under which a robot's last record holds what its navigation counted."""
 T = TypeVar("T")
 _Listed = Annotated[tuple[T, ...], msgspec.Meta(max_length=MOST_LISTED)]
-_MOST_PER_STEP: Final = 20
-"""Recoveries or retreats in a step, with room: navigation acts every 50 ms or less often."""
 
 
 class GivenGoal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -80,35 +77,6 @@ class NavigationResult(msgspec.Struct, frozen=True):
 def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
     """What a process's last record says about its navigation; None if it says nothing."""
     return told(record, outcome, SUBJECT, NavigationOutcome, "a robot's navigation")
-
-
-def impossible(said: NavigationOutcome, steps: int, step_us: int) -> str | None:
-    """Why a robot cannot have been through this in a run of so many steps; None if it can."""
-    return next(_contradictions(said, steps, steps * step_us), None)
-
-
-def _contradictions(said: NavigationOutcome, steps: int, last_us: int) -> Iterator[str]:
-    if said.goals + said.cancelled > steps:
-        yield f"{said.goals} goals given and {said.cancelled} taken back in {steps} steps"
-    ended = said.succeeded + sum(said.aborted.values())
-    if ended > said.goals:
-        yield f"{ended} goals reached or given up, of {said.goals}"
-    if len(said.given) + said.given_unlisted > said.goals:
-        yield f"{len(said.given) + said.given_unlisted} goals listed, of {said.goals}"
-    if unknown := said.aborted.keys() - {reason.value for reason in AbortReason}:
-        yield f"goals given up for {min(unknown)[:40]!r}, which is no reason"
-    for name in ("recoveries", "retreats", "no_valid_trajectory_unlisted"):
-        if getattr(said, name) > _MOST_PER_STEP * steps:
-            yield f"{getattr(said, name)} {name} in {steps} steps"
-    spells = [
-        *((goal.begin, goal.begin if goal.end is None else goal.end) for goal in said.given),
-        *((begin, end) for begin, end, _ in said.no_valid_trajectory),
-        *said.without_plan,
-        *((begin, begin if end is None else end) for begin, end in said.paused),
-    ]
-    for begin, end in spells:
-        if not begin <= end <= last_us:
-            yield f"something from {begin} to {end} µs, in a run of {last_us} µs"
 
 
 def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:

@@ -1,9 +1,10 @@
 """What a run comes to: gathered from the last records of its processes' files, and nothing else."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -11,20 +12,29 @@ from actors.instant import in_seconds
 from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
 from actors.radio.radio_model import share
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.message_counts import run_digest
 from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
-from observation.results.deeco_result import DeecoResult
+from observation.results.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
 from observation.results.deliveries import gaps
-from observation.results.navigation_result import NavigationResult
+from observation.results.navigation_result import (
+    NavigationOutcome,
+    NavigationResult,
+    navigation_outcome,
+    navigation_result,
+)
 from observation.results.origin import UNKNOWN, Origin
-from observation.results.outcome import Outcomes
+from observation.results.outcome import OutcomeError, Outcomes, own_outcome
 from observation.results.place_table import counted
-from observation.results.robot_reports import OWN_WORD, OthersCounts, robot_reports
+
+OWN_WORD: Final = ("deeco", "navigation", "outcome", "unread")
+"""Keys of a result that robots' processes report about themselves."""
+_LONGEST: Final = 300
+"""Characters of a reason."""
 
 
 class ResultError(AcrcError):
@@ -122,7 +132,7 @@ class RunResult(msgspec.Struct, frozen=True):
     """The keys of this result that are what the robots' processes say of themselves: a strategy may have
     written it there. World, radio and parent count all else. Empty in results from before this was said."""
     refused_reports: tuple[str, ...] = ()
-    """What robots said of themselves that cannot be, a sentence each; it is not counted."""
+    """A sentence for each malformed report of a robot, which is not counted."""
     outcome: Outcomes = {}
     """Values that behaviours' `outcome()` returned, by name and robot; after a restart the last ones."""
     warnings: tuple[str, ...] = ()
@@ -188,7 +198,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
     frames_by_robot = msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]])
     pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
-    said = robot_reports(_of_robots(finals), OthersCounts(outcome.steps, about.step_us, frames_by_robot))
+    said = robot_reports(_of_robots(finals))
     places = counted(outcome.places)
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
@@ -247,6 +257,52 @@ def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[st
         assert program.record is not None
         if program.actor not in ("world", "radio"):
             yield program.actor, program.record, final
+
+
+class RobotReports(NamedTuple):
+    """Final notes of all robots together."""
+
+    deeco: DeecoResult
+    navigation: NavigationResult
+    outcomes: Outcomes
+    unread: int
+    refused: tuple[str, ...]
+    """A sentence for each malformed report."""
+
+
+def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports:
+    """Gather the last records of robots' processes, each with its robot and its file."""
+    refused: list[str] = []
+    nodes: list[NodeOutcome] = []
+    navigations: list[NavigationOutcome] = []
+    outcomes: Outcomes = {}
+    unread = 0
+    for robot, record, final in finals:
+        unread += final.unread
+        with _refusing(refused, robot, "node"):
+            nodes += filter(None, (node_outcome(record, final.outcome),))
+        with _refusing(refused, robot, "navigation"):
+            navigations += filter(None, (navigation_outcome(record, final.outcome),))
+        with _refusing(refused, robot, "outcome"):
+            for name, value in own_outcome(record, final.outcome).items():
+                outcomes.setdefault(name, {})[robot] = value
+    return RobotReports(
+        deeco_result(nodes),
+        navigation_result(navigations),
+        dict(sorted(outcomes.items())),
+        unread,
+        tuple(refused),
+    )
+
+
+@contextmanager
+def _refusing(refused: list[str], robot: str, subject: str) -> Iterator[None]:
+    """Turn an OutcomeError into a sentence."""
+    try:
+        yield
+    except OutcomeError as error:
+        why = printable(str(error)[:_LONGEST]).replace("\n", " ")
+        refused.append(f"{robot}: its report of its {subject} is malformed and is not counted: {why}")
 
 
 def rate(count: int, robot_seconds: float) -> float:

@@ -1,4 +1,4 @@
-"""Every parser of bytes from outside, with sound bytes to begin with."""
+"""All parsers of bytes from outside, with valid bytes of each."""
 
 import shutil
 from collections import defaultdict
@@ -57,22 +57,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Parser:
-    """What reads bytes; it may raise AcrcError and what it names itself, and nothing else."""
+    """A function that reads bytes; it may raise AcrcError and nothing else."""
 
     name: str
     seeds: tuple[bytes, ...]
     parse: Callable[[bytes], object]
 
 
-def parsers(scratch: Path, run: Path | None = None) -> Iterator[Parser]:
-    """All of them; `scratch` is an empty folder to work in. `run`: the folder of a run to begin with."""
-    out = scratch / "run"
-    scenario = load_scenario(SHIPPED / "scenarios" / "head_on.toml", Overrides(duration=5.0))
-    planned = swarm.plan(scenario, RunOptions(out, bus="memory"))
-    if run is not None:
-        shutil.copytree(run, out)
-    else:
-        swarm.run_in_memory(planned, lambda progress: None)
+def parsers(scratch: Path, run: Path) -> Iterator[Parser]:
+    """Yield all parsers; `scratch` is an empty folder, `run` the folder of a run."""
+    out = shutil.copytree(run, scratch / "run")
+    scenario = load_scenario(SHIPPED / "scenarios" / "head_on.toml", Overrides(duration=3.0))
+    planned = swarm.plan(scenario, RunOptions(scratch / "planned", bus="memory"))
     yield from _messages(out)
     yield from _recordings(out)
     yield from _files(out, scratch)
@@ -180,11 +176,11 @@ def _through_a_file(path: Path, reader: Callable[[Path], object]) -> Callable[[b
 
 
 Made = tuple[str, tuple[bytes, ...], Callable[[bytes], object]]
-"""A parser's name, its seeds, and what reads bytes; noise on a wire is no error there."""
+"""Name, valid bytes and function of a parser."""
 
 
 def device_parsers() -> Iterator[Made]:
-    """Of the radio board, the base and the lidar; a depth image is an array of a fixed size."""
+    """Yield the parsers of radio board, base and lidar; noise on a wire is not an error there."""
     said = board_wire.encode_answer(Synchronised()) + b"".join(
         board_wire.encode_answer(ReceivedPacket(1, 2, 30, 200, 7, bytes(range(n))))
         + board_wire.encode_answer(PacketSent(n, True))
