@@ -1,20 +1,33 @@
-from actors.board_readings import LinkState, Temperature
+"""A link whose board the test plays: set-up, packets, noise, silence, and readings that it passes on."""
+
+import itertools
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actors.board_readings import Fix, Humidity, Info, LinkState, Temperature
 from actors.instant import Instant, milliseconds, seconds
-from actors.messages import AccessFailure, Overflow, Refused, Sent
+from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
 from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.link import LinkPhase
-from firmware_bridge.beeclick.reception import UnconfirmedPacket
+from firmware_bridge.beeclick.parameters import BeeClickParameters
+from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
+    Answer,
+    Moisture,
+    Notes,
     PacketSent,
     ReceivedPacket,
     SendPacket,
+    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     Warmth,
 )
-from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, states
+from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, said, states
 
 
 def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
@@ -41,12 +54,6 @@ def test_nothing_is_believed_before_the_first_sync_answer() -> None:
     assert host.link.phase is LinkPhase.SETTING
     assert host.link.counters["junk_bytes"] == 3 + 13 + 5 + 4
     assert host.link.counters["heard"] == 0
-
-
-def test_what_follows_a_sync_answer_is_believed() -> None:
-    host = Host()
-    host.due()
-    assert host.hear(SYNC_PATTERN, Warmth(215)) == [Temperature(host.now, 21.5, valid=True)]
 
 
 def test_a_sync_is_repeated_until_it_is_answered() -> None:
@@ -76,16 +83,6 @@ def test_packets_wait_for_the_set_up() -> None:
     assert command.data == b"early"
 
 
-def test_a_wrong_echo_begins_everything_anew() -> None:
-    host = Host()
-    host.due()
-    host.hear(SYNC_PATTERN)
-    host.due()
-    host.hear(SetAddress(0xBABA, 0x0104))
-    assert host.link.phase is LinkPhase.SYNCING
-    assert host.link.counters["strange_echo"] == 1
-
-
 def test_a_missing_echo_begins_everything_anew() -> None:
     host = Host()
     host.due()
@@ -112,15 +109,6 @@ def test_at_most_four_packets_are_in_flight() -> None:
     ]
 
 
-def test_a_packet_is_sent_or_has_failed() -> None:
-    host = Host().get_ready()
-    first, second = host.send(10, 11)
-    assert host.hear(confirm(first, failed=True), confirm(second), after=5) == [
-        AccessFailure(host.now, 10),
-        Sent(host.now, 11),
-    ]
-
-
 def test_a_packet_of_the_wrong_size_is_refused() -> None:
     host = Host().get_ready()
     assert host.link.send(host.now, 1, bytes(119)) == [
@@ -143,15 +131,9 @@ def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     host = Host().get_ready()
     first, second = host.send(1, 2)
     assert host.hear(confirm(second)) == [UnconfirmedPacket(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
-    assert host.hear(confirm(first)) == []  # never twice
-    assert host.link.counters["late_confirmation"] == 1
+    assert host.hear(confirm(first), confirm(second)) == []  # never twice
+    assert host.link.counters["late_confirmation"] == 2
     assert host.link.phase is LinkPhase.READY
-
-
-def test_a_confirmation_that_comes_twice_counts_once() -> None:
-    host = Host().get_ready()
-    (number,) = host.send(1)
-    assert host.hear(confirm(number), confirm(number)) == [Sent(host.now, 1)]
 
 
 def test_a_confirmation_of_no_packet_is_noise() -> None:
@@ -202,15 +184,6 @@ def confirm_bytes(number: int) -> bytes:
     return b"\x02" + number.to_bytes(4, "little") + b"\x00"
 
 
-def test_noise_while_nothing_is_in_flight_invents_nothing() -> None:
-    host = Host().get_ready()
-    (number,) = host.send(1)
-    host.hear(confirm(number))
-    assert host.hear(b"\xee", confirm(number), confirm(number + 1)) == [
-        LinkState(host.now, False, "unknown_type")
-    ]
-
-
 HEAD = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
 """Of a packet of 112 bytes that never come."""
 
@@ -225,18 +198,12 @@ def test_an_answer_that_swallows_the_sync_answer_is_given_up() -> None:
     assert len(host.commands()) == 3
 
 
-def test_what_a_given_up_answer_has_swallowed_is_looked_through() -> None:
-    host = Host().get_ready()
-    (number,) = host.send(1)
-    assert host.hear(HEAD, confirm(number)) == []
-    assert host.hear(after=50_000) == [LinkState(host.now, False, "stalled"), Sent(host.now, 1)]
-
-
 def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
     host = Host().get_ready()
-    assert host.hear(b"\x01\x70\xba", after=10) == []
+    (number,) = host.send(1)
+    assert host.hear(HEAD, confirm(number), after=10) == []
     assert host.link.wake() == host.now + milliseconds(50)
-    assert host.hear(after=milliseconds(50)) == [LinkState(host.now, False, "stalled")]
+    assert host.hear(after=milliseconds(50)) == [LinkState(host.now, False, "stalled"), Sent(host.now, 1)]
 
 
 def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
@@ -268,15 +235,6 @@ def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
     ]
     assert host.link.phase is LinkPhase.READY and host.link.counters["late_sync"] == 1
     assert len(host.send()) == 1
-
-
-def test_a_board_that_listens_is_asked_again_and_again() -> None:
-    host = Host().get_ready()
-    for _ in range(3):
-        assert host.hear(after=seconds(1)) == []
-        assert host.commands() == [SetAddress(0xBABA, 0x0103)]
-        assert host.hear(ECHOES[0], after=1_000) == []
-    assert host.link.phase is LinkPhase.READY
 
 
 def test_a_silent_board_is_reported_once_and_asked_on() -> None:
@@ -369,13 +327,6 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     assert host.hear(confirm(fifth)) == [Sent(host.now, 5)]
 
 
-def test_syncs_keep_their_distance() -> None:
-    host = Host().get_ready()
-    host.hear(b"\xee", after=1_000)
-    assert host.due() == b""
-    assert host.link.wake() == 80_000
-
-
 def test_a_host_that_was_held_up_reads_before_it_judges() -> None:
     host = Host().get_ready()
     (number,) = host.send(1)
@@ -383,4 +334,114 @@ def test_a_host_that_was_held_up_reads_before_it_judges() -> None:
     assert host.link.phase is LinkPhase.READY
 
 
-# --- what the board says unasked -------------------------------------------------------------------------
+def test_a_packet_is_heard_with_its_signal_and_notes_are_passed_on() -> None:
+    host = Host().get_ready()
+    assert host.hear(packet(b"hello", address=0x0A0B)) == [Heard(host.now, 0x0A0B, -60.0, 200, b"hello")]
+    assert host.link.counters["bad_fcs"] == 0
+    assert host.hear(packet(b"hello", pan=1)) == []
+    assert len(host.hear(packet(b"hello", address=0x0103))) == 1
+    assert (host.link.counters["other_pan"], host.link.counters["own_address"]) == (1, 1)
+    text = "txCount: 1\ntemperature: 21 °C\n"
+    assert host.hear(Notes(text.encode())) == [Info(host.now, text)]
+
+
+@pytest.mark.parametrize("drop", [False, True])
+def test_a_damaged_packet_is_counted_and_dropped_if_wanted(drop: bool) -> None:
+    host = Host(BeeClickParameters(drop_bad_fcs=drop)).get_ready()
+    damaged = ReceivedPacket(0xBABA, 7, 138, 200, packet(b"hello").fcs, b"hellp")
+    assert len(host.hear(damaged)) == (not drop)
+    assert host.link.counters["bad_fcs"] == 1
+
+
+def test_sensors_that_are_missing_are_told_from_those_that_measure() -> None:
+    host = Host().get_ready()
+    assert host.hear(
+        Warmth(-396), Warmth(-397), Warmth(6156), Moisture(0), Moisture(1000), Moisture(-20)
+    ) == [
+        Temperature(host.now, -39.6, valid=True),
+        Temperature(host.now, -39.7, valid=False),
+        Temperature(host.now, 615.6, valid=False),
+        Humidity(host.now, 0.0, valid=True),
+        Humidity(host.now, 100.0, valid=True),
+        Humidity(host.now, -2.0, valid=False),
+    ]
+    assert host.link.counters["bad_sensor"] == 3
+
+
+def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
+    host = Host().get_ready()
+    text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
+    (fix,) = host.hear(Sentence(text))
+    assert isinstance(fix, Fix)
+    assert fix.valid
+    assert fix.latitude == pytest.approx(48.1173)
+    assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []
+    assert host.link.counters["bad_sentence"] == 1
+    assert host.link.phase is LinkPhase.READY
+
+
+def test_a_strange_channel_echo_is_noise() -> None:
+    host = Host().get_ready()
+    assert host.hear(SetChannel(3)) == [LinkState(host.now, False, "strange_echo")]
+
+
+TEXT = b"hello " + SYNC_PATTERN
+HELLO = ReceivedPacket(0xBABA, 7, 100, 100, DataFrame(0xBABA, 7, TEXT).check, TEXT)
+BOGUS = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
+
+
+def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int], list[bytes]]:
+    """Events, counters and what the board said, each stage in the given pieces."""
+    host = Host()
+    events: list[Event] = []
+    whole: list[bytes] = []
+
+    def stage(*parts: Answer | bytes) -> None:
+        data = said(parts)
+        whole.append(data)
+        number = len(whole) - 1
+        pieces = stages[number] if number < len(stages) else [data]
+        assert b"".join(pieces) == data
+        for piece in pieces:
+            events.extend(host.hear(piece))
+        host.hear(after=80_000)
+
+    host.due()
+    stage(b"\x00\x03Hel", Warmth(215), b"\x02\x01\x00", SYNC_PATTERN, Warmth(216))
+    host.due()
+    stage(*ECHOES, HELLO)
+    numbers = host.send(1, 2, 3, 4)
+    stage(confirm(numbers[0]), HELLO, b"\x0b", HELLO)
+    host.due()
+    half = said([confirm(numbers[1])])
+    stage(half[:4], b"\x02" + half[1:5] + b"\x07", half, SYNC_PATTERN[:9], SYNC_PATTERN, Warmth(217))
+    host.due()
+    stage(*ECHOES)
+    numbers = host.send(5, 6)
+    events.extend(host.hear(after=1_000_000))
+    host.due()
+    stage(confirm(numbers[0]), BOGUS, SYNC_PATTERN[:5], confirm(numbers[1]), SYNC_PATTERN)
+    host.due()
+    stage(*ECHOES, HELLO, Warmth(218))
+    return events, dict(host.link.counters), whole
+
+
+WHOLE = conversation([])
+
+
+def test_the_conversation_is_as_meant() -> None:
+    events, counters, _ = WHOLE
+    assert [e.tag for e in events if isinstance(e, Sent)] == [1, 2, 5, 6]
+    assert [e.tag for e in events if isinstance(e, UnconfirmedPacket)] == [3, 4]
+    assert len([e for e in events if isinstance(e, Heard)]) == 3
+    assert (counters["ups"], counters["unknown_type"], counters["swallowed_sync"]) == (3, 1, 1)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_how_the_system_cuts_the_bytes_changes_nothing(data: st.DataObject) -> None:
+    pieces = []
+    for whole in WHOLE[2]:
+        cuts = sorted(data.draw(st.sets(st.integers(1, len(whole) - 1))))
+        pieces.append([whole[a:b] for a, b in itertools.pairwise((0, *cuts, len(whole)))])
+    assert conversation(pieces)[:2] == WHOLE[:2]

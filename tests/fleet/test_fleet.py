@@ -90,35 +90,14 @@ def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
     ("text", "sentence"),
     [
         ("", "robot is missing, but must be written as tables [[robot]]"),
-        ("robot = []", "robot is [], but must be written as tables [[robot]]"),
         ("step_ms = 15" + ROBOT, "step_ms is 15, but must be a multiple of 10 ms, from 10 to 100"),
         ("[run]\nstrateg = 1" + ROBOT, "run.strateg is not known; did you mean run.strategy?"),
-        ("[robots]\ncount = 1" + ROBOT, "robots is not known; did you mean robot?"),
         ("[radio]\npan = 0xFFFF" + ROBOT, "radio.pan is 65535, but must be a whole number from 0 to 0xFFFE"),
-        ("[radio]\nchannel = 27" + ROBOT, "radio.channel is 27, but must be a whole number from 11 to 26"),
-        (
-            "[radio]\nchannel = true" + ROBOT,
-            "radio.channel is true, but must be a whole number from 11 to 26",
-        ),
         ("[radio]\npower_db = 1" + ROBOT, f"radio.power_db is 1, but must be {POWER}"),
-        ("[radio]\npower_db = -5.0" + ROBOT, f"radio.power_db is -5.0, but must be {POWER}"),
-        ("[radio]\npower_db = -40.0" + ROBOT, f"radio.power_db is -40.0, but must be {POWER}"),
-        (
-            robot(1, "address = 0xFFFE"),
-            "robot[0].address is 65534, but must be a whole number from 0 to 0xFFFD",
-        ),
         (robot(1, 'id = "R1"'), 'robot[0].id is "R1", but must be the id of a robot, such as "r2"'),
-        (
-            robot(1, 'id = "operator"'),
-            'robot[0].id is "operator", but must be the id of a robot, such as "r2"',
-        ),
         (
             robot(1, "start = [1, 2]"),
             "robot[0].start is [1, 2], but must be a pose [x, y, heading] in m, m and rad",
-        ),
-        (
-            robot(1, "places = [[1, 2], [3]]"),
-            "robot[0].places[1] is [3], but must be a point [x, y] in m",
         ),
         (
             ROBOT.replace("places = [[12.2, 5.9]]", ""),
@@ -129,10 +108,6 @@ def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
             'robot[0].base is "kobuki", but must be the path of a port, such as "/dev/kobuki"',
         ),
         (
-            robot(1, 'radio = "/dev/bee\\nclick"'),
-            'robot[0].radio is "/dev/bee\\nclick", but must be the path of a port, such as "/dev/beeclick"',
-        ),
-        (
             robot(1, 'range = "kinect"'),
             'robot[0].range is "kinect", but must be the path of a lidar\'s port, such as "/dev/rplidar", '
             'or "openni"',
@@ -141,8 +116,6 @@ def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
             robot(1, 'listen = "tcp/0.0.0.0:7447"'),
             f'robot[0].listen is "tcp/0.0.0.0:7447", but must be {LISTEN}',
         ),
-        (robot(1, 'listen = "tls/0.0.0.0:0"'), f'robot[0].listen is "tls/0.0.0.0:0", but must be {LISTEN}'),
-        (robot(1, 'listen = "tls/[1:2]:7447"'), f'robot[0].listen is "tls/[1:2]:7447", but must be {LISTEN}'),
         (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
         (
             robot(1) + robot(1, "address = 2"),
@@ -156,34 +129,19 @@ def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
             robot(1, 'range = "/dev/kobuki"'),
             'robot[0].range is "/dev/kobuki" as robot[0].base, but each device must have its own port',
         ),
-        (
-            '[[area]]\nname = "A"\nx = [0, 1]\ny = [0, 1]\n' * 2 + ROBOT,
-            'area[1].name is "A" once more, but each area must have a name of its own',
-        ),
         ("[deeco]\nhop_limit = 16" + ROBOT, "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
     ],
 )
 def test_a_fault_is_one_sentence(text: str, sentence: str) -> None:
     assert fault(text) == sentence
-
-
-def test_two_robots_may_have_ports_of_the_same_names_for_each_has_a_computer_of_its_own() -> None:
-    assert fault(robot(1) + robot(2)) == "nothing was wrong"
-
-
-def test_a_fleet_needs_a_map() -> None:
-    assert fault(ROBOT, head="") == (
-        "map is missing, but must be the path of a map's YAML file, relative to the fleet file"
-    )
+    assert fault(robot(1) + robot(2)) == "nothing was wrong", "each robot has a computer of its own"
 
 
 def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
-    with pytest.raises(AcrcError) as missing:
-        load_fleet(tmp_path / "f.toml")
-    assert (
-        str(missing.value) == f"{tmp_path}/f.toml: the fleet file cannot be read: No such file or directory"
-    )
-    (tmp_path / "f.toml").write_text(HEAD + "= 3")
-    with pytest.raises(AcrcError) as broken:
-        load_fleet(tmp_path / "f.toml")
-    assert str(broken.value) == f"{tmp_path}/f.toml: this is no TOML: Invalid statement (at line 2, column 1)"
+    file = tmp_path / "f.toml"
+    with pytest.raises(AcrcError, match=f"{file}: the fleet file cannot be read: No such file or directory"):
+        load_fleet(file)
+    file.write_text(HEAD + "= 3")
+    with pytest.raises(AcrcError, match=rf"{file}: this is no TOML: Invalid statement \(at line 2, column 1"):
+        load_fleet(file)
+    assert fault(ROBOT, head="").startswith("map is missing, but must be the path of a map's YAML file")

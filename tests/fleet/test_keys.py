@@ -17,7 +17,7 @@ from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.errors import AcrcError
 from deploy.fleet.keys import FleetKeys, hosts_of, issue, renew
 from deploy.hosts import certificates
-from tests.fleet.texts import ROOT, fleet, robot
+from tests.fleet.texts import fleet, robot
 
 NOW = datetime(2030, 5, 1, 12, tzinfo=UTC)
 FLEET = fleet(
@@ -94,6 +94,9 @@ def test_a_certificate_holds_for_the_robots_names_and_addresses(tmp_path: Path) 
         "r4": ("r4", "r4.local"),
         "operator": (),
     }
+    assert [one.listens_unnamed for one in keys.machines] == [False] * 5
+    bare = issue(FLEET, tmp_path / "bare", {}, now=NOW, days=30)
+    assert [one.listens_unnamed for one in bare.machines] == [True, False, False, False, False]
     store = Store([certificate(keys.home, "authority.pem")])
     for one in keys.machines[:-1]:
         for host in one.hosts:
@@ -106,12 +109,6 @@ def test_a_certificate_holds_for_the_robots_names_and_addresses(tmp_path: Path) 
         )
 
 
-def test_a_robot_that_listens_everywhere_and_has_no_address_is_pointed_out(tmp_path: Path) -> None:
-    assert [one.listens_unnamed for one in made(tmp_path / "one").machines] == [False] * 5
-    bare = issue(FLEET, tmp_path / "two", {}, now=NOW, days=30)
-    assert [one.listens_unnamed for one in bare.machines] == [True, False, False, False, False]
-
-
 def test_keys_are_never_overwritten(tmp_path: Path) -> None:
     keys = made(tmp_path / "keys")
     before = (keys.home / "key.pem").read_bytes()
@@ -122,6 +119,11 @@ def test_keys_are_never_overwritten(tmp_path: Path) -> None:
         "folder with --out"
     )
     assert (keys.home / "key.pem").read_bytes() == before
+    (keys.machines[1].folder / "key.pem").unlink()
+    with pytest.raises(AcrcError, match=f"{tmp_path}/keys/r2/key.pem cannot be read"):
+        load_keys(keys.machines[1].folder)
+    with pytest.raises(AcrcError, match=f"{tmp_path}/none: there are no keys to revoke"):
+        renew(FLEET, tmp_path / "none", ["r2"], {}, now=NOW, days=30)
 
 
 def test_all_keys_are_made_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,48 +136,15 @@ def test_all_keys_are_made_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(AcrcError) as caught:
-        made(tmp_path / "file" / "keys")
-    assert str(caught.value) == f"{tmp_path}/file/keys: the folder cannot be made: File exists"
-
-
-@pytest.mark.parametrize("days", [0, 3651])
-def test_days_have_bounds(days: int, tmp_path: Path) -> None:
-    with pytest.raises(AcrcError) as caught:
-        issue(FLEET, tmp_path / "keys", {}, now=NOW, days=days)
-    assert str(caught.value) == f"--days: {days}; must be a whole number from 1 to 3650"
-
-
-def test_hosts_are_given_by_robot() -> None:
-    assert hosts_of(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], FLEET) == {
-        "r2": ["a.example", "10.0.0.2"],
-        "r1": ["fd00::1"],
-    }
-
-
-@pytest.mark.parametrize("word", ["r2", "r2=", "r2=a b", "=10.0.0.1", "r2=é", "r2=-a"])
+@pytest.mark.parametrize("word", ["r2", "r2=", "r2=a b", "r2=-a"])
 def test_a_host_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(AcrcError) as caught:
         hosts_of([word], FLEET)
-    expected = (
+    assert str(caught.value) == (
         f"--host: {shlex.quote(word)}; must be a robot's id and its name or address, such as r2=192.168.1.12"
     )
-    if word.startswith("="):
-        expected = f'{ROOT}/some.toml: there is no robot "" in the fleet; it has r1, r2, r3, r4'
-    assert str(caught.value) == expected
-
-
-def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
-    keys = made(tmp_path / "keys")
-    (keys.machines[1].folder / "key.pem").unlink()
-    with pytest.raises(AcrcError) as caught:
-        load_keys(keys.machines[1].folder)
-    assert str(caught.value) == (
-        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc fleet keys` makes "
-        "the keys of all machines, and this machine needs a copy of its own folder"
-    )
+    names = hosts_of(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], FLEET)
+    assert names == {"r2": ["a.example", "10.0.0.2"], "r1": ["fd00::1"]}
 
 
 def test_revoked_keys_are_worth_nothing_to_whoever_has_the_new_ones(tmp_path: Path) -> None:
@@ -197,12 +166,3 @@ def test_revoked_keys_are_worth_nothing_to_whoever_has_the_new_ones(tmp_path: Pa
     certificate(tmp_path / "keys" / "operator").verify_directly_issued_by(authority)
     with pytest.raises(InvalidSignature):
         certificate(aside / "operator").verify_directly_issued_by(authority)
-
-
-def test_where_there_are_no_keys_there_is_nothing_to_revoke(tmp_path: Path) -> None:
-    with pytest.raises(AcrcError) as caught:
-        renew(FLEET, tmp_path / "keys", ["r2"], {}, now=NOW, days=30)
-    assert str(caught.value) == (
-        f"{tmp_path}/keys: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
-    )
-    assert list(tmp_path.iterdir()) == []

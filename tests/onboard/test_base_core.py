@@ -141,14 +141,9 @@ def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() 
     assert stage.core.outcome()["lateness_ms"] == {"4": 1}
 
 
-def test_nothing_is_sent_before_the_robot_is_there() -> None:
-    stage = Stage()
-    assert stage.at(STEP) == stage.at(2 * STEP) == []
-    assert stage.core.next_tick == BEGIN + 3 * STEP
-
-
 def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> None:
     stage = Stage()
+    assert stage.at(STEP - 10) == [], "nothing is sent before the robot is there"
     stage.ready()
     stage.at(STEP)
     assert stage.at(2 * STEP) == stage.at(3 * STEP) == []
@@ -157,6 +152,12 @@ def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> N
     assert [message.step for message in stage.at(4 * STEP)] == [1]
     assert [message.step for message in stage.aired(4 * STEP + 500, 1)] == [4]
     assert stage.core.outcome()["lateness_ms"] == {"250": 1}
+    stage.drive(4 * STEP + 1_000, 4)
+    stage.at(9 * STEP + 30_000)
+    (senses,) = stage.aired(9 * STEP + 31_000, 4)
+    assert isinstance(senses, Senses) and (senses.step, senses.instant) == (9, BEGIN + 9 * STEP), (
+        "on the grid"
+    )
 
 
 def test_a_bridge_that_is_late_is_heard_a_step_later_and_asked_no_second_time() -> None:
@@ -222,15 +223,6 @@ def test_what_a_slow_bridge_says_of_a_robot_that_has_ended_is_not_counted_for_it
     assert isinstance(senses, Senses) and senses.events == 0
 
 
-def test_lost_time_is_made_up_by_leaving_steps_out() -> None:
-    stage = Stage()
-    stage.ready()
-    (senses,) = stage.at(7 * STEP + 30_000)
-    assert isinstance(senses, Senses)
-    assert (senses.step, senses.instant) == (7, BEGIN + 7 * STEP), "the grid stays"
-    assert stage.core.next_tick == BEGIN + 8 * STEP
-
-
 def test_pause_stands_and_resume_goes_on() -> None:
     stage = Stage()
     first_step(stage)
@@ -270,22 +262,12 @@ def test_a_sweep_is_handed_over_once() -> None:
 @pytest.mark.parametrize(
     ("order", "paused", "finished"), [(Pause(), True, False), (Resume(), False, False), (Stop(), False, True)]
 )
-def test_whoever_gives_an_order_learns_that_it_was_obeyed(order: Order, paused: bool, finished: bool) -> None:
-    stage = Stage()
-    first_step(stage)
-    stage.core.now = Instant(BEGIN + 150_000)
-    stage.core.expect(CONTROL.key())
-    outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
-    (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
-    assert (said.paused, said.finished) == (paused, finished)
-
-
-def test_what_holds_the_vehicle_is_said_with_the_progress() -> None:
+def test_progress_tells_what_was_obeyed_and_what_holds_it(order: Order, paused: bool, finished: bool) -> None:
     stage = Stage()
     stage.vehicle.causes = ("the battery is low",)
     first_step(stage)
     stage.core.now = Instant(BEGIN + 150_000)
     stage.core.expect(CONTROL.key())
-    outputs = stage.core.advance({CONTROL.key(): Control(0, (Pause(),))})
+    outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
     (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
-    assert said.held == ("the battery is low",)
+    assert (said.paused, said.finished, said.held) == (paused, finished, ("the battery is low",))

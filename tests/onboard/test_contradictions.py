@@ -71,15 +71,6 @@ def test_nobody_is_accused_whose_sensors_are_right(name: str, time_s: float, tmp
     assert rig.laboratory.travelled("r1") > 0 or name == "standing"
 
 
-def test_what_is_told_is_told_in_words_and_in_the_log(tmp_path: Path) -> None:
-    rig = driving(tmp_path)
-    rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
-    rig.run(0.5)
-    vehicle = rig.vehicles["r1"]
-    assert vehicle.bot.held() == ("the left wheel contradicts the gyro, and the right wheel or the scans",)
-    assert any("LEFT_WHEEL" in line for line in vehicle.said)
-
-
 def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_path: Path) -> None:
     rig = driving(tmp_path)
     rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
@@ -87,8 +78,10 @@ def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_pa
     way = rig.laboratory.travelled("r1")
     rig.run(4.0)
     assert rig.laboratory.travelled("r1") == pytest.approx(way, abs=1e-3)
-    told = [one for one in rig.vehicles["r1"].told if HoldCause.LEFT_WHEEL in one.causes]
-    assert len(told) == 3
+    vehicle = rig.vehicles["r1"]
+    assert len([one for one in vehicle.told if HoldCause.LEFT_WHEEL in one.causes]) == 3
+    assert vehicle.bot.held() == ("the left wheel contradicts the gyro, and the right wheel or the scans",)
+    assert any("LEFT_WHEEL" in line for line in vehicle.said)
 
 
 def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_with(tmp_path: Path) -> None:
@@ -135,21 +128,26 @@ class Wheels:
         return self.judge.causes(self.now)
 
 
-def test_wheels_that_turn_as_told_contradict_nobody() -> None:
-    assert Wheels().drive(5.0, 0.4, 0.4, 0.0, (0.4, 0.0)) == frozenset()
-
-
-def test_who_stands_may_be_turned_and_pushed() -> None:
-    assert Wheels().drive(5.0, 0.4, -0.4, 0.0, (0.0, 0.0)) == frozenset()
-    assert Wheels().drive(5.0, 0.0, 0.0, 1.0, (0.0, 0.0)) == frozenset()
-
-
-def test_wheels_that_slip_at_a_wall_while_the_bumper_is_pressed_contradict_nobody() -> None:
-    assert Wheels().drive(3.0, 0.1, -0.1, 0.0, (-0.1, 0.0), bumper=2) == frozenset()
-
-
-def test_a_lifted_base_is_not_judged() -> None:
-    assert Wheels().drive(3.0, 0.5, 0.2, 0.0, (0.5, 0.0), wheel_drop=3) == frozenset()
+@pytest.mark.parametrize(
+    ("left", "right", "turn", "told", "basic", "causes"),
+    [
+        (0.4, 0.4, 0.0, (0.4, 0.0), {}, set()),
+        (0.4, -0.4, 0.0, (0.0, 0.0), {}, set()),  # a standing robot may be pushed
+        (0.0, 0.0, 1.0, (0.0, 0.0), {}, set()),  # and turned
+        (0.1, -0.1, 0.0, (-0.1, 0.0), {"bumper": 2}, set()),  # wheels may slip at a wall
+        (0.5, 0.2, 0.0, (0.5, 0.0), {"wheel_drop": 3}, set()),
+        (0.0, 0.3, -1.0, (0.3, 0.0), {}, {HoldCause.TURNS}),  # the command agrees with neither
+    ],
+)
+def test_only_a_moving_robot_on_the_floor_is_judged(
+    left: float,
+    right: float,
+    turn: float,
+    told: tuple[float, float],
+    basic: dict[str, int],
+    causes: set[HoldCause],
+) -> None:
+    assert Wheels().drive(1.0 if causes else 5.0, left, right, turn, told, **basic) == causes
 
 
 def test_a_bumper_that_stays_pressed_over_three_decimetres_back_is_stuck() -> None:
@@ -165,10 +163,6 @@ def test_a_base_that_cannot_move_is_tried_ever_more_seldom_but_never_given_up() 
         causes = wheels.drive(0.1, 0.0, 0.0, 0.0, (0.0 if causes else 0.3, 0.0))
         held += HoldCause.BLOCKED in causes
     assert 1470 < held < 1495, "six attempts of 0.3 s in 150 s"
-
-
-def test_of_wheels_and_gyro_neither_is_named_where_the_command_agrees_with_none() -> None:
-    assert Wheels().drive(1.0, 0.0, 0.3, -1.0, (0.3, 0.0)) == {HoldCause.TURNS}
 
 
 def test_a_contradiction_is_over_after_a_rest() -> None:

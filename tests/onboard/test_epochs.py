@@ -9,7 +9,7 @@ import pytest
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Recorder
-from deploy.fleet.epochs import LAST_EPOCH, EpochCounter
+from deploy.fleet.epochs import EpochCounter
 
 NOW = 1_800_000_000.0
 """2027-01-15."""
@@ -44,14 +44,6 @@ class Robot:
             recorder.note("run", RunNote(robot, 1, 100_000, "", setup))
 
 
-class EarlierNote(msgspec.Struct):
-    """What a recording began with before there were set-ups."""
-
-    actor: str
-    argv: tuple[str, ...]
-    scenario: str
-
-
 @pytest.fixture
 def robot(tmp_path: Path) -> Robot:
     return Robot(tmp_path)
@@ -64,7 +56,7 @@ def test_every_start_is_one_more_whatever_folder_it_records_into(robot: Robot, t
     assert len(robot.file.read_bytes()) < 100
 
 
-@pytest.mark.parametrize("left", range(46))
+@pytest.mark.parametrize("left", (0, 1, 11, 12, 22, 23, 30, 45))
 def test_a_torn_file_never_gives_an_epoch_again(robot: Robot, left: int) -> None:
     for _ in range(12):
         last = robot.claim()
@@ -75,7 +67,7 @@ def test_a_torn_file_never_gives_an_epoch_again(robot: Robot, left: int) -> None
     assert last < first < second
 
 
-@pytest.mark.parametrize("bit", range(0, 46 * 8, 5))
+@pytest.mark.parametrize("bit", range(3, 46 * 8, 29))
 def test_a_flipped_bit_never_gives_an_epoch_again(robot: Robot, bit: int) -> None:
     for _ in range(12):
         last = robot.claim()
@@ -97,20 +89,13 @@ def test_an_empty_file_goes_on_by_the_clock_and_says_so(robot: Robot) -> None:
     robot.file.write_bytes(b"\0" * 10_000)
     robot.now += 60
     assert robot.claim() == BY_CLOCK + 60
-
-
-def test_an_empty_file_and_a_clock_that_was_never_set_is_no_start(robot: Robot) -> None:
-    robot.claim()
+    robot.file.write_bytes(b"")
+    robot.record(BY_CLOCK + 1000)
+    assert robot.claim() == BY_CLOCK + 1001, "the later one of recordings and clock"
     robot.file.write_bytes(b"")
     robot.now = 100.0
-    with pytest.raises(AcrcError) as refused:
+    with pytest.raises(AcrcError, match="and the clock, at 1970-01-01, was never set"):
         robot.claim()
-    assert str(refused.value) == (
-        f"{robot.file}: holds no epoch that can be read, and the clock, at 1970-01-01, was never set, so "
-        "that nobody can tell how often r1 has been started; set the clock, then start it again"
-    )
-    robot.now = NOW
-    assert robot.claim() == BY_CLOCK
 
 
 def test_a_lost_file_goes_on_behind_the_latest_recording(robot: Robot) -> None:
@@ -121,21 +106,6 @@ def test_a_lost_file_goes_on_behind_the_latest_recording(robot: Robot) -> None:
     assert [robot.claim(), robot.claim()] == [42, 43]
 
 
-def test_recordings_of_earlier_versions_count_too(robot: Robot) -> None:
-    path = robot.runs / "old" / "r1" / "r1.mcap"
-    path.parent.mkdir(parents=True)
-    with Recorder(path, 100_000) as recorder:
-        recorder.note("run", EarlierNote("r1", (), '{"id": "r1", "epoch": 7, "seed": 1}'))
-    assert robot.claim() == 8
-
-
-def test_of_a_damaged_file_recordings_and_clock_the_latest_counts(robot: Robot) -> None:
-    robot.record(BY_CLOCK + 1000)
-    robot.claim()
-    robot.file.write_bytes(b"")
-    assert robot.claim() == BY_CLOCK + 1001
-
-
 def test_two_at_once_get_two(robot: Robot) -> None:
     claimed: list[int] = []
     threads = [threading.Thread(target=lambda: claimed.append(robot.claim())) for _ in range(16)]
@@ -144,23 +114,3 @@ def test_two_at_once_get_two(robot: Robot) -> None:
     for thread in threads:
         thread.join()
     assert sorted(claimed) == list(range(16))
-
-
-def test_a_folder_that_cannot_be_written_is_one_sentence(robot: Robot) -> None:
-    robot.state.write_text("a file")
-    with pytest.raises(AcrcError) as refused:
-        robot.claim()
-    assert str(refused.value) == (
-        f"{robot.file}: the starts of r1 cannot be counted there (File exists); it must be a file that can "
-        "be written, for without it the others would not hear the robot"
-    )
-
-
-def test_there_is_a_last_one(robot: Robot) -> None:
-    robot.record(LAST_EPOCH - 1)
-    assert robot.claim() == LAST_EPOCH
-    with pytest.raises(AcrcError) as refused:
-        robot.claim()
-    assert str(refused.value) == (
-        f"{robot.file}: the next epoch would be {LAST_EPOCH + 1}; there are {LAST_EPOCH} at most"
-    )

@@ -1,12 +1,23 @@
-"""A swarm whose robots speak serial bytes only: they drive, talk and clean, and the truth is known."""
+"""Hardware in the loop: a swarm on serial bytes, and what it refuses."""
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
+from actors.instant import Instant
 from actors.radio.robot_medium import COPIES
+from deploy.laboratory import hardware_in_the_loop
+from deploy.laboratory.hardware_in_the_loop import check_limits
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import load_scenario
+from deploy.scenario.tables import Scenario
+from firmware_bridge.laboratory.laboratory import Laboratory
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
 SCENARIO = f"""
@@ -15,7 +26,7 @@ map = "{ROOT}/maps/corridor.yaml"
 duration = 80.0
 strategy = "chapter"
 [robots]
-count = 2
+count = 3
 [[robot]]
 id = "r1"
 start = [9.0, 12.5, 0.0]
@@ -24,6 +35,10 @@ places = [[10.5, 12.5]]
 id = "r2"
 start = [13.0, 12.5, 0.0]
 places = [[13.2, 12.6], [11.8, 12.2]]
+[[robot]]
+id = "r3"
+start = [17.0, 12.5, 3.14]
+places = [[17.2, 12.5]]
 [radio]
 shadowing_db = 2.0
 [[wall]]
@@ -47,13 +62,14 @@ radius = 0.2
 
 
 @pytest.mark.timeout(240)
-def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
+def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_board(tmp_path: Path) -> None:
     scenario, out = tmp_path / "near.toml", tmp_path / "out"
     scenario.write_text(SCENARIO)
-    done = acrc("run", scenario, "--hardware-in-the-loop", "--out", out, "--json", timeout_s=200.0)
+    boards = ("--board", "r1", "--board", "r2")
+    done = acrc("run", scenario, "--hardware-in-the-loop", *boards, "--out", out, "--json", timeout_s=200.0)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
-    assert (result["places_claimed"], result["places_done"], result["places_total"]) == (3, 3, 3)
+    assert (result["places_claimed"], result["places_done"], result["places_total"]) == (4, 4, 4)
     assert result["contacts"] == 0
     frames = {robot: part["frames"] for robot, part in result["per_robot"].items()}
     assert min(part["copies_heard"] for part in frames.values()) > 0
@@ -64,6 +80,13 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
     assert result == json.loads((out / "result" / "run.json").read_text())
     with (out / "result" / "places.csv").open() as table:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
+    setup = json.loads((out / "laboratory" / "setup.json").read_text())
+    assert setup["without_board"] == ["r3"]
+    links = [out / f"r{number}.radio" / "setup.json" for number in (1, 2, 3)]
+    assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, True, False]
+    checked = acrc("record", "check", out)
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
     again = acrc("replay", out, "--robot", "r2")
     assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     base = acrc("replay", out, "--robot", "r2.base")
@@ -73,25 +96,86 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
     assert processes_of(out) == [] and leftovers(out) == []
 
 
-def test_a_board_of_nobodys_is_refused(tmp_path: Path) -> None:
-    for words, sentence in (
-        (("--board", "r1"), "acrc: --board: r1; requires --hardware-in-the-loop\n"),
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--board", "r1"), "--board: r1; requires --hardware-in-the-loop"),
         (
             ("--hardware-in-the-loop", "--board", "r9"),
-            "acrc: --board: r9; must be a robot of the scenario: r1, r2, r3, r4\n",
+            "--board: r9; must be a robot of the scenario: r1, r2, r3, r4",
         ),
-    ):
-        refused = acrc("run", *words, "--out", tmp_path / "out")
-        assert (refused.returncode, refused.stderr) == (2, sentence)
+        (
+            ("--hardware-in-the-loop", "--bus", "memory"),
+            "--hardware-in-the-loop: runs processes in wall time; "
+            "cannot be combined with --bus memory, --view or a --speed other than 1",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(words: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+    refused = acrc("run", *words, "--out", tmp_path / "out")
+    assert (refused.returncode, refused.stderr) == (2, f"acrc: {sentence}\n")
     assert not (tmp_path / "out").exists()
 
 
-def test_what_cannot_be_in_wall_time_is_refused(tmp_path: Path) -> None:
-    for words in (("--bus", "memory"), ("--view",), ("--speed", "4")):
-        refused = acrc("run", "--hardware-in-the-loop", *words, "--out", tmp_path / "out")
-        assert refused.returncode == 2
-        assert refused.stderr == (
-            "acrc: --hardware-in-the-loop: runs processes in wall time; "
-            "cannot be combined with --bus memory, --view or a --speed other than 1\n"
-        )
-    assert not (tmp_path / "out").exists()
+HEAD = f'map = "{ROOT}/maps/corridor.yaml"\n[robots]\ncount = 2\n'
+CONDUCTOR = "robots that run by their own clocks have nobody who conducts them"
+
+
+def scenario(folder: Path, text: str, head: str = HEAD) -> Scenario:
+    file = folder / "scenario.toml"
+    file.write_text(head + text)
+    return load_scenario(file)
+
+
+def sentence(asked: str) -> str:
+    return (
+        f"--hardware-in-the-loop: the scenario asks for what emulated devices have not: {asked}; "
+        "leave it out there, or run the scenario without --hardware-in-the-loop"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "asked"),
+    [
+        ('[[event]]\nat = 5\nkill = "r1"\n', f"[[event]] kill: {CONDUCTOR}"),
+        (
+            '[[robot]]\nid = "r1"\nodometry = "stage"\n[[event]]\nat = 5\nkill = "r1"\n'
+            '[[event]]\nat = 6\nkill = "r2"\n[[event]]\nat = 7\nlose = "r2"\nof = "r1"\n',
+            f'[[event]] kill: {CONDUCTOR}; odometry = "stage": '
+            "emulated bases have the errors of a Kobuki, or none",
+        ),
+    ],
+)
+def test_what_emulated_devices_have_not_is_refused_by_name(text: str, asked: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError) as refused:
+        check_limits(scenario(tmp_path, text))
+    assert str(refused.value) == sentence(asked)
+
+
+@pytest.mark.parametrize("name", ["beeclick", "the shipped scenarios"])
+def test_what_they_have_is_not_refused(name: str, tmp_path: Path) -> None:
+    """All of the air: presets, walls, materials, shadowing, Wi-Fi, jammers; and the shipped scenarios."""
+    if name != "beeclick":
+        for file in ("head_on.toml", "chapter.toml"):
+            check_limits(load_scenario(ROOT / "scenarios" / file))
+        return
+    text = f'[radio]\npreset = "{name}"\nwalls = "concrete"\nshadowing_db = 4\ncorrelation_distance = 1\n'
+    text += '[[wall]]\nmaterial = "glass"\nx = [11, 18]\ny = [0, 8]\n'
+    text += "[[wifi]]\nat = [5, 12]\nchannel = 1\nduty = 0.3\n"
+    text += "[[event]]\nat = 5\njam = [9, 12.5]\nradius = 2\nduration = 1\n"
+    text += (
+        '[[event]]\nat = 6\nlose = "r1"\nof = "r2"\n[[event]]\nat = 7\nobstacle = [13, 12]\nradius = 0.3\n'
+    )
+    asked = scenario(tmp_path, text)
+    check_limits(asked)
+    plan = swarm.plan(asked, RunOptions(tmp_path / "out"))
+    laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
+    laboratory.advance(Instant(20_000), lambda jack, data: None)
+    assert laboratory.air.counters()["frames_sent"] == 0
+
+
+@pytest.mark.parametrize(("text", "channel"), [("[radio]\nchannel = 15\n", 15), ("", 11)])
+def test_the_boards_are_on_the_scenarios_channel(text: str, channel: int, tmp_path: Path) -> None:
+    plan = swarm.plan(scenario(tmp_path, text), RunOptions(tmp_path / "out"))
+    ports = hardware_in_the_loop._robot(replace(plan, isolate=False), 0, tmp_path).ports
+    assert ports.channel == channel

