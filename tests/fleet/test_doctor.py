@@ -123,7 +123,7 @@ ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
             {"names": {"/dev/kobuki": LIDAR_AT_2}},
             R2,
             False,
-            "10c4:ea60 is plugged in there, which is no Kobuki",
+            "10c4:ea60 is plugged in there, which is no",
         ),
         ({"held": {"/dev/kobuki": ["minicom (PID 812)"]}}, R2, False, "minicom (PID 812) has the port open"),
         ({"port_faults": {"/dev/kobuki": "as the port says"}}, R2, False, "as the port says"),
