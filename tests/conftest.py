@@ -163,7 +163,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def _report_claim(report: pytest.TestReport) -> None:
-    """Append claim, test, outcome, seconds and the recorded properties of a test to the report file."""
+    """Append a row about a claim's test to the report file; `reason`: of a skip."""
     properties = dict(report.user_properties)
     if _CLAIM_REPORT and CLAIM in properties and (report.when == "call" or report.outcome != "passed"):
         row = {
@@ -172,6 +172,7 @@ def _report_claim(report: pytest.TestReport) -> None:
             "outcome": report.outcome,
             "seconds": round(report.duration, 2),
             "figures": properties,
+            "reason": str(report.longrepr[2]) if isinstance(report.longrepr, tuple) else "",
         }
         with _CLAIM_REPORT[0].open("a") as file:
             file.write(json.dumps(row) + "\n")

@@ -1,11 +1,12 @@
 """What a benchmark or a check found: figures, tables, goals, intervals, and a verdict."""
 
+import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist, mean, stdev
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
 from rich.table import Table
 
@@ -27,6 +28,10 @@ class Measured:
     holds: bool | None = None
     """Whether what was claimed holds; None: nothing was claimed."""
 
+    def with_line(self, line: str) -> Self:
+        """Return the same with one more sentence at the end."""
+        return replace(self, shown=(*self.shown, line))
+
     def show(self) -> None:
         """Print it for people, on standard output."""
         console = screen(width=None if sys.stdout.isatty() else _WIDTH)
@@ -35,6 +40,15 @@ class Measured:
                 console.print(one)
             else:
                 print_table(console, one)
+
+
+def tell(found: Measured, *, json_output: bool) -> int:
+    """Print it for people or as JSON; return the exit code, 1 if the claim does not hold."""
+    if json_output:
+        sys.stdout.write(json.dumps(found.figures) + "\n")
+    else:
+        found.show()
+    return 1 if found.holds is False else 0
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""`acrc bench`: what is measured in time and memory."""
+"""`acrc bench`: measurements of time and memory."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -13,26 +14,19 @@ from command_line.options import Json
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One of them."""
+    """One benchmark."""
 
     module: str
-    """Has the function `measure`, which gives `Measured`."""
+    """Its function `measure` returns `Measured`."""
     says: str
     takes: tuple[str, ...] = ()
-    """Settings of `measure` that can be given on the command line."""
+    """Settings of `measure` that the command line accepts."""
 
 
 BENCHMARKS: Final = {
     "swarm": Benchmark(
         "benchmarks.swarm.benchmark", "the whole stack: speed, CPU by part, traffic, memory",
         ("robots", "duration", "repeat"),
-    ),
-    "recordings": Benchmark(
-        "benchmarks.recordings.recordings", "recording a swarm, and replaying a robot", ("robots", "duration")
-    ),
-    "relays": Benchmark(
-        "benchmarks.swarm.relays", "rules of relaying: what robots hear, how old what they know is",
-        ("robots", "duration", "below", "seeds", "seed", "scenario"),
     ),
     "budget": Benchmark(
         "benchmarks.swarm.counted.command", "what one robot's step costs, counted: calls, messages, bytes",
@@ -55,14 +49,11 @@ BENCHMARKS: Final = {
         ("out", "data", "map_file"),
     ),
     "world": Benchmark("benchmarks.world.world", "physics and scans beside other simulators", ("map_file",)),
-    "deeco": Benchmark("benchmarks.foundations.deeco", "the component model"),
-    "functions": Benchmark("benchmarks.foundations.portable", "elementary functions beside the C library's"),
 }  # fmt: skip
-"""By name."""
 
 
 def names() -> list[str]:
-    """For completion."""
+    """Return the names, for completion."""
     return list(BENCHMARKS)
 
 
@@ -80,7 +71,7 @@ def bench(
             metavar="N",
             min=1,
             max=1000,
-            help="swarm, start, recordings, relays, beside, hosts: number of robots. Repeatable.",
+            help="swarm, start, beside, hosts: number of robots. Repeatable.",
         ),
     ] = None,
     duration: Annotated[
@@ -89,28 +80,19 @@ def bench(
             metavar="S",
             min=1,
             max=3600,
-            help="swarm, recordings, relays, budget, beside, hosts: simulated seconds.",
+            help="swarm, budget, beside, hosts: simulated seconds.",
         ),
     ] = None,
     repeat: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, max=100, help="swarm, start: number of runs whose median counts."),
     ] = None,
-    below: Annotated[
-        list[float] | None,
-        typer.Option(metavar="DBM", min=-90, max=0, help="relays: try this threshold. Repeatable."),
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=10_000, help="relays: number of seeds.")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="relays: first seed; beside: random seed.")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="beside: random seed.")] = None,
     scenario: Annotated[
         Path | None,
         typer.Option(
             metavar="SCENARIO.toml",
-            help="relays, beside: run this scenario.",
+            help="beside: run this scenario.",
             autocompletion=completion.scenarios,
         ),
     ] = None,
@@ -147,10 +129,9 @@ def bench(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Measure time and memory; without NAME, list what of."""
+    """Measure time and memory; without NAME, list the benchmarks."""
     from actors.installation.usage import wrong_value
-    from benchmarks.claims.verification import told
-    from command_line.bench.options import given
+    from benchmarks.statistics.measured import tell
 
     if name is None:
         for known, one in BENCHMARKS.items():
@@ -160,9 +141,26 @@ def bench(
         raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
     options = {
         "commit": commit, "robots": robots, "duration": duration, "repeat": repeat,
-        "below": below, "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data,
+        "seed": seed, "scenario": scenario, "out": out, "data": data,
         "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
     }  # fmt: skip
-    settings = given(options, {known: one.takes for known, one in BENCHMARKS.items()}, (name,))
+    settings = _given(options, name)
     found = import_module(BENCHMARKS[name].module).measure(**settings)
-    raise typer.Exit(told(found, json_output=json))
+    raise typer.Exit(tell(found, json_output=json))
+
+
+_WORDS: Final = {"map_file": "--map", "commit": "COMMIT"}
+"""How the command line spells settings that have another name there."""
+
+
+def _given(options: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the options that were given. Raises OptionError for one that this benchmark does not take."""
+    from actors.installation.usage import OptionError
+
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in BENCHMARKS[name].takes:
+            others = ", ".join(taker for taker, one in BENCHMARKS.items() if option in one.takes)
+            word = _WORDS.get(option, f"--{option.replace('_', '-')}")
+            raise OptionError(f"{word}: is not for {name}, but for {others}")
+    return given

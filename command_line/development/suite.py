@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, Self, TextIO
 
 ALONE: Final = "alone"
 """The marker of tests that measure wall time or want every core."""
@@ -33,12 +33,12 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     """
     whole = list(words) == [f"--{NIGHTLY}"]
     if words and not whole:
-        return _pytest(root, words)
+        return run_pytest(root, words)
     now = "" if whole else f" and not {NIGHTLY}"
     workers = str((os.cpu_count() or 1) + 1)  # some tests wait while others compute
     with ProcessCounter() as started:
-        beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
-        alone = _pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
+        beside = run_pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
+        alone = run_pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
     if beside == alone == NO_TESTS:
         return NO_TESTS
     exceeded = not whole and _is_over_budget(root, started.count)
@@ -98,7 +98,7 @@ def _is_over_budget(root: Path, started: int) -> bool:
     return started > limit
 
 
-def _pytest(root: Path, words: Sequence[str]) -> int:
+def run_pytest(root: Path, words: Sequence[str], stdout: TextIO | None = None) -> int:
     """Run pytest; byte code is kept, since the tests start many interpreters that import the same modules."""
     kept = {
         name: value
@@ -106,5 +106,5 @@ def _pytest(root: Path, words: Sequence[str]) -> int:
         if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
     }
     return subprocess.run(
-        [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, check=False
+        [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, stdout=stdout, check=False
     ).returncode

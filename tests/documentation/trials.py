@@ -31,8 +31,6 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         "--robots 2 --seeds 2 --duration 2",
     "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
-    "./acrc verify navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",
-    "./acrc verify localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 9",
     "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
     "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
 })  # fmt: skip
@@ -47,7 +45,6 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/clusters.md", "python"): "tests/clusters/test_files.py",
     ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
-    ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip
 """Tests of their own for the blocks of a language on a page."""
 
