@@ -105,8 +105,8 @@ def verify(
 ) -> None:
     """Run the tests of the claims of docs/how-true.md.
 
-    This needs a clone. With --data or --from, compare the radio, the localisation or the navigation with given data instead. The
-    exit code is 1 if a claim does not hold.
+    This needs a clone. With --data or --from, compare the radio, the localisation or the navigation with
+    given data instead. The exit code is 1 if a claim does not hold.
     """
     options = {"data": data, "from": source, "runs": runs, "against": against}
     given = {name: value for name, value in options.items() if value is not None}

@@ -32,7 +32,7 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tupl
             return codes[len(calls) - 1]
 
         monkeypatch.setattr("command_line.development.suite.os.cpu_count", lambda: 1)
-        monkeypatch.setattr(module, "_pytest", noted)
+        monkeypatch.setattr(module, "run_pytest", noted)
         return run_suite(tmp_path, words), calls
 
     return run
