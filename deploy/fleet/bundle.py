@@ -140,12 +140,20 @@ def _own_code(fleet: Fleet, permit: Permit) -> _Files:
 
 
 def _wheels(constraints: str, machine: str, python: str) -> _Files:
-    """Return pinned wheels, fetched by pip as it is configured here, in `wheels/`. Raises AcrcError."""
-    names = [f"{one}_{MACHINES[machine]}" for one in _PLATFORMS]
-    platforms = [word for name in (*names, "any") for word in ("--platform", name)]
+    """Return the pinned wheels of a robot in `wheels/`. Raises AcrcError."""
     pinned = requirements(constraints, int(python.removeprefix("3.")), ("base", "hardware", "build"))
     with scratch_folder() as folder:
-        listed, place, pip = folder / "requirements.txt", folder / "wheels", folder / "pip"
+        download(folder, pinned, machine, python)
+        files = {f"wheels/{path.name}": (path.read_bytes(), 0o644) for path in folder.glob("*.whl")}
+    return {**files, "wheels/computer": (f"{MACHINES[machine]} {python}\n".encode(), 0o644)}
+
+
+def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> None:
+    """Download wheels for another computer, by pip as it is configured here. Raises AcrcError."""
+    names = [f"{one}_{MACHINES[machine]}" for one in _PLATFORMS]
+    platforms = [word for name in (*names, "any") for word in ("--platform", name)]
+    with scratch_folder() as folder:
+        listed, pip = folder / "requirements.txt", folder / "pip"
         listed.write_text("".join(f"{line}\n" for line in pinned))
         try:
             _run(sys.executable, "-P", "-m", "venv", str(pip))
@@ -159,8 +167,6 @@ def _wheels(constraints: str, machine: str, python: str) -> _Files:
                 f"wheels for {machine} and Python {python} cannot be fetched: {error}; connect to a network, "
                 "or set PIP_FIND_LINKS to a folder that has them"
             ) from None
-        files = {f"wheels/{path.name}": (path.read_bytes(), 0o644) for path in place.glob("*.whl")}
-    return {**files, "wheels/computer": (f"{MACHINES[machine]} {python}\n".encode(), 0o644)}
 
 
 def _run(*command: str) -> bytes:

@@ -16,7 +16,6 @@ import pytest
 import yaml
 from distributed import Client, Security
 
-from benchmarks.container import command
 from tests.experiments.test_cluster import ROOT, free_port, make_key
 
 FILES = ROOT / "deploy" / "clusters"
@@ -146,10 +145,10 @@ def pods() -> dict[str, dict[str, Any]]:
 
 @pytest.mark.parametrize("name", ["scheduler", "worker"])
 def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(name: str) -> None:
-    image, part = command.recipes()["Dockerfile"], pods()[name]
+    image, part = (FILES.parent / "container" / "Dockerfile").read_text(), pods()[name]
     (container,) = part["spec"]["containers"]
     python, module, program, *_ = container["command"]
-    assert (python, module) == (f"{image.folder}/.venv/bin/python", "-m")
+    assert (python, module) == ("/opt/acrc/.venv/bin/python", "-m") and "\nWORKDIR /opt/acrc\n" in image
     assert program == f"distributed.cli.dask_{name}"
     told = subprocess.run(
         [sys.executable, "-m", program, "--help"], capture_output=True, text=True, check=True
@@ -157,7 +156,7 @@ def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(nam
     given = {word.partition("=")[0] for word in container["command"][3:] if word.startswith("--")}
     known = set(re.findall(r"--[\w-]+", told))
     assert given <= known
-    user = re.search(r"useradd --uid (\d+) ", str(image.steps))
+    user = re.search(r"useradd --uid (\d+) ", image)
     assert user and part["spec"]["securityContext"]["runAsUser"] == int(user[1])
     (volume,) = part["spec"]["volumes"]
     assert volume["secret"]["secretName"] == "acrc-cluster" and "secret generic acrc-cluster " in PAGE

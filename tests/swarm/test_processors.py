@@ -1,23 +1,44 @@
-"""A run has one digest whatever the processor can do: here with some of its instructions switched off."""
+"""A run has one digest on any processor and any Python: instructions switched off, other Pythons, aarch64."""
 
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
+import numpy as np
 import pytest
 
+from actors.installation.pins import MINORS, requirements
 from actors.installation.repository import REPOSITORY
 from actors.runtime.process import RunNote
 from actors.runtime.recording import read_notes
-from benchmarks.processors.computer import NO_FMA, no_avx512
+from deploy.fleet.bundle import download
 from tests.swarm.command import run
 
-TASK = (REPOSITORY / "scenarios" / "corridor.toml", "--bus", "memory", "--robots", 3, "--duration", 6)
+TASK: Final = ("scenarios/corridor.toml", "--bus", "memory", "--robots", "3", "--duration", "6")
 """Robots that see, localise, drive and talk; where they touch, the fingerprints must do."""
+NO_FMA: Final = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX2_Usable,-FMA,-FMA_Usable,-AVX512F"}
+"""glibc then uses its functions for older processors."""
+GENERIC: Final = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+"""numba then compiles for any processor of the architecture."""
+
+
+def no_avx512() -> Mapping[str, str]:
+    """Return what makes numpy leave AVX-512 alone; empty where it has none."""
+    umath = np._core._multiarray_umath  # type: ignore[attr-defined]
+    wide = [name for name in umath.__cpu_dispatch__ if name.startswith(("AVX512", "X86_V4"))]
+    present = [name for name in wide if umath.__cpu_features__.get(name)]
+    return {"NPY_DISABLE_CPU_FEATURES": " ".join(present)} if present else {}
 
 
 def kernels(out: Path) -> dict[str, dict[str, str]]:
-    """The fingerprints of each actor's kernels."""
+    """Return the fingerprints of each actor's kernels."""
     notes = {path.stem: read_notes(path)["run"] for path in sorted(out.glob("*/*.mcap"))}
     return {actor: msgspec.json.decode(note, type=RunNote).kernels for actor, note in notes.items()}
 
@@ -28,6 +49,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
     return out, run(out, *TASK)
 
 
+@pytest.mark.claim("processors")
 @pytest.mark.parametrize("without", ["AVX-512 in numpy", "AVX2 and FMA in glibc"])
 def test_one_digest_whatever_the_processor_can_do(
     without: str, reference: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -42,3 +64,73 @@ def test_one_digest_whatever_the_processor_can_do(
     assert expected["frames"]["copies_heard"] > 0 and "actors.world.physics" in kernels(first)["world"]
     assert kernels(tmp_path / "out") == kernels(first)
     assert found["digest"] == expected["digest"]
+
+
+def digest(folder: Path, python: list[str], seconds: str, **environment: str) -> str:
+    """Return the digest of a run by another interpreter, which compiles kernels of its own."""
+    words = [*TASK[:-1], seconds, "--out", str(folder / "out"), "--json"]
+    ours = {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(folder / "kernels")}
+    done = subprocess.run(
+        [*python, "-m", "command_line", "run", *words], cwd=REPOSITORY, check=False, capture_output=True,
+        text=True, env={**os.environ, **ours, **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return str(json.loads(done.stdout)["digest"])
+
+
+def pinned(minor: int) -> list[str]:
+    return requirements((REPOSITORY / "constraints.txt").read_text(), minor, ("base", "sim"))
+
+
+@pytest.fixture(scope="module")
+def seconds(request: pytest.FixtureRequest) -> str:
+    return "120" if request.config.getoption("--full") else "6"
+
+
+@pytest.mark.claim("processors")
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("computer", ["generic", *(f"3.{minor}" for minor in MINORS), "aarch64"])
+def test_one_digest_on_other_pythons_and_on_an_emulated_processor(
+    computer: str, seconds: str, tmp_path: Path
+) -> None:
+    environment: dict[str, str] = {}
+    python = [sys.executable]
+    if computer == "generic":
+        environment = {**GENERIC, **NO_FMA, **no_avx512()}
+    elif computer == "aarch64":
+        python, environment = aarch64(tmp_path)
+    else:
+        python = other_python(computer, tmp_path)
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    assert digest(other, python, seconds, **environment) == digest(mine, [sys.executable], seconds)
+
+
+def other_python(version: str, folder: Path) -> list[str]:
+    """Make an environment with the pinned packages for that Python."""
+    python = shutil.which(f"python{version}")
+    if python is None or subprocess.run([python, "-c", ""], check=False, capture_output=True).returncode:
+        pytest.skip(f"needs Python {version}")
+    (folder / "pins.txt").write_text("\n".join(pinned(int(version.removeprefix("3.")))))
+    subprocess.run([python, "-m", "venv", folder / "venv"], check=True)
+    made = str(folder / "venv" / "bin" / "python")
+    options = ("--only-binary", ":all:", "--no-deps", "--require-hashes", "-r", folder / "pins.txt")
+    subprocess.run([made, "-m", "pip", "-q", "install", *options], check=True)
+    return [made]
+
+
+def aarch64(folder: Path) -> tuple[list[str], dict[str, str]]:
+    """Unpack Debian's Python and the pinned wheels for aarch64, to be run by qemu."""
+    if os.geteuid() or not all(map(shutil.which, ("qemu-aarch64-static", "debootstrap"))):
+        pytest.skip("needs root, qemu-user-static and debootstrap")
+    root, wheels, site = folder / "root", folder / "wheels", folder / "site"
+    words = ("--arch=arm64", "--foreign", "--variant=minbase", "--include=python3", "bookworm")
+    subprocess.run(["debootstrap", *words, root], check=True)
+    for package in sorted(root.glob("var/cache/apt/archives/*.deb")):
+        subprocess.run(["dpkg-deb", "-x", package, root], check=True)
+    download(wheels, pinned(11), "aarch64", "3.11")
+    for wheel in sorted(wheels.glob("*.whl")):
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(site)
+    python = ["qemu-aarch64-static", "-L", str(root), str(root / "usr/bin/python3.11")]
+    return python, {"PYTHONPATH": f"{site}{os.pathsep}{REPOSITORY}"}

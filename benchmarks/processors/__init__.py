@@ -1,1 +1,0 @@
-"""One run on several processors: `acrc verify processors` builds what it needs and compares the digests."""
