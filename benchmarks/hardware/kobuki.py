@@ -11,11 +11,11 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.wire import (
     HEADER,
     LONGEST,
-    UDID,
     Basic,
     Feedback,
     FrameReader,
     Inertial,
+    Unknown,
     WireCounts,
     decode_feedback,
     encode_feedback,
@@ -26,6 +26,9 @@ _FEW: int = 3
 """So many say nothing, however short the stream."""
 _PIECES: int = 200
 """Pieces of the stream that are made at once."""
+
+MARK = 19
+"""Kind of the packet that carries a frame's number."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def soak(bytes_: int, seed: int) -> BaseSoak:
 
 
 class _Stream:
-    """Frames that are numbered in their UDID, and what can happen to a line."""
+    """Frames that are numbered in a packet of their own, and what can happen to a line."""
 
     def __init__(self, rng: Generator) -> None:
         self._rng = rng
@@ -141,7 +144,7 @@ class _Stream:
             self._next & 0xFFFF, 0, 0, 0, *numbers[:2], *(n - 128 for n in numbers[2:4]), *numbers[4:]
         )
         inertial = Inertial(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
-        packets: list[Feedback] = [basic, inertial, UDID((self._next, 0, 0))]
+        packets: list[Feedback] = [basic, inertial, Unknown(MARK, self._next.to_bytes(12, "little"))]
         self._next += 1
         return encode_frame(b"".join(map(encode_feedback, packets)))
 
@@ -165,4 +168,6 @@ def _number(packets: list[Feedback]) -> int:
     """Of a frame; -1 for one that was never made."""
     kinds = [type(packet) for packet in packets]
     last = packets[-1]
-    return last.words[0] if kinds == [Basic, Inertial, UDID] and isinstance(last, UDID) else -1
+    if kinds == [Basic, Inertial, Unknown] and isinstance(last, Unknown) and last.kind == MARK:
+        return int.from_bytes(last.data, "little")
+    return -1

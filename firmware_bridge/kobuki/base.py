@@ -19,17 +19,12 @@ from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
 from firmware_bridge.kobuki import motion, wire
 from firmware_bridge.kobuki.wire import (
-    UDID,
     BaseControl,
     Basic,
     Command,
     Feedback,
-    Firmware,
-    FirmwareVersion,
     FrameReader,
-    Hardware,
     Inertial,
-    RequestExtra,
     Unknown,
     WireCounts,
     decode_commands,
@@ -78,9 +73,6 @@ class BaseParameters:
     """What kind of base is emulated, and where its counters stand when it is switched on."""
 
     errors: KobukiErrors = EXACT
-    hardware: FirmwareVersion = FirmwareVersion(1, 0, 4)  # noqa: RUF009 - frozen
-    firmware: FirmwareVersion = FirmwareVersion(1, 1, 4)  # noqa: RUF009
-    udid: UDID = UDID((1, 2, 3))  # noqa: RUF009
     stamp_ms: int = 0
     left_ticks: int = 0
     right_ticks: int = 0
@@ -162,8 +154,6 @@ class EmulatedKobuki:
         left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
         self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
-        self._extra: dict[type[Feedback], Feedback] = {}
-        """What was asked for, each once: a backlog of requests must fit into one feedback."""
         self._frozen: Inertial | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[_Sending] = deque(maxlen=64)
@@ -207,16 +197,6 @@ class EmulatedKobuki:
             self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else motion.velocity(command)))
         elif isinstance(command, wire.GeneralOutput):
             self.outputs = command.flags
-        elif isinstance(command, RequestExtra):
-            self._answer(command.flags)
-
-    def _answer(self, flags: int) -> None:
-        if flags & wire.HARDWARE_REQUEST:
-            self._extra[Hardware] = Hardware(self._p.hardware)
-        if flags & wire.FIRMWARE_REQUEST:
-            self._extra[Firmware] = Firmware(self._p.firmware)
-        if flags & wire.UDID_REQUEST:
-            self._extra[UDID] = self._p.udid
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
         """Count the motion from the last measurement to `until`, the body being at `truth` only `now`."""
@@ -281,7 +261,6 @@ class EmulatedKobuki:
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
-        extra, self._extra = self._extra.values(), {}
         return [
             basic,
             Unknown(3, bytes(3)),  # docking
@@ -290,7 +269,6 @@ class EmulatedKobuki:
             Unknown(6, bytes(2)),  # currents
             *([] if self.faults.gyro == "absent" else [raw]),
             Unknown(16, bytes(16)),  # inputs
-            *extra,
         ]
 
     def _stamp(self, at: Instant) -> int:

@@ -5,29 +5,23 @@ then writes what `due` gives. One base control goes out per feedback, 50 a secon
 base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
 """
 
-import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import motion, wire
-from firmware_bridge.kobuki.motion import KobukiOdometry, OdometryParameters
-from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop, StopCause
+from firmware_bridge.kobuki.motion import KobukiOdometry
+from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, Allowed, HoldCause, SafetyStop, StopCause
 from firmware_bridge.kobuki.wire import (
     POWER_RAILS,
     RECHARGE_MELODY,
-    UDID,
     Basic,
     Command,
     Feedback,
-    Firmware,
-    FirmwareVersion,
     FrameReader,
     GeneralOutput,
-    Hardware,
     Inertial,
-    RequestExtra,
     SoundSequence,
     WireCounts,
     decode_feedback,
@@ -45,30 +39,14 @@ class BatteryLevel(Enum):
     DANGER = "danger"
 
 
-@dataclass(frozen=True)
-class BatteryParameters:
-    """Voltages of a battery of four lithium-ion cells; kobuki_driver, battery defaults."""
-
-    full: float = 16.5
-    """V, and above."""
-    low: float = 14.0
-    """V, and below."""
-    danger: float = 13.2
-    """V, and below: the base soon switches itself off."""
-    margin: float = 0.3
-    """A level is left upwards only so far above its limit, V; own choice: motors pull the voltage down."""
-
-
-def level(
-    volts: float, before: BatteryLevel | None = None, parameters: BatteryParameters = BatteryParameters()
-) -> BatteryLevel:
+def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
     """The level at `volts`; `before`: the level until now."""
-    if volts <= parameters.danger + parameters.margin * (before is BatteryLevel.DANGER):
+    if volts <= _DANGER_V + _MARGIN_V * (before is BatteryLevel.DANGER):
         return BatteryLevel.DANGER
     low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
-    if volts <= parameters.low + parameters.margin * low:
+    if volts <= _LOW_V + _MARGIN_V * low:
         return BatteryLevel.LOW
-    if volts >= parameters.full - parameters.margin * (before is BatteryLevel.FULL):
+    if volts >= _FULL_V - _MARGIN_V * (before is BatteryLevel.FULL):
         return BatteryLevel.FULL
     return BatteryLevel.FAIR
 
@@ -128,28 +106,6 @@ class BatteryChanged:
 
 
 @dataclass(frozen=True)
-class BaseIdentity:
-    """Which base it is; None = it has not said so yet."""
-
-    hardware: FirmwareVersion | None = None
-    firmware: FirmwareVersion | None = None
-    udid: UDID | None = None
-
-    @property
-    def complete(self) -> bool:
-        """True once all is known."""
-        return None not in (self.hardware, self.firmware, self.udid)
-
-
-@dataclass(frozen=True)
-class Identified:
-    """The base has said all about itself."""
-
-    instant: Instant
-    identity: BaseIdentity
-
-
-@dataclass(frozen=True)
 class StopsChanged:
     """Other causes hold the base back than before."""
 
@@ -157,50 +113,41 @@ class StopsChanged:
     stops: tuple[StopCause, ...]
 
 
-Event = Found | Lost | Fed | FieldChanged | BatteryChanged | Identified | StopsChanged
+Event = Found | Lost | Fed | FieldChanged | BatteryChanged | StopsChanged
 
 
+_OVERDUE: Final[Duration] = milliseconds(40)
+"""A base control is sent after so long even without feedback; own choice, two feedbacks."""
+_INSIST: Final[Duration] = milliseconds(7)
+"""Stop is said so often while the wheels still turn: 150 a second are heard well."""
+_SHOUT: Final[Duration] = milliseconds(1)
+"""And so often, as often as the line carries it, while so much of it is damaged that no feedback comes. Where
+three bytes in ten are, the ten bytes of a command come through one time in 35."""
+_LONGEST_SHOUT: Final = 20
+"""Stops that are said at once at most, 200 bytes."""
+_REPEAT: Final[Duration] = milliseconds(1000)
+"""Outputs are sent again so often: nothing on this wire is acknowledged."""
+_FULL_V, _LOW_V, _DANGER_V = 16.5, 14.0, 13.2
+"""Voltages of a battery of four lithium-ion cells: full and above, low and below, so low that the base soon
+switches itself off; kobuki_driver, battery defaults."""
+_MARGIN_V: Final = 0.3
+"""A level is left upwards only so far above its limit; own choice: motors pull the voltage down."""
 _NOISE_BYTES: Final = 100
 """Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
 than a frame's."""
-_ASK_ALL: Final = wire.HARDWARE_REQUEST | wire.FIRMWARE_REQUEST | wire.UDID_REQUEST
-
-
-@dataclass(frozen=True)
-class DriverParameters:
-    """How the driver treats a base."""
-
-    overdue: Duration = milliseconds(40)  # noqa: RUF009 - a NewType makes no object
-    """A base control is sent after so long even without feedback; own choice, two feedbacks."""
-    insist: Duration = milliseconds(7)  # noqa: RUF009
-    """Stop is said so often while the wheels still turn: 150 a second are heard well."""
-    shout: Duration = milliseconds(1)  # noqa: RUF009
-    """And so often, as often as the line carries it, while so much of it is damaged that no feedback comes.
-    Where three bytes in ten are, the ten bytes of a command come through one time in 35."""
-    longest_shout: int = 20
-    """Stops that are said at once at most, 200 bytes."""
-    repeat: Duration = milliseconds(1000)  # noqa: RUF009
-    """Outputs and unanswered requests are sent again so often: nothing on this wire is acknowledged."""
-    requests: int = 5
-    """How often a base is asked for its versions and id before it is left alone."""
-    safety: SafetyParameters = field(default_factory=SafetyParameters)
-    odometry: OdometryParameters = field(default_factory=OdometryParameters)
-    battery: BatteryParameters = field(default_factory=BatteryParameters)
 
 
 class KobukiDriver:
     """One base on one wire."""
 
-    def __init__(self, started: Instant, parameters: DriverParameters = DriverParameters()) -> None:
-        self._p = parameters
+    def __init__(self, started: Instant) -> None:
         self._reader = FrameReader(decode_feedback)
-        self._safety = SafetyStop(started, parameters.safety)
+        self._safety = SafetyStop(started)
         self._heard: Instant = started
-        self._sent: Instant = Instant(started - parameters.overdue)
+        self._sent: Instant = Instant(started - _OVERDUE)
         self._fed = False
         self._outputs = POWER_RAILS
-        self._outputs_due = self._request_due = started
-        self._requests_left = parameters.requests
+        self._outputs_due = started
         self._skipped = 0
         """Damaged bytes until the last feedback."""
         self._sound = b""
@@ -209,8 +156,7 @@ class KobukiDriver:
         self._told: list[Event] = []
         self._senses: dict[Sense, int] = {}
         self._battery: BatteryChanged | None = None
-        self.odometry = KobukiOdometry(parameters.odometry)
-        self.identity = BaseIdentity()
+        self.odometry = KobukiOdometry()
         self.found = False
         """True while the base sends feedback."""
         self.allowed = Allowed(0.0, 0.0, ())
@@ -222,7 +168,7 @@ class KobukiDriver:
         """The events of the bytes that have come, and of time having passed."""
         for packets in self._reader.take(data):
             self._feedback(now, packets)
-        if self.found and now - self._heard > self._p.safety.feedback_silence:
+        if self.found and now - self._heard > FEEDBACK_SILENCE:
             self.found = False
             self.odometry.stand()
             self._told.append(Lost(now, self._heard))
@@ -268,11 +214,11 @@ class KobukiDriver:
         """The bytes to write now: often none, else a base control and at most one other command."""
         passed = Duration(now - self._sent)
         if self._noisy(now):
-            said = min(passed // self._p.shout, self._p.longest_shout)
+            said = min(passed // _SHOUT, _LONGEST_SHOUT)
             self._sent = now if said else self._sent
             self._stops(now)
             return self.farewell() * said
-        if not self._fed and passed < (self._p.insist if self._unheeded else self._p.overdue):
+        if not self._fed and passed < (_INSIST if self._unheeded else _OVERDUE):
             return b""
         self._fed, self._sent = False, now
         self._stops(now)
@@ -287,7 +233,7 @@ class KobukiDriver:
 
     def _noisy(self, now: Instant) -> bool:
         """True while in place of feedback there is noise."""
-        silent = now - self._heard > self._p.safety.feedback_silence
+        silent = now - self._heard > FEEDBACK_SILENCE
         return silent and self._reader.reception.skipped - self._skipped >= _NOISE_BYTES
 
     @property
@@ -307,8 +253,6 @@ class KobukiDriver:
         inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
         if basic is not None and not self.found:
             self._meet(now)
-        for packet in packets:
-            self._identify(now, packet)
         if basic is None:
             return
         self._heard, self._fed = now, True
@@ -322,21 +266,8 @@ class KobukiDriver:
     def _meet(self, now: Instant) -> None:
         """A base has appeared, perhaps another, perhaps one that was switched off and on."""
         self.found = True
-        self.identity = BaseIdentity()
-        self._requests_left = self._p.requests
-        self._outputs_due = self._request_due = now
+        self._outputs_due = now
         self._told.append(Found(now))
-
-    def _identify(self, now: Instant, packet: Feedback) -> None:
-        before = self.identity
-        if isinstance(packet, Hardware):
-            self.identity = dataclasses.replace(before, hardware=packet.version)
-        elif isinstance(packet, Firmware):
-            self.identity = dataclasses.replace(before, firmware=packet.version)
-        elif isinstance(packet, UDID):
-            self.identity = dataclasses.replace(before, udid=packet)
-        if self.identity.complete and not before.complete:
-            self._told.append(Identified(now, self.identity))
 
     def _notice(self, now: Instant, basic: Basic) -> None:
         """Tell what has changed since the feedback before."""
@@ -348,7 +279,7 @@ class KobukiDriver:
             self._senses[sense] = value
         volts = basic.battery_dv / 10
         known = self.battery
-        here = level(volts, known, self._p.battery)
+        here = level(volts, known)
         if here is not known:
             self._battery = BatteryChanged(now, volts, here)
             self._told.append(self._battery)
@@ -365,16 +296,11 @@ class KobukiDriver:
     def _other(self, now: Instant) -> bytes:
         """The most urgent other command, or nothing."""
         if now >= self._outputs_due:
-            self._outputs_due = Instant(now + self._p.repeat)
+            self._outputs_due = Instant(now + _REPEAT)
             return _framed(GeneralOutput(self._outputs))
         if self._sound:
             sound, self._sound = self._sound, b""
             return sound
-        wanted = self.found and not self.identity.complete and self._requests_left > 0
-        if wanted and now >= self._request_due:
-            self._requests_left -= 1
-            self._request_due = Instant(now + self._p.repeat)
-            return _framed(RequestExtra(_ASK_ALL))
         return b""
 
 

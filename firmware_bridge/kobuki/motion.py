@@ -73,29 +73,21 @@ _STANDING: Final = 0.02
 """Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
-@dataclass(frozen=True)
-class OdometryParameters:
-    """How a base's numbers are read."""
-
-    track: float = TRACK
-    """Between the wheels, m."""
-    metres_per_tick: float = METRES_PER_TICK
-    """m."""
-    fastest: float = 2.0
-    """A wheel that seems to have turned faster has not: the numbers are damaged, m/s. Own choice, twice what
-    a wheel can do at 0.7 m/s while turning."""
-    fastest_turn: float = 12.0
-    """The same for the gyro, rad/s. Own choice, twice what its rate's field can say."""
-    slack: float = 0.02
-    """Added to the time between two stamps when judging speeds, s: the stamp is not taken with the ticks."""
-    longest_gap: float = 3.0
-    """Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of
-    65536 is 4 s."""
-    still_turn: float = 0.2
-    """The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
-    rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
-    still_feedbacks: int = 25
-    """And for so many feedbacks."""
+_FASTEST: Final = 2.0
+"""A wheel that seems to have turned faster has not: the numbers are damaged, m/s. Own choice, twice what a
+wheel can do at 0.7 m/s while turning."""
+_FASTEST_TURN: Final = 12.0
+"""The same for the gyro, rad/s. Own choice, twice what its rate's field can say."""
+_SLACK: Final = 0.02
+"""Added to the time between two stamps when judging speeds, s: the stamp is not taken with the ticks."""
+LONGEST_GAP: Final = 3.0
+"""Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of 65536 is
+4 s."""
+_STILL_TURN: Final = 0.2
+"""The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
+rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
+_STILL_FEEDBACKS: Final = 25
+"""And for so many feedbacks."""
 
 
 @dataclass
@@ -138,8 +130,8 @@ class _Motion:
 class KobukiOdometry:
     """Adds up feedback to a pose in the frame of the first one."""
 
-    def __init__(self, parameters: OdometryParameters = OdometryParameters()) -> None:
-        self._p = parameters
+    def __init__(self) -> None:
+        self.longest_gap = LONGEST_GAP
         self._last: _Reading | None = None
         self._odd: _Reading | None = None
         """The reading that was left out last: if the next agrees with it, the base has restarted."""
@@ -161,7 +153,7 @@ class KobukiOdometry:
     @property
     def gyro_is_still(self) -> bool:
         """True if its numbers stay the same while the wheels turn: either of them lies."""
-        return self._unmoved >= self._p.still_feedbacks and abs(self._owed) >= self._p.still_turn
+        return self._unmoved >= _STILL_FEEDBACKS and abs(self._owed) >= _STILL_TURN
 
     @property
     def on_wheels(self) -> bool:
@@ -191,7 +183,7 @@ class KobukiOdometry:
         if self._last is None:
             self._last = reading
             return
-        if in_seconds(now - self._last.arrived) > self._p.longest_gap:
+        if in_seconds(now - self._last.arrived) > self.longest_gap:
             self.counts.gaps += 1
             self._begin_again(reading)
             return
@@ -221,17 +213,17 @@ class KobukiOdometry:
             turn = wrap((after.angle.angle_cdeg - before.angle.angle_cdeg) * _CENTIDEGREE)
         return _Motion(
             ((after.stamp_ms - before.stamp_ms) & 0xFFFF) / 1000,
-            signed(after.left - before.left) * self._p.metres_per_tick,
-            signed(after.right - before.right) * self._p.metres_per_tick,
+            signed(after.left - before.left) * METRES_PER_TICK,
+            signed(after.right - before.right) * METRES_PER_TICK,
             turn,
         )
 
     def _plausible(self, motion: _Motion) -> bool:
-        time = motion.time + self._p.slack
+        time = motion.time + _SLACK
         return (
-            0 < motion.time <= self._p.longest_gap
-            and max(abs(motion.left), abs(motion.right)) <= self._p.fastest * time
-            and (self._frozen or abs(motion.turn or 0.0) <= self._p.fastest_turn * time)
+            0 < motion.time <= self.longest_gap
+            and max(abs(motion.left), abs(motion.right)) <= _FASTEST * time
+            and (self._frozen or abs(motion.turn or 0.0) <= _FASTEST_TURN * time)
         )
 
     def _add(self, motion: _Motion, reading: _Reading) -> None:
@@ -245,7 +237,7 @@ class KobukiOdometry:
     def _turn(self, motion: _Motion, reading: _Reading) -> float:
         """The gyro's, unless it is absent or known to be frozen; then the wheels'."""
         assert self._last is not None
-        by_wheels = (motion.right - motion.left) / self._p.track
+        by_wheels = (motion.right - motion.left) / TRACK
         if motion.turn is None:
             self.counts.on_wheels += 1
             self._unmoved, self._owed, self._frozen = 0, 0.0, False

@@ -1,7 +1,7 @@
 """The safety stop: which velocity a Kobuki may really be given, and why not the one that was wanted.
 
 It stands between every command and the wire and knows nothing of who commands: no adaptation, no setting
-and no message goes round it, and its times can be made stricter but never laxer. The firmware of a Kobuki
+and no message goes round it. The firmware of a Kobuki
 does not stop by itself on bumper, cliff or wheel drop since 1.1.2, so this does.
 
 Rules, each for as long as its cause lasts and a moment longer where said:
@@ -17,43 +17,48 @@ A stop acts at once, without a ramp; after it the base speeds up from standing.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from actors.bounds import check
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki.motion import TRACK, signed
 from firmware_bridge.kobuki.wire import Basic, Inertial
 
-
-@dataclass(frozen=True)
-class RampParameters:
-    """How quickly the velocity may change; kobuki_driver's defaults, but for braking."""
-
-    speed_up: float = 0.3
-    """m/s²."""
-    slow_down: float = 0.6
-    """The same, towards standing. Own choice, above kobuki_driver's 0.36: navigation plans with 1.0
-    (actors.robot.local_planning.dwa_parameters), and on this base comes to stand later than it means to."""
-    turn_up: float = 3.5
-    """rad/s²."""
-    turn_down: float = 4.2
-    """The same, towards standing."""
-    longest: Duration = milliseconds(60)  # noqa: RUF009 - a NewType makes no object
-    """More time than this between two commands counts as this; own choice, three feedbacks: a host that
-    slept makes no jump."""
-
-    def __post_init__(self) -> None:
-        rates = ("speed_up", "slow_down", "turn_up", "turn_down")
-        check("ramp", self, positive=rates, most=dict.fromkeys(rates, 10))
+FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
+"""After so long without feedback the link counts as dead; kobuki_driver: 100 ms."""
+_FEEDBACK_RECOVERY: Final[Duration] = milliseconds(100)
+"""How long feedback must have come again before the base moves; own choice, five feedbacks."""
+_COMMAND_AGE: Final[Duration] = milliseconds(200)
+"""The oldest command that is driven; two steps."""
+_STILLNESS: Final[Duration] = milliseconds(1000)
+"""How long a base that was put down must stand still before it moves; own choice."""
+_STILL_TICKS: Final = 2
+"""Ticks that an encoder may change between two feedbacks while standing still; own choice, 0.17 mm."""
+_STILL_RATE_CDEG: Final = 200
+"""The same for the gyro's rate, 0.01°/s; own choice, far above its noise."""
+_OVERCURRENT_REST: Final[Duration] = milliseconds(1000)
+"""How long a base stands after a wheel's over-current is over; own choice."""
+_SPEED: Final = 0.7
+"""The highest, m/s; Kobuki user guide."""
+_TURN_RATE: Final = math.pi
+"""The highest, rad/s; Kobuki user guide: 180°/s (above 110°/s the gyro is less exact)."""
+_SPEED_UP, _TURN_UP = 0.3, 3.5
+"""m/s² and rad/s²; kobuki_driver's defaults."""
+_SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
+"""The same towards standing. Own choice of 0.6, above kobuki_driver's 0.36: navigation plans with 1.0
+(actors.robot.local_planning.dwa_parameters), and on this base comes to stand later than it means to."""
+_LONGEST_PAUSE: Final[Duration] = milliseconds(60)
+"""More time than this between two commands counts as this; own choice, three feedbacks: a host that slept
+makes no jump."""
+_EDGE: Final = TRACK / 2 + 0.002
+"""The smallest radius of backing off, m: half the track, and what rounding to whole mm may take away."""
 
 
 class Ramp:
     """The velocity that was last sent, and how far it may go from there."""
 
-    def __init__(self, parameters: RampParameters) -> None:
-        self._p = parameters
+    def __init__(self) -> None:
         self._at: Instant | None = None
         self.v = 0.0
         self.omega = 0.0
@@ -68,13 +73,12 @@ class Ramp:
 
     def towards(self, now: Instant, v: float, omega: float) -> tuple[float, float]:
         """The velocity for now on the way to the wanted one, m/s and rad/s."""
-        passed = 0 if self._at is None else max(0, min(now - self._at, self._p.longest))
+        passed = 0 if self._at is None else max(0, min(now - self._at, _LONGEST_PAUSE))
         time = in_seconds(passed)
-        p = self._p
         self.set(
             now,
-            _next(self.v, v, p.speed_up * time, p.slow_down * time),
-            _next(self.omega, omega, p.turn_up * time, p.turn_down * time),
+            _next(self.v, v, _SPEED_UP * time, _SLOW_DOWN * time),
+            _next(self.omega, omega, _TURN_UP * time, _TURN_DOWN * time),
         )
         return self.v, self.omega
 
@@ -86,15 +90,6 @@ def _next(value: float, wanted: float, up: float, down: float) -> float:
     if wanted > value:
         return min(wanted, value + up)
     return max(wanted, value - down, 0.0) if value > 0 else max(wanted, -up)
-
-
-_FEEDBACK_SILENCE: Final = milliseconds(100)
-_COMMAND_AGE: Final = milliseconds(200)
-_STILLNESS: Final = milliseconds(500)
-_SPEED: Final = 0.7
-_TURN_RATE: Final = math.pi
-_EDGE: Final = TRACK / 2 + 0.002
-"""The smallest radius of backing off, m: half the track, and what rounding to whole mm may take away."""
 
 
 class HoldCause(Enum):
@@ -158,46 +153,6 @@ class Allowed:
 
 
 @dataclass(frozen=True)
-class SafetyParameters:
-    """Times and limits of the safety stop."""
-
-    feedback_silence: Duration = _FEEDBACK_SILENCE
-    """After so long without feedback the link counts as dead; kobuki_driver: 100 ms. At most that."""
-    feedback_recovery: Duration = milliseconds(100)  # noqa: RUF009 - a NewType makes no object
-    """How long feedback must have come again before the base moves; own choice, five feedbacks."""
-    command_age: Duration = _COMMAND_AGE
-    """The oldest command that is driven; two steps. At most 0.2 s."""
-    stillness: Duration = milliseconds(1000)  # noqa: RUF009
-    """How long a base that was put down must stand still before it moves; own choice. At least 0.5 s."""
-    still_ticks: int = 2
-    """Ticks that an encoder may change between two feedbacks while standing still; own choice, 0.17 mm."""
-    still_rate_cdeg: int = 200
-    """The same for the gyro's rate, 0.01°/s; own choice, far above its noise."""
-    overcurrent_rest: Duration = milliseconds(1000)  # noqa: RUF009
-    """How long a base stands after a wheel's over-current is over; own choice."""
-    speed: float = _SPEED
-    """The highest, m/s; Kobuki user guide."""
-    turn_rate: float = _TURN_RATE
-    """The highest, rad/s; Kobuki user guide: 180°/s (above 110°/s the gyro is less exact)."""
-    ramp: RampParameters = field(default_factory=RampParameters)
-
-    def __post_init__(self) -> None:
-        check(
-            "safety",
-            self,
-            least={"feedback_recovery": 0, "stillness": _STILLNESS, "overcurrent_rest": 0},
-            ranges={
-                "feedback_silence": (1, _FEEDBACK_SILENCE),
-                "command_age": (1, _COMMAND_AGE),
-                "still_ticks": (0, 10),
-                "still_rate_cdeg": (0, 1000),
-                "speed": (0, _SPEED),
-                "turn_rate": (0, _TURN_RATE),
-            },
-        )
-
-
-@dataclass(frozen=True)
 class _Wish:
     arrived: Instant
     issued: Instant
@@ -208,8 +163,7 @@ class _Wish:
 class SafetyStop:
     """Feed it every feedback and every command; ask it before every byte that moves the base."""
 
-    def __init__(self, started: Instant, parameters: SafetyParameters = SafetyParameters()) -> None:
-        self._p = parameters
+    def __init__(self, started: Instant) -> None:
         self._started = started
         self._basic: Basic | None = None
         self._heard = started
@@ -223,13 +177,13 @@ class SafetyStop:
         self._held: set[HoldCause] = set()
         self._wish: _Wish | None = None
         self._since: dict[HoldCause, Instant] = {}
-        self._ramp = Ramp(parameters.ramp)
+        self._ramp = Ramp()
         self.late_commands = 0
         """Commands that were older than one before them, and left out."""
 
     def sense(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
         """Take in one feedback of the base."""
-        if self._silent_until is None or now - self._heard > self._p.feedback_silence:
+        if self._silent_until is None or now - self._heard > FEEDBACK_SILENCE:
             self._silent_until = now
         if basic.wheel_drop:
             self._dropped = True
@@ -280,17 +234,17 @@ class SafetyStop:
     def _causes(self, now: Instant) -> dict[HoldCause, int]:
         """Each cause with its sensor's bits."""
         causes: dict[HoldCause, int] = {}
-        if self._basic is None or now - self._heard > self._p.feedback_silence:
+        if self._basic is None or now - self._heard > FEEDBACK_SILENCE:
             causes[HoldCause.NO_FEEDBACK] = 0
-        elif self._silent_until is not None and now - self._silent_until < self._p.feedback_recovery:
+        elif self._silent_until is not None and now - self._silent_until < _FEEDBACK_RECOVERY:
             causes[HoldCause.LINK_RECOVERING] = 0
         if self._basic is not None:
             causes |= self._sensed(now, self._basic)
         causes |= dict.fromkeys(self._held, 0)
         wish = self._wish
-        if wish is None or now - wish.arrived > self._p.command_age:
+        if wish is None or now - wish.arrived > _COMMAND_AGE:
             causes[HoldCause.NO_COMMAND] = 0
-        elif now - wish.issued > self._p.command_age:
+        elif now - wish.issued > _COMMAND_AGE:
             causes[HoldCause.STALE_COMMAND] = 0
         elif not (math.isfinite(wish.v) and math.isfinite(wish.omega)):
             causes[HoldCause.BAD_COMMAND] = 0
@@ -301,11 +255,11 @@ class SafetyStop:
         if basic.wheel_drop:
             causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
         elif self._dropped:
-            if self._heard - self._moved < self._p.stillness:
+            if self._heard - self._moved < _STILLNESS:
                 causes[HoldCause.PUT_DOWN] = 0
             else:
                 self._dropped = False
-        if self._strained is not None and now - self._strained <= self._p.overcurrent_rest:
+        if self._strained is not None and now - self._strained <= _OVERCURRENT_REST:
             causes[HoldCause.OVERCURRENT] = basic.overcurrent
         if basic.bumper:
             causes[HoldCause.BUMPER] = basic.bumper
@@ -320,16 +274,16 @@ class SafetyStop:
         left = signed(basic.left_ticks - self._basic.left_ticks)
         right = signed(basic.right_ticks - self._basic.right_ticks)
         ticks = max(abs(left), abs(right))
-        turning = inertial is not None and abs(inertial.rate_cdeg) > self._p.still_rate_cdeg
-        return ticks <= self._p.still_ticks and not turning
+        turning = inertial is not None and abs(inertial.rate_cdeg) > _STILL_RATE_CDEG
+        return ticks <= _STILL_TICKS and not turning
 
     def _limited(self, v: float, omega: float) -> tuple[float, float]:
         """The same arc, but no faster than the base can."""
         share = 1.0
-        if abs(v) > self._p.speed:
-            share = self._p.speed / abs(v)
-        if abs(omega) * share > self._p.turn_rate:
-            share = self._p.turn_rate / abs(omega)
+        if abs(v) > _SPEED:
+            share = _SPEED / abs(v)
+        if abs(omega) * share > _TURN_RATE:
+            share = _TURN_RATE / abs(omega)
         return v * share, omega * share
 
 

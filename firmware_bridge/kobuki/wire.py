@@ -35,18 +35,6 @@ class SoundSequence:
 RECHARGE_MELODY: Final = 2
 
 
-HARDWARE_REQUEST: Final = 0x01
-FIRMWARE_REQUEST: Final = 0x02
-UDID_REQUEST: Final = 0x08
-
-
-@dataclass(frozen=True)
-class RequestExtra:
-    """Ask for versions and the unique device id; they ride in the next feedback."""
-
-    flags: int
-
-
 POWER_RAILS: Final = 0x00F0
 """The outputs of 3.3 V, 5 V, 12 V 5 A and 12 V 1.5 A: whatever computer hangs on them goes out with them."""
 LED1_RED: Final = 0x0100
@@ -60,7 +48,7 @@ class GeneralOutput:
     flags: int
 
 
-Command = BaseControl | SoundSequence | RequestExtra | GeneralOutput
+Command = BaseControl | SoundSequence | GeneralOutput
 
 
 # --- feedback ----------------------------------------------------------------------------------------------
@@ -103,51 +91,15 @@ class Inertial:
     """0.01°/s."""
 
 
-@dataclass(frozen=True, order=True)
-class FirmwareVersion:
-    """A version number."""
-
-    major: int
-    minor: int
-    patch: int
-
-    def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.patch}"
-
-
-@dataclass(frozen=True)
-class Hardware:
-    """The base's hardware version."""
-
-    version: FirmwareVersion
-
-
-@dataclass(frozen=True)
-class Firmware:
-    """The base's firmware version."""
-
-    version: FirmwareVersion
-
-
-@dataclass(frozen=True)
-class UDID:
-    """The base's unique device id."""
-
-    words: tuple[int, int, int]
-
-    def __str__(self) -> str:
-        return "-".join(str(word) for word in self.words)
-
-
 @dataclass(frozen=True)
 class Unknown:
-    """A packet of a kind that nobody here reads: docking, currents, raw sensors, or of a newer firmware."""
+    """A packet of a kind that nobody here reads: docking, currents, raw sensors, versions."""
 
     kind: int
     data: bytes
 
 
-Feedback = Basic | Inertial | Hardware | Firmware | UDID | Unknown
+Feedback = Basic | Inertial | Unknown
 
 
 class WireMisuseError(ValueError):
@@ -161,27 +113,14 @@ class MalformedError(Exception):
 _COMMANDS: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     BaseControl: (1, struct.Struct("<hh")),
     SoundSequence: (4, struct.Struct("<B")),
-    RequestExtra: (9, struct.Struct("<H")),
     GeneralOutput: (12, struct.Struct("<H")),
 }
 _FEEDBACK: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     Basic: (1, struct.Struct("<HBBBHHbbBBBB")),
     Inertial: (4, struct.Struct("<hh3x")),
 }
-_UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 21: 13}
-"""Bytes of data of packets that nobody here reads: docking, cliff, currents, inputs, gains."""
-_HARDWARE: Final = 10
-_FIRMWARE: Final = 11
-_UDID: Final = 19
-_OLD_FIRMWARE: Final = {
-    123: FirmwareVersion(1, 0, 0),
-    110: FirmwareVersion(1, 1, 0),
-    10100: FirmwareVersion(1, 1, 0),
-    111: FirmwareVersion(1, 1, 1),
-    10101: FirmwareVersion(1, 1, 1),
-}
-"""The first three firmwares, which said their version in two bytes."""
-_WORDS: Final = struct.Struct("<III")
+_UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 19: 12, 21: 13}
+"""Bytes of data of packets that nobody here reads: docking, cliff, currents, inputs, device id, gains."""
 _COMMAND_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _COMMANDS.items()}
 _FEEDBACK_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _FEEDBACK.items()}
 
@@ -194,12 +133,6 @@ def encode_command(command: Command) -> bytes:
 
 def encode_feedback(feedback: Feedback) -> bytes:
     """The packet's bytes, as a base sends them. Raises WireMisuseError as `encode_command` does."""
-    if isinstance(feedback, Hardware | Firmware):
-        version = feedback.version
-        kind = _HARDWARE if isinstance(feedback, Hardware) else _FIRMWARE
-        return _packet(feedback, kind, lambda: bytes((version.patch, version.minor, version.major, 0)))
-    if isinstance(feedback, UDID):
-        return _packet(feedback, _UDID, lambda: _WORDS.pack(*feedback.words))
     if isinstance(feedback, Unknown):
         return _packet(feedback, feedback.kind, lambda: feedback.data)
     kind, layout_of = _FEEDBACK[type(feedback)]
@@ -248,8 +181,6 @@ def _feedback(kind: int, data: bytes) -> Feedback:
         of, layout = _FEEDBACK_KINDS[kind]
         feedback: Feedback = of(*_fields(kind, layout, data))
         return feedback
-    if kind in _SPECIAL:
-        return _SPECIAL[kind](data)
     if len(data) != _UNREAD.get(kind, len(data)):
         raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {_UNREAD[kind]}")
     return Unknown(kind, data)
@@ -259,31 +190,6 @@ def _fields(kind: int, layout: struct.Struct, data: bytes) -> tuple[int, ...]:
     if len(data) != layout.size:
         raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {layout.size}")
     return layout.unpack(data)
-
-
-def _udid(data: bytes) -> UDID:
-    a, b, c = _fields(_UDID, _WORDS, data)
-    return UDID((a, b, c))
-
-
-def _version(kind: int, data: bytes) -> FirmwareVersion:
-    """Of four bytes, or of two as old firmware sends them: 104 is hardware 1.0.4."""
-    if len(data) == 4:
-        return FirmwareVersion(data[2], data[1], data[0])
-    if len(data) != 2:
-        raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not 2 or 4")
-    number = int.from_bytes(data, "little")
-    if kind == _FIRMWARE and number in _OLD_FIRMWARE:
-        return _OLD_FIRMWARE[number]
-    return FirmwareVersion(number // 100, number // 10 % 10, number % 10)
-
-
-_SPECIAL: Final[dict[int, Callable[[bytes], Feedback]]] = {
-    _HARDWARE: lambda data: Hardware(_version(_HARDWARE, data)),
-    _FIRMWARE: lambda data: Firmware(_version(_FIRMWARE, data)),
-    _UDID: _udid,
-}
-"""Packets that are more than a row of numbers."""
 
 
 HEADER: Final = b"\xaa\x55"

@@ -1,15 +1,19 @@
-"""What robots recorded, each by its own clock, comes to the same result as the simulated run itself."""
+"""Recordings with clocks of their own give the result of the simulated run; truth of a laboratory."""
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
+from actors.task.referee import PlaceOutcome
 from deploy.fleet.collect import collect
-from observation.field_trial.trial_result import TrialResult
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+from observation.field_trial.recordings import FieldTrialError
+from observation.field_trial.trial_result import TrialResult, read_truth, with_true_frames
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import Clock, clock, noise, rewrite
 from tests.field_trial.runs import copies, table
@@ -52,9 +56,9 @@ def test_clocks_that_are_off_and_drift_are_put_right(head_on: Run, tmp_path: Pat
     assert ours.completion_s == pytest.approx(head_on.result.completion_s, abs=2 * r2.scatter_s)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_error_holds_with_noise_on_every_stamp(head_on: Run, tmp_path: Path, seed: int) -> None:
-    clocks = {"r1": clock(EPOCH), "r2": clock(-EPOCH, -80.0 + 20 * seed)}
+    clocks = {"r1": clock(EPOCH), "r2": clock(-EPOCH, -80.0 + 120 * seed)}
     ours = collect([copies(head_on.out, tmp_path / "far", clocks, noise(seed, 3000.0))], tmp_path / "out")
     (r2,) = ours.per_robot["r2"].clock
     assert r2.error_s is not None and r2.scatter_s is not None and 1e-4 < r2.scatter_s < r2.error_s < 3e-3
@@ -123,7 +127,7 @@ def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run,
     )
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.93])
+@pytest.mark.parametrize("share", [0.2, 0.93])
 def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, tmp_path: Path, share: float) -> None:
     copies(head_on.out, tmp_path, {"r1": clock(), "r2": clock()})
     path = tmp_path / "r2" / "r2.mcap"
@@ -247,3 +251,76 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
     result = msgspec.json.decode(done.stdout, type=TrialResult)
     assert (result.places_claimed, result.out, done.stderr) == (6, None, "")
+
+
+BEGAN = EPOCH - 5_000_000
+"""The laboratory was there 5 s before the robots."""
+
+
+def laboratory(run: Run, path: Path, **other: object) -> Path:
+    """What it would have said of a simulated run."""
+    places = []
+    for row in table(run.out / "places.csv"):
+        at = round(float(row["reached_s"]) * 1e6) + EPOCH - BEGAN if row["reached_s"] else None
+        nothing: dict[str, Any] = dict.fromkeys(
+            ("reported_at", "reported_by", "given_up_at", "given_up_by", "reason"), None
+        )
+        places.append(
+            PlaceOutcome(
+                owner=row["owner"], place=int(row["place"]), x=0.0, y=0.0, reached_at=at,
+                reached_by=row["reached_by"] or None, in_route_of=(), **nothing,
+            )
+        )  # fmt: skip
+    result = LaboratoryResult(
+        began_us=BEGAN, simulated_s=100.0, contacts=3, places=tuple(places), lines={}, boards={},
+        behind_ms={}, lost_ms=0,
+    )  # fmt: skip
+    path.write_bytes(msgspec.json.encode(msgspec.structs.replace(result, **other)))
+    return path
+
+
+def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
+    truth = laboratory(head_on, tmp_path / "result.json", frames=head_on.result.frames)
+    ours = collect([far], tmp_path / "out", truth)
+    assert ours.frames | head_on.result.frames == ours.frames
+    assert (tmp_path / "out" / "places.csv").read_text() == (head_on.out / "places.csv").read_text()
+    assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, head_on.result.completion_s)
+    assert [part.places_done for part in ours.per_robot.values()] == [3, 3]
+
+
+def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path) -> None:
+    far = copies(crowd.out, tmp_path / "far", {f"r{n}": clock(EPOCH) for n in range(1, 5)})
+    truth = laboratory(crowd, tmp_path / "result.json", lost_ms=40)
+    seen = msgspec.json.decode(truth.read_bytes(), type=LaboratoryResult)
+    blind = [msgspec.structs.replace(place, reached_at=None, reached_by=None) for place in seen.places]
+    truth.write_bytes(msgspec.json.encode(msgspec.structs.replace(seen, places=tuple(blind))))
+    ours = collect([far], tmp_path / "out", truth)
+    verdicts = [row["verdict"] for row in table(tmp_path / "out" / "places.csv")]
+    claimed = crowd.result.places_claimed
+    assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
+    assert (ours.places_claimed, ours.places_done) == (claimed, 0)
+    assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
+
+
+def test_the_air_knows_what_became_of_frames_and_robots_which_never_came_so_far(
+    head_on: Run, tmp_path: Path
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
+    air = {"frames_sent": 5, "frames_overflowed": 0, "frames_refused": 0, "copies_lost_collision": 2}
+    plain = collect([far])
+    told = msgspec.structs.replace(plain, frames=plain.frames | {"frames_overflowed": 1500})
+    truth = laboratory(head_on, tmp_path / "result.json", frames=air, frames_by_robot={"r1": air})
+    ours = with_true_frames(told, read_truth(truth))
+    assert ours.frames == told.frames | {"frames_sent": 5, "copies_lost_collision": 2}
+    assert ours.per_robot["r1"].frames["frames_sent"] == 5
+    assert ours.per_robot["r2"].frames == plain.per_robot["r2"].frames
+
+
+def test_another_field_trials_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    with pytest.raises(FieldTrialError, match="--truth: the laboratory began 1699999995 s after the field"):
+        collect([far], None, laboratory(head_on, tmp_path / "result.json"))
+    (tmp_path / "junk.json").write_text("{}")
+    with pytest.raises(FieldTrialError, match=r"/junk\.json is no result of a laboratory: began_us is"):
+        collect([far], None, tmp_path / "junk.json")

@@ -12,11 +12,9 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from deploy.fleet.collect import collect
-from observation.field_trial.recordings import natural
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import clock
 from tests.field_trial.runs import copies
-from tests.swarm.command import acrc
 
 
 def sentence(*folders: Path, out: Path | None = None) -> str:
@@ -25,57 +23,38 @@ def sentence(*folders: Path, out: Path | None = None) -> str:
     return str(error.value)
 
 
-def test_a_folder_that_is_not_there_or_is_empty(tmp_path: Path) -> None:
-    gone = tmp_path / "gone"
-    assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
-    assert sentence(tmp_path) == f"{tmp_path}: no recording in it; there should be *.mcap or */*.mcap"
-    done = acrc("fleet", "collect", gone)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == f"acrc: {gone}: no such folder; it should be a robot's, or one that holds robots'\n"
-
-
-def test_no_robot_among_the_recordings(head_on: Run, tmp_path: Path) -> None:
-    shutil.copytree(head_on.out / "world", tmp_path / "world")
-    assert sentence(tmp_path) == f"{tmp_path}: no robot's recording in there, such as r2.mcap"
-
-
-def test_two_recordings_of_one_robot_in_one_epoch(head_on: Run, tmp_path: Path) -> None:
+def test_folders_that_make_no_field_trial_are_refused(head_on: Run, crowd: Run, tmp_path: Path) -> None:
+    gone, bare, world = tmp_path / "gone", tmp_path / "bare", tmp_path / "no" / "world"
+    bare.mkdir()
+    shutil.copytree(head_on.out / "world", world)
     one = copies(head_on.out, tmp_path / "one", {"r1": clock(), "r2": clock()})
     two = copies(head_on.out, tmp_path / "two", {"r2": clock()})
-    assert sentence(one, two) == (
-        f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0; there should be one "
-        "of each epoch, from one field trial"
+    later = copies(crowd.out, tmp_path / "later", {"r2": clock(86_400_000_000)})
+    assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
+    assert sentence(bare) == f"{bare}: no recording in it; there should be *.mcap or */*.mcap"
+    assert sentence(world.parent) == f"{world.parent}: no robot's recording in there, such as r2.mcap"
+    assert f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0" in sentence(
+        one, two
     )
-    assert collect([one, one / "r2"]).robots == 2  # the same file twice is one
-
-
-def test_recordings_of_different_field_trials(head_on: Run, crowd: Run, tmp_path: Path) -> None:
-    one = copies(head_on.out, tmp_path / "one", {"r1": clock()})
-    two = copies(crowd.out, tmp_path / "two", {"r2": clock(86_400_000_000)})
-    assert sentence(one, two) == (
-        f"r1 and r2: no frame connects their recordings, and {86_400 - head_on.result.simulated_s:.0f} s lie "
-        "between them by their own clocks; "
-        "the recordings should be of one field trial"
+    assert "no frame connects their recordings" in sentence(one / "r1", later)
+    assert (
+        sentence(head_on.out, out=one) == f"--out: {one} exists and is not an empty folder; must be a new one"
     )
+    assert collect([one, one / "r2"]).robots == 2, "the same file twice is one"
 
 
-def test_a_folder_for_results_that_is_in_use(head_on: Run, tmp_path: Path) -> None:
-    (tmp_path / "mine.txt").touch()
-    assert sentence(head_on.out, out=tmp_path) == (
-        f"--out: {tmp_path} exists and is not an empty folder; must be a new one"
-    )
-
-
-def test_junk_beside_recordings_is_named_and_left_out(head_on: Run, tmp_path: Path) -> None:
-    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+def test_junk_beside_recordings_and_impossible_instants_are_named_and_left_out(
+    head_on: Run, tmp_path: Path
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock(1 << 61)})
     (far / "r1" / "a.mcap").write_bytes(b"anything")
     (far / "r1" / "empty.mcap").touch()
-    (far / "r2" / "words.txt").write_text("no matter")
     ours = collect([far])
-    assert ours.places_claimed == 6
-    assert ours.notes == (
+    assert ours.notes[:3] == (
         f"{far}/r1/a.mcap: not a recording of this project, or damaged at its start",
         f"{far}/r1/empty.mcap: ends before its first record, or is no actor's recording; left out",
+        f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what "
+        "comes before is taken",
     )
 
 
@@ -94,7 +73,7 @@ def test_a_robots_file_cut_before_its_first_step_counts_for_nothing(head_on: Run
     assert sentence(far) == f"{far}/r1/r1.mcap: no robot has taken a step in there"
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, seed: int) -> None:
     far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
     path = far / "r2" / "r2.mcap"
@@ -144,15 +123,3 @@ def test_messages_of_another_version_are_a_sentence(
         f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7 where message version {MESSAGE_VERSION} was due; "
         "what comes before is taken"
     )
-
-
-def test_an_instant_that_no_clock_shows_is_damage(head_on: Run, tmp_path: Path) -> None:
-    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock(1 << 61)})
-    assert collect([far]).notes[0] == (
-        f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what comes before is "
-        "taken"
-    )
-
-
-def test_robots_are_sorted_as_people_count() -> None:
-    assert sorted(["r10", "r2", "r1", "ann", "r2b"], key=natural) == ["ann", "r1", "r2", "r2b", "r10"]

@@ -13,12 +13,10 @@ from actors.instant import Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki.driver import (
-    BaseIdentity,
     BatteryChanged,
     BatteryLevel,
     FieldChanged,
     Found,
-    Identified,
     Lost,
     Sense,
     StopsChanged,
@@ -26,12 +24,9 @@ from firmware_bridge.kobuki.driver import (
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import (
     POWER_RAILS,
-    UDID,
     BaseControl,
     Command,
-    FirmwareVersion,
     GeneralOutput,
-    RequestExtra,
     SoundSequence,
     encode_frame,
 )
@@ -43,29 +38,7 @@ def heard(rig: Rig, kind: type[Command]) -> list[Command]:
     return [command for _, command in rig.base.heard if isinstance(command, kind)]
 
 
-def test_a_base_is_found_and_says_who_it_is() -> None:
-    rig = Rig()
-    rig.base.faults.silent = True
-    rig.run(2.0)
-    assert [type(event) for event in rig.told] == [StopsChanged]
-    rig.base.faults.silent = False
-    rig.run(1.0)
-    assert [event for event in rig.told if isinstance(event, Found)] != []
-    identity = BaseIdentity(FirmwareVersion(1, 0, 4), FirmwareVersion(1, 1, 4), UDID((1, 2, 3)))
-    assert rig.driver.identity == identity
-    assert [event.identity for event in rig.told if isinstance(event, Identified)] == [identity]
-    assert len(heard(rig, RequestExtra)) == 1
-
-
-def test_a_base_that_never_answers_is_asked_five_times() -> None:
-    rig = Rig()
-    rig.base._answer = lambda flags: None  # type: ignore[method-assign]
-    rig.run(10.0)
-    assert len(heard(rig, RequestExtra)) == 5
-    assert not rig.driver.identity.complete
-
-
-def test_a_lost_base_is_told_and_asked_anew_when_it_is_back() -> None:
+def test_a_lost_base_is_told_and_found_again() -> None:
     rig = Rig()
     rig.run(1.0, (0.2, 0.0))
     assert rig.driver.odometry.read().vx > 0.1
@@ -80,8 +53,6 @@ def test_a_lost_base_is_told_and_asked_anew_when_it_is_back() -> None:
     assert rig.base.outputs == POWER_RAILS
     rig.run(0.5)
     assert len([event for event in rig.told if isinstance(event, Found)]) == 2
-    assert len(heard(rig, RequestExtra)) == 2
-    assert rig.driver.identity.complete
 
 
 def test_base_control_goes_out_once_per_feedback_and_never_too_often() -> None:

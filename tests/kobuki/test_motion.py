@@ -16,19 +16,10 @@ from firmware_bridge.kobuki.base import BaseParameters, BodyTruth, EmulatedKobuk
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import KobukiOdometry, base_control, velocity
 from firmware_bridge.kobuki.wire import (
-    FIRMWARE_REQUEST,
-    HARDWARE_REQUEST,
-    UDID,
-    UDID_REQUEST,
     BaseControl,
     Basic,
-    Firmware,
-    FrameReader,
-    Hardware,
     Inertial,
-    RequestExtra,
     WireMisuseError,
-    decode_feedback,
 )
 from tests.kobuki.drives import Rig
 
@@ -252,13 +243,3 @@ def test_the_bumper_has_three_sectors(heading: float, bits: int) -> None:
     body.drive(0.3 if heading < 2 else -0.3, 0.0)
     body.advance(Instant(2_000_000))
     assert body.bumper() == bits
-
-
-def test_a_backlog_of_requests_fits_into_one_feedback() -> None:
-    """As a base finds it that had no processor for half a second; each kind is answered once."""
-    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1))
-    for _ in range(40):
-        base._obey(RequestExtra(HARDWARE_REQUEST | FIRMWARE_REQUEST | UDID_REQUEST))
-    (packets,) = FrameReader(decode_feedback).take(base.run(Instant(40_000))[:200])[:1]
-    kinds = [type(packet) for packet in packets]
-    assert [kinds.count(kind) for kind in (Hardware, Firmware, UDID)] == [1, 1, 1]

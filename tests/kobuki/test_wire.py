@@ -5,19 +5,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_bridge.kobuki.wire import (
-    UDID,
     BaseControl,
     Basic,
     Command,
     Feedback,
-    Firmware,
-    FirmwareVersion,
     FrameReader,
     GeneralOutput,
-    Hardware,
     Inertial,
     MalformedError,
-    RequestExtra,
     SoundSequence,
     Unknown,
     WireMisuseError,
@@ -34,8 +29,6 @@ COMMANDS = [
     # -100 = ff9c, 1: 06^01^04^9c^ff^01 = 61
     (BaseControl(-100, 1), "aa 55 06 01 04 9c ff 01 00 61"),
     (SoundSequence(4), "aa 55 03 04 01 04 02"),
-    # all three: 000b: 04^09^02^0b = 04
-    (RequestExtra(0x0B), "aa 55 04 09 02 0b 00 04"),
     # rails and LED 1 green: 02f0: 04^0c^02^f0^02 = f8
     (GeneralOutput(0x02F0), "aa 55 04 0c 02 f0 02 f8"),
 ]
@@ -48,9 +41,7 @@ FEEDBACK = [
     (Inertial(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
     (Unknown(5, bytes.fromhex("d0 07 d1 07 ff 0f")), "05 06 d0 07 d1 07 ff 0f"),
     (Unknown(6, b"\x07\xff"), "06 02 07 ff"),
-    (Hardware(FirmwareVersion(1, 0, 4)), "0a 04 04 00 01 00"),
-    (Firmware(FirmwareVersion(1, 1, 4)), "0b 04 04 01 01 00"),
-    (UDID((1, 2, 0xFFFFFFFF)), "13 0c 01 00 00 00 02 00 00 00 ff ff ff ff"),
+    (Unknown(10, b"\x04\x00\x01\x00"), "0a 04 04 00 01 00"),
     (Unknown(99, b"\x07"), "63 01 07"),
 ]
 
@@ -68,20 +59,8 @@ def test_a_feedback_packet_has_these_bytes(feedback: Feedback, wire: str) -> Non
 
 
 @pytest.mark.parametrize(
-    ("wire", "feedback"),
-    [
-        ("0a 02 68 00", Hardware(FirmwareVersion(1, 0, 4))),  # 104
-        ("0b 02 7b 00", Firmware(FirmwareVersion(1, 0, 0))),  # 123
-        ("0b 02 75 27", Firmware(FirmwareVersion(1, 1, 1))),  # 10101
-    ],
-)
-def test_old_firmware_says_its_versions_in_two_bytes(wire: str, feedback: Feedback) -> None:
-    assert decode_feedback(bytes.fromhex(wire)) == [feedback]
-
-
-@pytest.mark.parametrize(
     "command",
-    [BaseControl(0x8000, 0), BaseControl(0, -0x8001), RequestExtra(-1), SoundSequence(256)],
+    [BaseControl(0x8000, 0), BaseControl(0, -0x8001), SoundSequence(256)],
 )
 def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
     with pytest.raises(WireMisuseError):
@@ -93,22 +72,16 @@ def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
 INT16 = st.integers(-0x8000, 0x7FFF)
 UINT16 = st.integers(0, 0xFFFF)
 UINT8 = st.integers(0, 0xFF)
-UINT32 = st.integers(0, 0xFFFFFFFF)
-VERSIONS = st.builds(FirmwareVersion, UINT8, UINT8, UINT8)
 ANY_FEEDBACK: st.SearchStrategy[Feedback] = st.one_of(
     st.builds(
         Basic, UINT16, UINT8, UINT8, UINT8, UINT16, UINT16, *[st.integers(-128, 127)] * 2, *[UINT8] * 4
     ),
     st.builds(Inertial, INT16, INT16),
-    st.builds(Hardware, VERSIONS),
-    st.builds(Firmware, VERSIONS),
-    st.builds(UDID, st.tuples(UINT32, UINT32, UINT32)),
     st.builds(Unknown, st.integers(30, 255), st.binary(min_size=1, max_size=20)),
 )
 ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
     st.builds(BaseControl, INT16, INT16),
     st.builds(SoundSequence, UINT8),
-    st.builds(RequestExtra, UINT16),
     st.builds(GeneralOutput, UINT16),
 )
 

@@ -20,8 +20,7 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.reception import Event
-from firmware_bridge.kobuki.driver import DriverParameters, KobukiDriver
-from firmware_bridge.kobuki.motion import OdometryParameters
+from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
@@ -138,8 +137,8 @@ class BaseHost:
     def __init__(self, path: Path) -> None:
         self._port = SerialPort(str(path), KOBUKI)
         # A test that is not given the processor for seconds should see late bytes, not another base.
-        odometry = OdometryParameters(longest_gap=20.0)
-        self.driver = KobukiDriver(now(), DriverParameters(odometry=odometry))
+        self.driver = KobukiDriver(now())
+        self.driver.odometry.longest_gap = 20.0
         self.wanted = (0.0, 0.0)
 
     def serve(self) -> None:

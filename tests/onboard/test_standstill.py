@@ -16,7 +16,7 @@ import pytest
 from actors.runtime.recording import RecordingError, read_notes
 from benchmarks.hardware.standstill import StandstillCase, events, measured, meets
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
-from firmware_bridge.kobuki.motion import OdometryParameters
+from firmware_bridge.kobuki.motion import LONGEST_GAP
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
 
@@ -72,7 +72,7 @@ def test_a_serial_line_that_is_silent_for_long_leaves_the_robot_in_doubt_about_i
     rig.until_driving()
     before = rig.processes(BASE)
     rig.expect_ok("silence r1 base")
-    time.sleep(1.1 * OdometryParameters().longest_gap)
+    time.sleep(1.1 * LONGEST_GAP)
     rig.expect_ok("heal r1")
     deadline = time.monotonic() + 60.0  # how soon it then drives depends on how much it sees where it stands
     while not (anew := begins_anew(rig, before) and doubtful(rig)) and time.monotonic() < deadline:
