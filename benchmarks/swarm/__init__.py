@@ -1,1 +1,1 @@
-"""Whole swarms: speed, CPU time by part, traffic, relays, crowded starts, campaigns and violent ends."""
+"""Benchmarks of whole swarms: speed, CPU, memory, counted cost of a step, start, another commit."""

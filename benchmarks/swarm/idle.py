@@ -1,4 +1,4 @@
-"""The behaviour of a robot that does nothing, for ever."""
+"""A behaviour that does nothing."""
 
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
@@ -7,13 +7,13 @@ NOTHING = Decision()
 
 
 class Idle:
-    """Has places to clean and never does it."""
+    """Cleans no place."""
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Nothing."""
+        """Return an empty decision."""
         return NOTHING
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `benchmarks.swarm.idle:behaviour`."""
+    """Return the behaviour; entry `benchmarks.swarm.idle:behaviour`."""
     return Idle()

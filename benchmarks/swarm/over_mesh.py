@@ -1,9 +1,9 @@
-"""A full swarm over Zenoh, a process for each actor: how fast, by which processes, and how large they are."""
+"""A full swarm over Zenoh, a process for each actor: speed, CPU, start-up and memory."""
 
 import contextlib
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -15,36 +15,42 @@ from actors.instant import in_seconds
 from actors.messages import Progress
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
-from benchmarks.swarm import process_figures
-from benchmarks.swarm.process_figures import Activity, Memory
-from benchmarks.swarm.task import Range, SwarmTask, all_cpu_s, planned
+from benchmarks.swarm.runs import KINDS, Range, SwarmTask, kind, planned
 from deploy.run import swarm
 from observation.results.result import RunResult
 
 PARENT: Final = "parent"
+_PROC: Final = Path("/proc")
 _ENDLESS_S: Final = 36_000.0
-"""Longer than any swarm takes to settle all places, or than anybody waits."""
+"""Longer than any swarm takes to settle all places."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Memory of all processes of one kind, MB."""
+
+    processes: int
+    rss_mb: float
+    """Resident; shared pages count fully in each process."""
+    pss_mb: float
+    """Proportional: a page that n processes share counts 1/n in each."""
+    private_mb: float
+    """Pages of one process only."""
 
 
 @dataclass(frozen=True)
 class MeshFigures:
-    """A swarm over Zenoh, a process for each actor."""
+    """Figures of a swarm over Zenoh."""
 
     real_time_factor: Range
     ms: Range
-    """CPU of all processes per robot and simulated second, ms; from the first step to the last."""
+    """CPU of all processes from the first step to the last, per robot and simulated second, ms."""
     startup_s: Range
     startup_cpu_s: Range
-    """CPU before the first step, of all processes but the forkserver, s: imports, kernels, maps."""
+    """CPU before the first step of all processes but the forkserver, s."""
     by_actor: dict[str, float]
     """`ms` by kind of process; medians."""
-    system: dict[str, float]
-    """The share of the kernel in it."""
-    switches: dict[str, float]
-    """Context switches per robot and step."""
     memory: dict[str, Memory]
-    others: Range
-    """Cores that were busy with something else meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -53,86 +59,97 @@ class _MeshRun:
     by_actor: dict[str, float]
     """CPU from the first step to the last, s."""
     startup_cpu_s: float
-    others: float
 
 
 def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
-    """Weigh one run, and measure as many others as the task says."""
-    memory, activity = _weigh(count, task)
-    rates = process_figures.rates(*activity)
+    """Read the memory of one run, and time `task.repeat` others."""
+    memory = _memory_of_run(count, task)
     runs = [_mesh_run(count, task) for _ in range(task.repeat)]
     robot_s = count * runs[0].result.simulated_s
-    by_actor = {
-        actor: median(run.by_actor[actor] for run in runs) / robot_s * 1e3 for actor in runs[0].by_actor
-    }
     return MeshFigures(
         real_time_factor=Range.of([run.result.real_time_factor for run in runs]),
         ms=Range.of([sum(run.by_actor.values()) / robot_s * 1e3 for run in runs]),
         startup_s=Range.of([run.result.startup_s for run in runs]),
         startup_cpu_s=Range.of([run.startup_cpu_s for run in runs]),
-        by_actor=by_actor,
-        system={actor: share for actor, (share, _) in rates.items()},
-        switches={actor: rate * by_actor[actor] / 10 for actor, (_, rate) in rates.items()},
+        by_actor={
+            actor: median(run.by_actor[actor] for run in runs) / robot_s * 1e3 for actor in runs[0].by_actor
+        },
         memory=memory,
-        others=Range.of([run.others for run in runs]),
     )
 
 
-def plain_mesh_ms(count: int, task: SwarmTask) -> float:
-    """CPU of all processes per robot and simulated second of one run, ms."""
+def mesh_ms(count: int, task: SwarmTask) -> float:
+    """Return the CPU of all processes of one run per robot and simulated second, ms."""
     run = _mesh_run(count, task)
     return sum(run.by_actor.values()) / count / run.result.simulated_s * 1e3
 
 
 def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
     parent: list[float] = []
-
-    def note(progress: Progress) -> None:
-        parent.append(time.process_time())
-
     with planned(count, task, "zenoh") as plan:
-        load, own = process_figures.Load(), all_cpu_s()
-        result = swarm.run_processes(plan, "forkserver", note)
-        others = load.others(all_cpu_s() - own)
-        finals = {path.stem: _final(path) for path in plan.out.glob("*/*.mcap")}
-    by_actor = dict.fromkeys(process_figures.KINDS, 0.0)
+        result = swarm.run_processes(plan, "forkserver", lambda progress: parent.append(time.process_time()))
+        finals = {
+            path.stem: msgspec.json.decode(read_notes(path)["final"], type=FinalNote)
+            for path in plan.out.glob("*/*.mcap")
+        }
+    by_actor = dict.fromkeys(KINDS, 0.0)
     for actor, final in finals.items():
-        by_actor[process_figures.kind(actor)] += final.cpu_s - final.startup_cpu_s
+        by_actor[kind(actor)] += final.cpu_s - final.startup_cpu_s
     by_actor[PARENT] = parent[-1] - parent[0]
-    startup_cpu_s = sum(final.startup_cpu_s for final in finals.values())
-    return _MeshRun(result, by_actor, startup_cpu_s, others)
+    return _MeshRun(result, by_actor, sum(final.startup_cpu_s for final in finals.values()))
 
 
-def _final(recording: Path) -> FinalNote:
-    return msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
+class _MemoryRead(Exception):  # noqa: N818  # ends a run early
+    """Memory has been read."""
 
 
-class _Weighed(Exception):  # noqa: N818  # ends a run that has served its purpose
-    """The processes have been weighed."""
-
-
-def _weigh(
-    count: int, task: SwarmTask
-) -> tuple[dict[str, Memory], tuple[Mapping[str, Activity], Mapping[str, Activity]]]:
-    """Memory by kind of process once the task's time is over, and activity early and then.
-
-    The run would go on: what has ended could not be looked at.
-    """
-    seen: list[dict[str, Activity]] = []
+def _memory_of_run(count: int, task: SwarmTask) -> dict[str, Memory]:
+    """Read memory by kind of process at the task's simulated time, while the run goes on."""
     memory: dict[str, Memory] = {}
 
     def look(progress: Progress) -> None:
-        late = in_seconds(progress.instant) >= task.simulated_s(count)
-        if seen and not late:
+        if in_seconds(progress.instant) < task.simulated_s(count):
             return
-        pids = process_figures.actors_of(plan.out) | {PARENT: [os.getpid()]}
-        seen.append({kind: process_figures.activity(them) for kind, them in pids.items()})
-        if late and len(seen) > 1:
-            pids["forkserver"] = [process_figures.parent_of(pids["world"][0])]
-            memory.update({kind: process_figures.memory(them) for kind, them in pids.items()})
-            raise _Weighed
+        pids = actors_of(plan.out) | {PARENT: [os.getpid()]}
+        pids["forkserver"] = [int(_stat(pids["world"][0])[1])]
+        memory.update({name: memory_of(them) for name, them in pids.items()})
+        raise _MemoryRead
 
     endless = replace(task, seconds=_ENDLESS_S, robot_seconds=None)
-    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_Weighed):
+    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_MemoryRead):
         swarm.run_processes(plan, "forkserver", look)
-    return memory, (seen[0], seen[1])
+    return memory
+
+
+def actors_of(out: Path) -> dict[str, list[int]]:
+    """Return the process ids of a run by kind; an actor is identified by its log file."""
+    pids: dict[str, list[int]] = {name: [] for name in KINDS}
+    for entry in _PROC.iterdir():
+        if not entry.name.isdecimal():
+            continue
+        try:
+            log = (entry / "fd" / "1").readlink()
+        except OSError:  # the process has exited, or belongs to another user
+            continue
+        if log.parent.parent == out:
+            pids[kind(log.stem)].append(int(entry.name))
+    return pids
+
+
+def _stat(pid: int) -> list[str]:
+    """Return the fields of proc_pid_stat(5) after the name, which may contain anything."""
+    return (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+
+
+def memory_of(pids: Sequence[int]) -> Memory:
+    """Return the memory of these processes."""
+    sizes = [_sizes((_PROC / str(pid) / "smaps_rollup").read_text()) for pid in pids]
+    return Memory(len(pids), *(sum(size[index] for size in sizes) for index in range(3)))
+
+
+def _sizes(text: str) -> tuple[float, float, float]:
+    """Return RSS, PSS and private memory, MB, from a file smaps_rollup (proc_pid_smaps(5))."""
+    rows = (line.split() for line in text.splitlines()[1:])
+    kib = {row[0].removesuffix(":"): int(row[1]) for row in rows}
+    private = kib["Private_Clean"] + kib["Private_Dirty"]
+    return kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024

@@ -1,4 +1,4 @@
-"""`acrc bench start`: how long a command takes to its first word, and `acrc run` to its first step."""
+"""`acrc bench start`: time until a command's first output, and until the first step of `acrc run`."""
 
 import json
 import os
@@ -32,13 +32,13 @@ _COMMANDS: Final = (
     "run --robbots 4",
     "run wrong.toml",
 )
-"""Right ones, a wrong option, and a scenario with a wrong key."""
+"""Valid commands, a wrong option, and a scenario with a wrong key."""
 _WRONG: Final = "[robots]\ncuont = 4\n"
 _NO_BYTECODE: Final = "PYTHONDONTWRITEBYTECODE"
 
 
 def measure(robots: Sequence[int] = ROBOTS, repeat: int = 10) -> Measured:
-    """Medians of `repeat` calls of each command, and of runs of each size, after one of each."""
+    """Return medians of `repeat` calls of each command, and of runs of each size, after one of each."""
     acrc = str(clone("acrc bench start") / "acrc")
     words = [{"command": command, **_first_word(acrc, command, repeat)} for command in _COMMANDS]
     runs = [{"robots": count, **_first_step(acrc, count, repeat)} for count in robots]
@@ -62,14 +62,14 @@ def _goals(
 
 
 def _first_word(acrc: str, command: str, repeat: int) -> dict[str, float]:
-    """Wall time until a command has written anything, and its CPU time; also where no byte code is wanted."""
-    told: dict[str, float] = {}
+    """Return wall time until the first output and CPU time, also with PYTHONDONTWRITEBYTECODE."""
+    figures: dict[str, float] = {}
     plain = {name: value for name, value in os.environ.items() if name != _NO_BYTECODE}
     for kind, env in (("", plain), (" without byte code", plain | {_NO_BYTECODE: "1"})):
         found = [_word(acrc, command, env) for _ in range(repeat + 1)][1:]
-        told |= {f"s{kind}": round(median(wall for wall, _ in found), 2)}
-        told |= {f"CPU s{kind}": round(median(cpu for _, cpu in found), 2)}
-    return told
+        figures |= {f"s{kind}": round(median(wall for wall, _ in found), 2)}
+        figures |= {f"CPU s{kind}": round(median(cpu for _, cpu in found), 2)}
+    return figures
 
 
 def _word(acrc: str, command: str, env: Mapping[str, str]) -> tuple[float, float]:
@@ -90,19 +90,19 @@ def _word(acrc: str, command: str, env: Mapping[str, str]) -> tuple[float, float
             process.stdout.read()
     after = os.times()
     if not first:
-        raise AcrcError(f"acrc {command} says nothing")
+        raise AcrcError(f"acrc {command} writes nothing")
     cpu_s = sum(after[2:4]) - sum(before[2:4])
     return wall_s, cpu_s
 
 
 def _first_step(acrc: str, robots: int, repeat: int) -> dict[str, float]:
-    """Wall time by parts from Enter to the first step, and CPU time of the whole command, medians."""
+    """Return medians of the wall time until the first step, by part, and of the command's CPU time."""
     found = [_parts(acrc, robots) for _ in range(repeat + 1)][1:]
     return {name: round(median(one[name] for one in found), 2) for name in found[0]}
 
 
 def _parts(acrc: str, robots: int) -> dict[str, float]:
-    """One run of a second, by what it left: a file that is written between two parts says when that was."""
+    """Time the parts of one run of a second, by the modification times of files written between them."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
         words = [acrc, "run", "--robots", str(robots), "--duration", "1", "--json", "--out", str(out)]

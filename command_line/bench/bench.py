@@ -25,15 +25,15 @@ class Benchmark:
 
 BENCHMARKS: Final = {
     "swarm": Benchmark(
-        "benchmarks.swarm.benchmark", "the whole stack: speed, CPU by part, traffic, memory",
+        "benchmarks.swarm.benchmark", "the whole stack: speed, CPU by package, traffic, memory",
         ("robots", "duration", "repeat"),
     ),
     "budget": Benchmark(
-        "benchmarks.swarm.counted.command", "what one robot's step costs, counted: calls, messages, bytes",
+        "benchmarks.swarm.budget", "what one robot's step costs, counted: calls, messages, bytes",
         ("duration", "bus", "write"),
     ),
     "beside": Benchmark(
-        "benchmarks.beside.command", "this state and another COMMIT in turn: wall and CPU time, digests",
+        "benchmarks.swarm.beside", "this state and another COMMIT in turn: wall and CPU time, digests",
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
     ),
     "hosts": Benchmark(

@@ -7,7 +7,6 @@ import msgspec
 import pytest
 
 from actors.runtime.errors import AcrcError
-from benchmarks.swarm import resume
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -16,7 +15,6 @@ from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.trial_record import TrialRecord
 from experiments.study.study import FIRST_TUNING_SEED, Factor, Study
 from experiments.study.study_file import load_study
-from tests.seeds import sampled
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
@@ -48,13 +46,6 @@ def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -
     overrides = Overrides(seed=2, strategy="chapter", settings=SHORT)
     alone = swarm.plan(load_scenario(CORRIDOR, overrides), RunOptions(tmp_path / "alone", bus="memory"))
     assert found["chapter", 2] == swarm.run_in_memory(alone, lambda progress: None).digest
-
-
-@pytest.mark.timeout(240)
-@pytest.mark.parametrize("kills", sampled((2, 3), (2,)))
-def test_killed_at_any_moment_it_goes_on_without_losing_or_repeating_a_run(kills: int) -> None:
-    """`acrc verify resume --full` does the same with more kills."""
-    assert resume.check(runs=kills, duration=3.0, seed=4).holds
 
 
 def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:

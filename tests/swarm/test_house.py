@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from benchmarks.swarm.crowded_start import busy
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.record_replay import replay_actor
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
+from tests.swarm.test_crowded_start import busy
 
 CROWD = Path(__file__).parent / "crowd.toml"
 ONE_CORE = (0,)
@@ -161,6 +161,7 @@ def test_one_digest_where_every_process_is_started_anew(
     assert (out / "r2" / "r2.1.mcap").is_file()
 
 
+@pytest.mark.claim("crowded-start")
 def test_one_digest_beside_a_hog(eventful: Run, tmp_path: Path) -> None:
     scenario, reference = eventful
     with busy(os.cpu_count() or 1):

@@ -1,4 +1,4 @@
-"""`acrc bench budget`: what one robot's step costs in memory and over Zenoh, beside the kept table."""
+"""`acrc bench budget`: cost of one robot's step in memory and over Zenoh, beside the kept counts."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -10,22 +10,20 @@ from actors.console import screen
 from actors.installation.repository import clone
 from actors.installation.usage import OptionError, wrong_value
 from benchmarks.statistics.measured import Measured
-from benchmarks.swarm.counted import in_memory, over_mesh, table
-from benchmarks.swarm.counted.in_memory import StepCounts
-from benchmarks.swarm.counted.over_mesh import MeshCounts
-from benchmarks.swarm.counted.steps import ROBOTS, SECONDS, CountedSteps
+from benchmarks.swarm import counts
+from benchmarks.swarm.counts import ROBOTS, SECONDS, CountedSteps, MeshCounts, StepCounts
 from deploy.run.options import Bus
 
 _LEAST_S: Final = 3.0
 _MOST_CALLED: Final = 25
 _SHOWN: Final = 0.05
-"""Of a robot-step; what is rarer is left out of the tables."""
+"""Least count per robot-step in the tables."""
 
 
 def measure(bus: str | None = None, duration: float = SECONDS, write: bool = False) -> Measured:
-    """Count on one bus, or on both; `duration`: simulated s, the first third of which does not count.
+    """Count on one bus, or on both; `duration`: simulated s, of which the first third is not counted.
 
-    `write`: keep the counts in memory as the table of this Python.
+    `write`: keep the counts in memory as those of this version of Python.
     """
     if bus is not None and bus not in get_args(Bus):
         raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
@@ -41,53 +39,52 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
     shown: list[Table | str] = []
     if bus != "zenoh":
         say.print(f"{ROBOTS} robots in memory …")
-        counts = in_memory.counted(window)
-        blocks = in_memory.blocks(window)
-        figures["memory"] = asdict(counts) | {"blocks": blocks}
-        shown += _memory(counts, blocks, table.read() if duration == SECONDS else None)
+        found, blocks = counts.counted(window), counts.blocks(window)
+        figures["memory"] = asdict(found) | {"blocks": blocks}
+        shown += _memory(found, blocks, counts.kept_counts() if duration == SECONDS else None)
         if write:
-            table.TABLE.write_text(table.written(counts))
-            shown.append(f"{table.TABLE.name} is written")
+            counts.TABLE.write_text(counts.written(found))
+            shown.append(f"{counts.TABLE.name} is written")
     if bus != "memory":
         say.print(f"{ROBOTS} robots over Zenoh …")
-        mesh = over_mesh.counted(window)
+        mesh = counts.mesh_counted(window)
         figures["zenoh"] = asdict(mesh)
         shown += _mesh(mesh)
     return Measured(figures, shown)
 
 
-def _memory(counts: StepCounts, blocks: float, kept: StepCounts | None) -> list[Table | str]:
+def _memory(found: StepCounts, blocks: float, kept: StepCounts | None) -> list[Table | str]:
     tables: list[Table | str] = [
-        _table(f"{words} per robot-step, in memory", getattr(counts, name), getattr(kept, name, None))
-        for name, words in table.KEPT.items()
+        _table(f"{words} per robot-step, in memory", getattr(found, name), getattr(kept, name, None))
+        for name, words in counts.KEPT.items()
     ]
-    most = dict(list(counts.functions.items())[:_MOST_CALLED])
+    most = dict(list(found.functions.items())[:_MOST_CALLED])
     tables.insert(1, _table("the functions called most, per robot-step", most, None, whole=False))
     tables.append(f"memory blocks allocated per robot-step, freed ones included: {blocks:.1f}")
     if kept is not None:
-        tables += [*table.differences(counts, kept)] or [f"{table.TABLE.name} keeps the same, within 2 %"]
+        tables += [*counts.differences(found, kept)] or [f"{counts.TABLE.name} keeps the same, within 2 %"]
     return tables
 
 
-def _mesh(counts: MeshCounts) -> list[Table | str]:
-    shown: list[Table | str] = [_table("bytes recorded per robot-step, over Zenoh", counts.recorded, None)]
-    if counts.system_calls is None:
+def _mesh(found: MeshCounts) -> list[Table | str]:
+    shown: list[Table | str] = [_table("bytes recorded per robot-step, over Zenoh", found.recorded, None)]
+    if found.system_calls is None:
         shown.append("system calls are not counted: that requires strace")
     else:
-        shown.append(_table("system calls per robot-step, over Zenoh", counts.system_calls, None))
-    switches = f"{counts.voluntary:.1f} voluntary, {counts.forced:.1f} forced"
+        shown.append(_table("system calls per robot-step, over Zenoh", found.system_calls, None))
+    switches = f"{found.voluntary:.1f} voluntary, {found.forced:.1f} forced"
     return [*shown, f"context switches per robot-step, over Zenoh: {switches}"]
 
 
 def _table(
-    title: str, counts: Mapping[str, float], kept: Mapping[str, float] | None, *, whole: bool = True
+    title: str, found: Mapping[str, float], kept: Mapping[str, float] | None, *, whole: bool = True
 ) -> Table:
-    """The counts by name, with their sum if they are the `whole`, beside those that are kept."""
+    """Tabulate counts by name beside the kept ones, with the sum if they are the `whole`."""
     rows = Table("", "now", *(("kept",) if kept is not None else ()), title=title)
     old = kept or {}
-    lines = {name: (counts.get(name, 0.0), old.get(name, 0.0)) for name in {**counts, **old}}
+    lines = {name: (found.get(name, 0.0), old.get(name, 0.0)) for name in {**found, **old}}
     if whole:
-        lines["all"] = (sum(counts.values()), sum(old.values()))
+        lines["all"] = (sum(found.values()), sum(old.values()))
     for name, values in lines.items():
         if max(values) >= _SHOWN:
             rows.add_row(name, *(f"{value:.1f}" for value in values[: len(rows.columns) - 1]))

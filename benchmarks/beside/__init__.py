@@ -1,1 +1,0 @@
-"""This state of the project and another one in turn: how much faster it is, with intervals."""
