@@ -29,6 +29,7 @@ def _digest(out: Path) -> str:
     return str(json.loads((out / "run.json").read_text())["digest"])
 
 
+@pytest.mark.claim("branches")
 @pytest.mark.parametrize("at_s", [0.1, 7.3])
 def test_nothing_changed_is_the_run_itself(origin: Path, leave: Leave, at_s: float) -> None:
     same = leave(Change(at_s))
@@ -78,6 +79,7 @@ def test_one_frame_that_nobody_hears_is_named_with_who_missed_it(origin: Path, l
     assert f"sender={sender[1:]}" in parted.words
 
 
+@pytest.mark.claim("branches")
 def test_one_frame_that_one_robot_does_not_receive_is_what_differs_first(origin: Path, leave: Leave) -> None:
     step, sender, receiver = _lone_frame(origin)
     lost = leave(Change(1.0, events=(event(f"lose {receiver} {sender} at {step * STEP_S:.1f}", 1.0),)))

@@ -15,8 +15,6 @@ from actors.instant import seconds
 from actors.messages import Jam
 from actors.orders import CloseDoor, Obstacle, OpenDoor
 from actors.runtime.recording import RecordingError
-from benchmarks.causes import situations
-from benchmarks.causes.causes import judge
 from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -32,6 +30,7 @@ from observation.accounting.true_floor import TrueFloor
 from observation.evidence.said_decisions import SaidDecision
 from observation.replay.recorded_orders import GivenOrder
 from observation.results.navigation_result import GivenGoal
+from tests.experiments import situations
 
 STEP = 100_000
 STEPS = 300
@@ -290,17 +289,6 @@ def test_no_contact_is_who_hears_nobody_while_others_within_reach_have_frames_to
     heard[:] = 0
     (deaf,) = findings(jammed, FrameCounts(sent, heard), floor().passages, STANDARD)
     assert deaf.robots == ("r2",), "r3 stands behind a wall"
-
-
-@pytest.mark.parametrize("plant", situations.PLANTED)
-def test_what_was_planted_is_named(plant: situations.Plant) -> None:
-    verdict = judge(plant(3))
-    assert verdict.named, verdict.says
-
-
-def test_nothing_is_invented() -> None:
-    verdict = judge(situations.quiet(3))
-    assert not verdict.named, verdict.says
 
 
 @pytest.mark.usefixtures("forked_servers")

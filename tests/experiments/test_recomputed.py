@@ -9,14 +9,13 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from benchmarks.verdicts import campaign_rows
-from benchmarks.verdicts.verdicts import check as verdicts_check
 from experiments.comparison import metrics
 from experiments.comparison.comparison import Scores, estimate, scores
 from experiments.comparison.family import ComparedMetric, verdicts
 from experiments.comparison.metrics import named
 from experiments.statistics.effect_size import mean_interval
 from experiments.statistics.survival import Completion, restricted_mean
+from tests.experiments import campaign_rows
 
 PRIMARY = (("chapter", "none"), ("auction", "chapter"))
 ROWS = pd.read_csv(campaign_rows.ROWS)
@@ -135,8 +134,3 @@ def test_the_interval_of_a_mean_holds_on_real_differences() -> None:
             for _, low, high in (mean_interval(rng.choice(gains, 20)) for _ in range(300))
         ]
         assert np.mean(held) >= 0.85
-
-
-def test_campaigns_drawn_from_these_rows_claim_what_is_there() -> None:
-    """`acrc verify verdicts`, with less of everything."""
-    assert verdicts_check(runs=40, draws=1000, campaigns=40).holds

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -205,6 +206,7 @@ def play(swarm: Swarm, story: list[Act]) -> Swarm:
     return swarm
 
 
+@pytest.mark.claim("places")
 @settings(max_examples=100, deadline=None)
 @given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=80))
 def test_no_place_is_lost(robots: int, places: int, story: list[Act]) -> None:

@@ -1,4 +1,4 @@
-"""Strategies with planted behaviour: one sleeps with places left, one pauses, one changes goals too often."""
+"""Strategies that stop giving goals, pause, or change goals too often."""
 
 from dataclasses import replace
 from typing import Any, Final
@@ -9,19 +9,18 @@ from actors.robot.behaviour.goal import GoalOrder
 from actors.robot.behaviour.ports import Decision, View
 from cleaning.strategies import none
 
-SLEEPING: Final = "benchmarks.causes.planted_strategies:sleeping"
-DITHERING: Final = "benchmarks.causes.planted_strategies:dithering"
+SLEEPING: Final = "tests.experiments.planted_strategies:sleeping"
+DITHERING: Final = "tests.experiments.planted_strategies:dithering"
 
 
 class _Sleeper:
-    """Acts as `none` until it falls asleep, with one last decision."""
+    """The strategy `none` until an instant; then one last decision, and none after it."""
 
     def __init__(self, awake: Behaviour, at: Instant, last: dict[str, Any]) -> None:
         self._awake, self._at, self._last = awake, at, last
         self._asleep = False
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """What the other one does; once it sleeps, nothing."""
         if self._asleep:
             return Decision()
         decided = self._awake.advance(view, until)
@@ -30,14 +29,13 @@ class _Sleeper:
 
 
 class _Ditherer:
-    """Goes to one of its two places, and to the other one before it is there."""
+    """Alternates between two goals before it reaches either."""
 
     def __init__(self, start: Start, every: int) -> None:
         self._places, self._every = start.places, every
         self._last = -1
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """A new goal now and then."""
         number = view.instant // self._every
         if number == self._last:
             return Decision()
@@ -46,7 +44,7 @@ class _Ditherer:
 
 
 def sleeping(start: Start) -> Behaviour:
-    """Settings: `who` falls asleep, when, `asleep_s`, and whether `paused`, so that it keeps its goal."""
+    """Settings: robot `who`, instant `asleep_s`, and whether it is `paused` and keeps its goal."""
     awake = none.behaviour(replace(start, settings={}))
     if start.robot != start.settings["who"]:
         return awake
@@ -55,7 +53,7 @@ def sleeping(start: Start) -> Behaviour:
 
 
 def dithering(start: Start) -> Behaviour:
-    """Setting `every_s`: after so long it turns round."""
+    """Setting `every_s`: period of the changes."""
     return _Ditherer(start, _lasting(start, "every_s"))
 
 

@@ -1,4 +1,4 @@
-"""Situations on the corridor map with one planted cause each, and quiet ones without any, drawn by seed."""
+"""Random situations on the corridor map: one planted cause each, or none."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,18 +9,18 @@ from numpy.random import Generator
 
 from actors.installation.repository import SHIPPED
 from actors.randomness import generator
-from benchmarks.causes.planted_strategies import DITHERING, SLEEPING
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
 from observation.accounting.findings import CARRIED, NO_CONTACT
 from observation.accounting.time_spent import Cause
+from tests.experiments.planted_strategies import DITHERING, SLEEPING
 
 _MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""
 _EVERYWHERE: Final = ((12.5, 4.5), (17.3, 4.5), (3.5, 12.4), (9.0, 12.4), (21.0, 12.4), (27.0, 12.4))
-"""Points of six rooms or parts of the corridor that are so far apart that nobody meets, m."""
+"""Points of six rooms or parts of the corridor, too far apart for robots to meet, m."""
 _HALLS: Final = ((9.0, 12.4), (19.0, 12.4))
 """The west ends of two wide stretches of corridor, m."""
 _Spot = tuple[float, float]
@@ -28,7 +28,7 @@ _Spot = tuple[float, float]
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot of a situation: where it starts, m and rad, and which places it has, m."""
+    """Start, m and rad, and places of a robot, m."""
 
     start: tuple[float, float, float]
     places: Sequence[_Spot]
@@ -36,7 +36,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Situation:
-    """A scenario, and what was planted in it."""
+    """A scenario with a planted cause."""
 
     kind: str
     seed: int
@@ -49,12 +49,12 @@ class Situation:
     settings: Mapping[str, object] = field(default_factory=dict)
     """Of the strategy."""
     expected: Mapping[str, Cause] = field(default_factory=dict)
-    """By robot what most of the time is to be named for in which it neither drives nor has nothing to do."""
+    """By robot, the cause of most of the time in which it could not continue."""
     found: str = ""
-    """A finding that is to be made of r1."""
+    """Name of the expected finding about r1."""
 
     def scenario(self, navigation: Mapping[str, object] | None = None) -> Scenario:
-        """As a scenario, with this in its table `navigation`."""
+        """The scenario; `navigation` is added to its table of that name."""
         robots = [
             {"id": f"r{number}", "start": _rounded(robot.start), "places": [*map(_rounded, robot.places)]}
             for number, robot in enumerate(self.robots, start=1)
@@ -69,7 +69,7 @@ class Situation:
             },
             "strategy": dict(self.settings),
             "localisation": {"preset": "chapter"},
-            # our own local planner with the original's numbers: robots stand for want of room only
+            # this planner, with the original's numbers: robots stand only if they lack room
             "navigation": {"preset": "chapter", "reset_distance": 3.0, **(navigation or {})},
             "planner": {"method": "grid", "factor": 3.0},
             "local_map": {"body": "disc", "allowance": 0.0, "padding": 0.045, "inf_is_valid": True},
@@ -86,7 +86,7 @@ def _rounded(values: Sequence[float]) -> list[float]:
 
 
 def dead_robot(seed: int) -> Situation:
-    """A robot is switched off in a passage; one to three others want through it."""
+    """A robot is switched off in a passage that one to three others need."""
     draw = generator(seed, "causes", "dead")
     queue, stander = _queue(draw)
     dead = len(queue) + 1
@@ -96,7 +96,7 @@ def dead_robot(seed: int) -> Situation:
 
 
 def done(seed: int) -> Situation:
-    """The same with a robot that has done all it had to do."""
+    """The same with a robot that has done all its places."""
     draw = generator(seed, "causes", "done")
     queue, stander = _queue(draw)
     finished = Robot(stander.start, [stander.start[:2]])
@@ -105,7 +105,7 @@ def done(seed: int) -> Situation:
 
 
 def asleep(seed: int) -> Situation:
-    """The same with a robot whose strategy sleeps, with places left."""
+    """The same with a robot whose strategy gives no goal although places are left."""
     return _asleep(seed, "sleeping", Cause.STRATEGY_IDLE)
 
 
@@ -127,7 +127,7 @@ def _asleep(seed: int, kind: str, cause: Cause) -> Situation:
 
 
 def head_on(seed: int) -> Situation:
-    """Two robots stand head-on in a passage, so near that neither finds a way; up to two wait behind one."""
+    """Two robots stand head-on in a passage, too close to turn; up to two wait behind one."""
     draw = generator(seed, "causes", "head on")
     x, y, apart = _neck(draw), draw.uniform(8.9, 9.6), draw.uniform(0.36, 0.39)
     south = Robot((x, y, math.pi / 2), [(x, 12.3)])
@@ -139,7 +139,7 @@ def head_on(seed: int) -> Situation:
 
 
 def head_on_floor(seed: int) -> Situation:
-    """Two robots stand head-on in the wide corridor, as near."""
+    """Two robots stand head-on in the wide corridor, as close."""
     draw = generator(seed, "causes", "head on floor")
     x, y, apart = draw.uniform(8.0, 11.0), draw.uniform(12.0, 13.0), draw.uniform(0.36, 0.38)
     west = Robot((x, y, 0.0), [(x + 8.0, 12.4)])
@@ -149,7 +149,7 @@ def head_on_floor(seed: int) -> Situation:
 
 
 def closed_door(seed: int) -> Situation:
-    """The only door is closed before one to three robots that want through it."""
+    """The only door is closed before one to three robots that need it."""
     draw = generator(seed, "causes", "closed")
     x = _neck(draw)
     queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
@@ -159,7 +159,7 @@ def closed_door(seed: int) -> Situation:
 
 
 def thing_on_place(seed: int) -> Situation:
-    """Something is put on the place that r1 wants to get to."""
+    """An obstacle is put on the place of r1."""
     draw = generator(seed, "causes", "thing")
     here, there = (_HALLS[k] for k in draw.permutation(2))
     x, y = _near(draw, here)
@@ -172,7 +172,7 @@ def thing_on_place(seed: int) -> Situation:
 
 
 def unreachable(seed: int) -> Situation:
-    """Something fills the passage to r1's place, with up to two others behind r1."""
+    """An obstacle fills the passage to r1's place, with up to two others behind r1."""
     draw = generator(seed, "causes", "unreachable")
     x = _neck(draw)
     queue = _line(draw, x, draw.uniform(6.0, 7.0), 1 + int(draw.integers(3)))
@@ -182,7 +182,7 @@ def unreachable(seed: int) -> Situation:
 
 
 def dithers(seed: int) -> Situation:
-    """One or two robots turn round before they get to either of their places."""
+    """One or two robots turn round before they reach either of their places."""
     draw = generator(seed, "causes", "dithers")
     rooms = draw.permutation(2)[: 1 + int(draw.integers(2))]
     robots = []
@@ -194,7 +194,7 @@ def dithers(seed: int) -> Situation:
 
 
 def carried(seed: int) -> Situation:
-    """r1 is put somewhere else."""
+    """r1 is carried elsewhere."""
     draw = generator(seed, "causes", "carried")
     here, there = (_EVERYWHERE[k] for k in draw.permutation(len(_EVERYWHERE))[:2])
     x, y = _near(draw, there)
@@ -204,7 +204,7 @@ def carried(seed: int) -> Situation:
 
 
 def jammed(seed: int) -> Situation:
-    """A jammer beside r1, which stands; r2, out of its reach, publishes what it knows; r3 is far away."""
+    """A jammer beside r1, which stands; r2, out of its reach, publishes; r3 is far away."""
     draw = generator(seed, "causes", "jammed")
     here, there = (_HALLS[k] for k in draw.permutation(2))
     spots = _near(draw, here), _near(draw, (here[0] + 2.2, here[1]))
@@ -223,7 +223,7 @@ def jammed(seed: int) -> Situation:
 
 
 def all_jammed(seed: int) -> Situation:
-    """A jammer reaches everybody, so that nobody sends, and no frame is lost."""
+    """A jammer reaches all robots, so that none sends."""
     draw = generator(seed, "causes", "all jammed")
     here = _HALLS[int(draw.integers(2))]
     count = 2 + int(draw.integers(2))
@@ -235,7 +235,7 @@ def all_jammed(seed: int) -> Situation:
 
 
 def quiet(seed: int) -> Situation:
-    """One to four robots, each in a part of the floor of its own, with or without adaptation."""
+    """One to four robots, each in another part of the floor, with or without adaptation."""
     draw = generator(seed, "causes", "quiet")
     rooms = draw.permutation(len(_EVERYWHERE))[: int(draw.integers(1, 5))]
     robots = tuple(_roaming(draw, _EVERYWHERE[k], 7) for k in rooms)
@@ -259,12 +259,12 @@ def _neck(draw: Generator) -> float:
 
 
 def _stander(draw: Generator, x: float) -> Robot:
-    """In the middle of the passage; it would want to go elsewhere."""
+    """A robot in the middle of the passage, with a place elsewhere."""
     return Robot((x, draw.uniform(8.6, 10.2), draw.uniform(-3, 3)), [(27.0, 12.4)])
 
 
 def _queue(draw: Generator) -> tuple[Sequence[Robot], Robot]:
-    """One to three robots, the first one before a passage, and who stands in it."""
+    """One to three robots before a passage, and one in it."""
     x = _neck(draw)
     stander = _stander(draw, x)
     y = stander.start[1] - draw.uniform(1.0, 2.0)
@@ -272,7 +272,7 @@ def _queue(draw: Generator) -> tuple[Sequence[Robot], Robot]:
 
 
 def _line(draw: Generator, x: float, y: float, count: int) -> Sequence[Robot]:
-    """One behind the other in front of a passage, from y southwards; all want to the corridor behind it."""
+    """Robots in a line from y southwards before a passage; all have places in the corridor behind it."""
     starts = [y - number * draw.uniform(0.7, 0.9) for number in range(count)]
     return [
         Robot((x + draw.uniform(-0.1, 0.1), start, math.pi / 2), [(x + draw.uniform(-0.5, 0.5), 12.4)])
@@ -285,7 +285,7 @@ def _near(draw: Generator, spot: _Spot) -> _Spot:
 
 
 def _roaming(draw: Generator, spot: _Spot, count: int) -> Robot:
-    """Has places near where it starts, to and fro."""
+    """A robot with places close to its start."""
     x, y = _near(draw, spot)
     places = [(x + (-0.7 if number % 2 else 0.7), y) for number in range(count)]
     return Robot((x, y, draw.uniform(-3, 3)), places)

@@ -1,1 +1,0 @@
-"""Branches without a change, at random instants: whether each has the run's digest."""

@@ -1,1 +1,0 @@
-"""Whether verdicts hold what they promise: error, power, intervals, on rows of a real campaign."""

@@ -1,0 +1,52 @@
+"""Rows of a real campaign, for drawing others from: ties, ceilings, runs that never end."""
+
+import csv
+from pathlib import Path
+
+from experiments.comparison.comparison import PairedSample
+from experiments.comparison.metrics import JudgedRun
+from experiments.study.study import Factor, Study
+
+ROWS = Path(__file__).with_name("campaign.csv")
+FACTOR = "places.per_robot"
+Cell = tuple[str, int]
+"""Strategy, and places of each robot."""
+
+
+def runs() -> dict[Cell, dict[int, JudgedRun]]:
+    """Runs by cell and seed."""
+    found: dict[Cell, dict[int, JudgedRun]] = {}
+    with ROWS.open(newline="") as file:
+        for row in csv.DictReader(file):
+            found.setdefault((row["strategy"], int(row[f"vary.{FACTOR}"])), {})[int(row["seed"])] = JudgedRun(
+                places_done=int(row["places_done"]),
+                places_total=int(row["places_total"]),
+                completion_s=float(row["completion_s"]) if row["completion_s"] else None,
+                settled_s=float(row["settled_s"]) if row["settled_s"] else None,
+                simulated_s=float(row["simulated_s"]),
+                contacts=float(row["contacts"]),
+                radio=float(row["radio_bytes_per_robot_s"]),
+                driven_m=float(row["driven_m"]),
+            )
+    return found
+
+
+def study(primary: tuple[tuple[str, str], ...], seeds: int) -> Study:
+    """The study of the rows with these comparisons declared."""
+    cells = runs()
+    strategies = tuple(dict.fromkeys(strategy for strategy, _ in cells))
+    places = tuple(dict.fromkeys(count for _, count in cells))
+    return Study("rows", "", strategies, seeds, primary=primary, factors=(Factor(FACTOR, places),))
+
+
+def samples(primary: tuple[tuple[str, str], ...]) -> list[PairedSample]:
+    """The declared comparisons, in the order of a campaign."""
+    found = runs()
+    return [
+        PairedSample(
+            one, other, ((FACTOR, count),),
+            tuple((run, found[other, count][seed]) for seed, run in found[one, count].items()),
+        )
+        for count in dict.fromkeys(count for _, count in found)
+        for one, other in primary
+    ]  # fmt: skip
