@@ -23,8 +23,6 @@ class EpisodeParameters:
     """A robot stands while it stays so near, m, to where it was at the window's begin ..."""
     window_s: float = 30.0
     """... for a window of so many s."""
-    restless: float = 0.5
-    """In place of `still`, for blockings in which robots move to and fro, m: oscillations and retreats."""
     near: float = 1.6
     """Robots that stand stand in each other's way within this distance, centre to centre, m. Measured, robots
     that stood for 30 s by how far the nearest other one was that did (24 runs of the chapter's scenario):
@@ -137,44 +135,3 @@ def standing(
     for begin in np.flatnonzero(stays).tolist():
         stood[begin : begin + window] = True
     return stood
-
-
-def blockings(
-    true: NDArray[np.float64],
-    pursuing: NDArray[np.bool_],
-    window: int,
-    parameters: EpisodeParameters = STANDARD,
-) -> list[Blocking]:
-    """When robots blocked each other, by begin and robots.
-
-    Two robots do while both stand (see `standing`) within `near` of each other, for `window` samples at
-    least. Pairs that share a robot while they do are one blocking: a chain.
-
-    true: (samples, robots, 2), m; pursuing: (samples, robots), whether each has a goal not reached yet.
-    """
-    count = true.shape[1]
-    stood = [standing(true[:, robot], pursuing[:, robot], window, parameters.still) for robot in range(count)]
-    pairs: list[Blocking] = []
-    for one in range(count):
-        for other in range(one + 1, count):
-            gap = np.hypot(*(true[:, one] - true[:, other]).T)
-            both = stood[one] & stood[other] & (gap <= parameters.near)
-            pairs += [Blocking((one, other), *episode) for episode in runs(both, window)]
-    return sorted(_joined(pairs), key=lambda blocking: (blocking.begin, blocking.robots))
-
-
-def _joined(pairs: list[Blocking]) -> list[Blocking]:
-    """Blockings that share a robot and a sample made one, until none do."""
-    _joined: list[Blocking] = []
-    for one in pairs:
-        for other in [b for b in _joined if _meet(one, b)]:
-            _joined.remove(other)
-            robots = tuple(sorted({*one.robots, *other.robots}))
-            one = Blocking(robots, min(one.begin, other.begin), max(one.end, other.end))  # noqa: PLW2901
-        _joined.append(one)
-    return _joined
-
-
-def _meet(one: Blocking, other: Blocking) -> bool:
-    shared = any(robot in other.robots for robot in one.robots)
-    return shared and one.begin < other.end and other.begin < one.end

@@ -66,9 +66,7 @@ def test_no_cause_is_invented() -> None:
 @pytest.mark.claim("causes")
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
-def test_nearly_all_planted_causes_are_named(
-    full: bool, record_property: Record
-) -> None:
+def test_nearly_all_planted_causes_are_named(full: bool, record_property: Record) -> None:
     count = 200 if full else len(PLANTED)
     seeds = range(FIRST_SEED, FIRST_SEED + count)
     planted = [plant(seed) for seed in seeds for plant in PLANTED][:count]

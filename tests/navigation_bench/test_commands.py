@@ -6,17 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation.usage import OptionError
-from benchmarks.failures import failures
 from benchmarks.navigation import navigation
 from benchmarks.navigation.course import NavigationCourse, scenario
 from benchmarks.navigation.run import Leg, RunFigures, measure, no_trajectory_s
 from benchmarks.statistics.measured import Measured
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.results.navigation_result import NavigationOutcome
-from observation.results.result import RunResult
 
 MAPS = Path(__file__).parents[2] / "maps"
 MAZE = MAPS / "maze.yaml"
@@ -106,38 +100,3 @@ def test_spells_that_are_not_listed_leave_the_time_without_a_trajectory_unknown(
     both = [said((0, 1_000_000), (3_000_000, 3_500_000)), said((2_000_000, 4_000_000))]
     assert no_trajectory_s(both) == 3.5
     assert no_trajectory_s([*both, said((0, 1), unlisted=1)]) is None
-
-
-def plain_run(seed: int, out: Path) -> RunResult:
-    overrides = Overrides(robots=4, seed=seed, duration=5.0, strategy="none")
-    plan = swarm.plan(load_scenario(failures.SCENARIO, overrides), RunOptions(out, bus="memory"))
-    return swarm.run_in_memory(plan, lambda progress: None)
-
-
-def test_failures_are_counted_in_the_runs_that_acrc_would_make(tmp_path: Path) -> None:
-    checked = failures.check(robots=(4,), runs=2, duration=5.0, workers=1)
-    found = checked.figures
-    assert not checked.holds, "none comes about in 5 s"
-    assert [(one["robots"], one["seed"], one["simulated_s"], one["places"]) for one in found] == [
-        (4, 1, 5.0, 40),
-        (4, 2, 5.0, 40),
-    ]
-    plain = [plain_run(seed, tmp_path / str(seed)) for seed in (1, 2)]
-    assert [one["digest"] for one in found] == [one.digest for one in plain], "to look on changes nothing"
-    for one, same in zip(found, plain, strict=True):
-        assert one["left"] == same.places_total - same.places_done and one["goals"] >= 4
-        assert one["lost_share"] is not None and not one["blockings"], "no window of 30 s in a run of 5 s"
-
-
-def test_failures_print_a_rate_and_an_interval_for_each(capsys: pytest.CaptureFixture[str]) -> None:
-    failures.check(robots=(2,), runs=2, duration=2.0).show()
-    printed = capsys.readouterr().out
-    assert "strategy none, robots 2, 2 seeds" in printed
-    for name in ("robots lost", "no valid trajectory", "mutual blocking", "goals aborted", "places left"):
-        assert name in printed
-    assert "places left: 40 of 40" in printed
-
-
-def test_a_preset_that_there_is_not_is_refused() -> None:
-    with pytest.raises(OptionError, match=r'localisation.preset is "none", but must be'):
-        failures.check(robots=(2,), runs=1, duration=2.0, localisation="none", workers=1)

@@ -4,17 +4,13 @@ from collections.abc import Sequence
 from types import MappingProxyType
 from typing import cast
 
-import numpy as np
-
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.randomness import generator
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalStatus
 from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
-from benchmarks.failures.run import pursuit
 from benchmarks.navigation import goal_log
 from benchmarks.navigation.goal_log import LoggedGoal
-from observation.accounting.tracks import Tracks
 
 STEP = 100_000
 HERE = Pose(0.0, 0.0, 0.0)
@@ -64,22 +60,6 @@ def test_every_way_in_which_a_goal_can_end() -> None:
         LoggedGoal(5 * STEP, 2.0, 0.0, 7 * STEP, "cancelled"),
         LoggedGoal(9 * STEP, 1.0, 0.0),
     ]
-
-
-def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
-    nowhere = np.zeros((10, 1, 3))
-    always = np.ones((10, 1), np.bool_)
-    tracks = Tracks(("r1",), STEP, nowhere, nowhere, nowhere, always, always)
-    goals = [
-        LoggedGoal(0, 0.0, 0.0, 1 * STEP, "succeeded"),
-        LoggedGoal(2 * STEP, 0.0, 0.0, 3 * STEP, "blocked", given_up=True),
-        LoggedGoal(5 * STEP, 0.0, 0.0, 6 * STEP, "cancelled"),
-        LoggedGoal(8 * STEP, 0.0, 0.0),
-    ]
-    assert np.flatnonzero(pursuit(goals, tracks)).tolist() == [0, 2, 3, 4, 5, 8, 9]
-    last = [LoggedGoal(4 * STEP, 0.0, 0.0, 5 * STEP, "blocked", given_up=True)]
-    assert np.flatnonzero(pursuit(last, tracks)).tolist() == [4, 5, 6, 7, 8, 9]
-    assert not pursuit([], tracks).any()
 
 
 def test_goal_orders_are_reported_once_and_begin_anew() -> None:

@@ -1,1 +1,0 @@
-"""How often the chapter's three failures come about."""
