@@ -37,7 +37,7 @@ BENCHMARKS: Final = {
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
     ),
     "hosts": Benchmark(
-        "benchmarks.hosts.benchmark", "a swarm over 1 to 3 network namespaces as hosts, by delay",
+        "benchmarks.hosts", "a swarm over 1 to 3 network namespaces as hosts, by delay",
         ("robots", "duration"),
     ),
     "start": Benchmark(

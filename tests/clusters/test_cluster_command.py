@@ -11,7 +11,7 @@ import pytest
 from distributed import Client
 
 from actors.runtime.lifecycle import process_table
-from tests.hosts.on_host import eventually
+from tests.hosts.test_hosted_runs import eventually
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,4 +1,4 @@
-"""A swarm over several computers: the digest of one, and what is said when one of them fails."""
+"""Swarms over several computers: the digest of one computer, and errors that name a failed host."""
 
 import json
 import signal
@@ -6,24 +6,100 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from itertools import chain
 from pathlib import Path
 
 import pytest
 
 from actors.runtime.errors import AcrcError
-from benchmarks.hosts.between import LISTEN, relayed
-from benchmarks.hosts.cluster import TlsCluster
-from benchmarks.hosts.namespaces import Hosts
+from benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
 from observation.accounting.account import account
 from observation.evidence.run_reader import RunReader
 from observation.replay import recheck, record_check
 from observation.results import hosts_file
 from observation.results.seal import check_seal
-from tests.hosts.hosted_runs import ROOT, HostedRun, digest_here
+from tests.swarm.command import run as run_here
 
-pytestmark = pytest.mark.timeout(400)
+ROOT = Path(__file__).parents[2]
 LONG = ("--robots", "4", "--duration", "3000", "--seed", "1", "--timeout", "5")
+pytestmark = pytest.mark.timeout(400)
+OWN = """
+from cleaning.strategies.chapter import behaviour as chapter
+
+def behaviour(start):
+    print("here I am")
+    return chapter(start)
+"""
+
+
+def eventually(holds: Callable[[], object]) -> bool:
+    deadline = time.monotonic() + 10.0
+    while not holds():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+class HostedRun:
+    """A run over hosts that goes on."""
+
+    def __init__(self, hosts: Hosts, cluster: TlsCluster, out: Path, *words: str) -> None:
+        self.out, self.hosts = out, hosts
+        command = [sys.executable, "-P", "-m", "command_line", "run", "--on", ADDRESS, "--out", str(out)]
+        self.process = subprocess.Popen(
+            hosts.here.command([*command, *words]),
+            cwd=ROOT,
+            env=cluster.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def under_way(self) -> None:
+        """Wait until robots have recorded some steps."""
+        recording, deadline = self.out / "r1/r1.mcap", time.monotonic() + 120
+        while not recording.is_file() or recording.stat().st_size < 20_000:
+            assert self.process.poll() is None, self.process.communicate()
+            assert time.monotonic() < deadline, self.out
+            time.sleep(0.05)
+
+    def ended(self) -> tuple[int, str]:
+        """Return the exit code and the last line of standard error."""
+        _, errors = self.process.communicate(timeout=180)
+        return self.process.returncode, errors.strip().splitlines()[-1]
+
+    def result(self) -> tuple[str, str]:
+        """Return the digest and standard error."""
+        out, errors = self.process.communicate(timeout=180)
+        assert self.process.returncode == 0, errors
+        return json.loads(out)["digest"], errors
+
+    def nothing_left(self) -> bool:
+        """Return whether no process of the run is left on any host beside the worker."""
+        return eventually(lambda: all(len(host.processes()) <= 1 for host in self.hosts.each))
+
+    def left(self, *words: str) -> list[str]:
+        """Return what `find` finds on the hosts' disks."""
+        found: list[str] = []
+        for host in self.hosts.each:
+            find = host.command(["find", str(host.disk), *words])
+            found += subprocess.run(find, capture_output=True, text=True, check=True).stdout.split()
+        return found
+
+    def folders_left(self) -> list[str]:
+        """Return the runs' folders on the hosts' disks."""
+        return self.left("-mindepth", "1", "-maxdepth", "1", "-name", "acrc-*")
+
+    def secrets_left(self) -> list[str]:
+        """Return keys and passwords of runs on the hosts' disks."""
+        names = ("(", "-name", "credentials", "-o", "-name", "key.pem", "-o", "-name", "users", ")")
+        return self.left("-path", "*/acrc-*/*", *names)
+
+
+def digest_here(out: Path, *words: str) -> str:
+    """Return the digest of the same run on one computer."""
+    return str(run_here(out, *words, "--bus", "memory")["digest"])
 
 
 @pytest.fixture(scope="module")
@@ -38,196 +114,143 @@ def cluster(hosts: Hosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield made
 
 
-def ended(hosts: Hosts, cluster: TlsCluster, out: Path, fail: Callable[[HostedRun], None]) -> tuple[int, str]:
-    """How a long run ends once that has happened to it; the recordings can be read, nothing is left."""
-    run = HostedRun(hosts, cluster, out, *LONG)
-    run.under_way()
-    fail(run)
-    found = run.ended()
-    with RunReader(out) as reader:
-        assert reader.robots == ("r1", "r2", "r3", "r4")
-    assert len(list(out.glob("r[0-9]/*.mcap"))) == 4
-    assert run.nothing_left()
-    return found
-
-
-OWN = """
-from cleaning.strategies.chapter import behaviour as chapter
-
-def behaviour(start):
-    print("here I am")
-    return chapter(start)
-"""
-
-
-def test_code_of_ones_own_goes_along_and_what_it_prints_and_records_comes_back(
-    hosts: Hosts, cluster: TlsCluster, tmp_path: Path
-) -> None:
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code" / "mine.py").write_text(OWN)
-    words = ("--robots", "3", "--duration", "2", "--json", "--strategy", "mine:behaviour")
-    code = ("--modules", str(tmp_path / "code"))
-    run = HostedRun(hosts, cluster, tmp_path / "hosted", *words, *code, "--log", "*", "--check")
-    out, said = run.process.communicate(timeout=180)
-    assert run.process.returncode == 0, said
-    for robot in ("r1", "r2", "r3"):
-        assert f"{robot}       0.000 s  step 0  here I am" in said
-    assert "checked: 5 actors replayed" in said
-    assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words, *code)
-
-
-@pytest.mark.parametrize(
-    ("delay_ms", "stall_s"), [(10.0, 6), pytest.param(1.0, 60, marks=pytest.mark.nightly)]
-)
-def test_links_that_are_late_and_stall_change_nothing_and_are_told(
-    hosts: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float, stall_s: int
-) -> None:
-    words = ("--robots", "3", "--duration", "20", "--json")
-    with relayed(hosts, delay_ms) as relays:
-        run = HostedRun(hosts, cluster, tmp_path / "hosted", *words, *LISTEN)
-        run.under_way()
-        for order in ("stall", "go"):
-            for relay in chain.from_iterable(relays.values()):
-                relay.tell(order)
-            time.sleep(stall_s if order == "stall" else 0)
-        out, said = run.process.communicate(timeout=180)
-    assert run.process.returncode == 0, said
-    assert json.loads(out)["digest"] == digest_here(tmp_path / "here", *words)
-    assert "nothing has been heard of host h1 for 5 s; the run waits for it" in said
-    assert "host h1 is heard again" in said
-    assert "hosts, on average: h1 worked with " in said
-
-
-def acrc(hosts: Hosts, cluster: TlsCluster, *words: str) -> subprocess.CompletedProcess[str]:
-    """One more command where the run was typed."""
-    command = hosts.here.command([sys.executable, "-P", "-m", "command_line", *words])
+def acrc(hosts: Hosts, cluster: TlsCluster, *words: object) -> subprocess.CompletedProcess[str]:
+    """Run a command on "here"."""
+    command = hosts.here.command([sys.executable, "-P", "-m", "command_line", *map(str, words)])
     return subprocess.run(
         command, cwd=ROOT, env=cluster.environment, capture_output=True, text=True, check=False, timeout=180
     )
 
 
-def test_recordings_that_are_left_are_sealed_looked_at_from_here_and_fetched(
+def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     hosts: Hosts, cluster: TlsCluster, tmp_path: Path
 ) -> None:
-    words, out = ("--robots", "4", "--duration", "8", "--json"), tmp_path / "hosted"
-    run = HostedRun(hosts, cluster, out, *words, "--leave")
-    printed, said = run.process.communicate(timeout=180)
-    assert run.process.returncode == 0, said
-    result = json.loads(printed)
-    assert result["digest"] == digest_here(tmp_path / "here", *words)
-    assert result["deeco"] == json.loads((tmp_path / "here" / "run.json").read_text())["deeco"]
-    assert list(out.glob("r[0-9]/*.mcap")) == []
-    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in said
-    assert len(run.folders_left()) == 2
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "mine.py").write_text(OWN)
+    words = ("--robots", "4", "--duration", "3", "--json", "--strategy", "mine:behaviour")
+    code, out = ("--modules", str(tmp_path / "code")), tmp_path / "hosted"
+    run = HostedRun(hosts, cluster, out, *words, *code, "--log", "*", "--leave")
+    digest, errors = run.result()
+    assert digest == digest_here(tmp_path / "here", *words, *code)
+    for robot in ("r1", "r4"):
+        assert f"{robot}       0.000 s  step 0  here I am" in errors
+    assert "hosts, on average: h1 worked with " in errors
+    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
+    assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
     told = hosts_file.read(out)
     assert told is not None
-    assert {name: part.robots for name, part in told.hosts.items()} == {
-        "h1": ("r1", "r2"),
-        "h2": ("r3", "r4"),
-    }
-    assert all(0 < part.load.answer_s <= part.load.slowest_s for part in told.hosts.values())
+    assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
     for wants_robots in (account, record_check.check, check_seal, recheck.recheck):
         with pytest.raises(AcrcError, match=r"still on hosts h1, h2; `\S+ cluster fetch"):
             wants_robots(out)
-    drawn = acrc(hosts, cluster, "view", str(out), "--png")
-    assert drawn.returncode == 0, drawn.stderr
-    assert "until then it is drawn as seen from outside" in drawn.stderr
-    fetched = acrc(hosts, cluster, "cluster", "fetch", str(out), "--json")
+    fetched = acrc(hosts, cluster, "cluster", "fetch", out, "--json")
     assert fetched.returncode == 0, fetched.stderr
     assert json.loads(fetched.stdout)["files"] == 4
-    assert run.folders_left() == []
-    assert record_check.check(out).digest == result["digest"]
+    assert run.folders_left() == [] and run.nothing_left()
+    assert record_check.check(out).digest == digest
     assert check_seal(out) is not None
-    again = acrc(hosts, cluster, "cluster", "fetch", str(out))
-    assert (again.returncode, again.stdout) == (0, "0 files have come, 0 B\n"), again.stderr
 
 
-def test_a_link_that_is_cut_ends_the_run_with_the_name_of_its_host(
+@pytest.mark.nightly
+@pytest.mark.parametrize(("delay_ms", "stall_s"), [(10.0, 6), (1.0, 60)])
+def test_slow_and_stalled_links_change_nothing_and_are_reported(
+    hosts: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float, stall_s: int
+) -> None:
+    try:
+        hosts.delay(delay_ms)
+    except HostsError:  # a kernel without netem: stalls only
+        if stall_s == 60:
+            pytest.skip("the kernel has no netem")
+    words = ("--robots", "3", "--duration", "20", "--json")
+    run = HostedRun(hosts, cluster, tmp_path / "hosted", *words)
+    run.under_way()
+    hosts.stall(stalled=True)
+    time.sleep(stall_s)
+    hosts.stall(stalled=False)
+    digest, errors = run.result()
+    assert digest == digest_here(tmp_path / "here", *words)
+    assert "nothing has been heard of host h1 for 5 s; the run waits for it" in errors
+    assert "host h1 is heard again" in errors
+
+
+@pytest.mark.nightly
+def test_a_killed_worker_ends_the_run_with_its_name_and_recordings_are_fetched(
     hosts: Hosts, cluster: TlsCluster, tmp_path: Path
 ) -> None:
-    with relayed(hosts, 0.0) as relays:
-        run = HostedRun(hosts, cluster, tmp_path / "out", *LONG, *LISTEN)
-        run.under_way()
-        for relay in relays["h2"]:
-            relay.tell("cut")
-        code, said = run.ended()
+    run = HostedRun(hosts, cluster, tmp_path / "out", *LONG)
+    run.under_way()
+    cluster.kill("h1")
+    code, error = run.ended()
     assert code == 1
-    assert said.startswith("acrc: host h2 is lost, with r3, r4: the connection ")
-    assert "; what robots have recorded is in " in said
-    assert run.nothing_left()
-    assert len(run.folders_left()) == 1
-    assert run.secrets_left() == []
-    fetched = acrc(hosts, cluster, "cluster", "fetch", str(tmp_path / "out"))
-    assert fetched.returncode == 0, fetched.stderr
+    assert error.startswith("acrc: host h1 is lost, with r1, r2: the connection ")
+    assert run.nothing_left() and run.secrets_left() == []
+    cluster.start_worker(hosts.each[0])
+    acrc(hosts, cluster, "cluster", "fetch", tmp_path / "out")
     assert run.folders_left() == []
     with RunReader(tmp_path / "out") as reader:
         assert reader.robots == ("r1", "r2", "r3", "r4")
 
 
-def test_a_worker_that_is_killed_ends_the_run_with_its_name(
-    hosts: Hosts, cluster: TlsCluster, tmp_path: Path
-) -> None:
-    code, said = ended(hosts, cluster, tmp_path / "out", lambda run: cluster.kill_worker(0))
-    cluster.start_worker(0)
-    assert code == 1
-    assert said.startswith("acrc: host h1 is lost, with r1, r2: the connection ")
-
-
+@pytest.mark.nightly
 def test_a_stopped_host_ends_the_run_with_its_name(hosts: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
     run = HostedRun(hosts, cluster, tmp_path / "out", *LONG)
     run.under_way()
     hosts.each[1].signal(signal.SIGSTOP)
     try:
-        code, said = run.ended()
+        code, error = run.ended()
     finally:
         hosts.each[1].signal(signal.SIGCONT)
     assert code == 1
-    assert said.startswith("acrc: host h2 is lost, with r3, r4: nothing has been heard of it for 20 s")
+    assert error.startswith("acrc: host h2 is lost, with r3, r4: nothing has been heard of it for 20 s")
     assert run.nothing_left()
 
 
-def test_ctrl_c_ends_everything_everywhere(hosts: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
-    code, _ = ended(hosts, cluster, tmp_path / "out", lambda run: run.process.send_signal(signal.SIGINT))
-    assert code == 130
-
-
-def test_a_full_disk_on_a_host_is_told_with_its_name(
-    hosts: Hosts, cluster: TlsCluster, tmp_path: Path
-) -> None:
-    def fill(run: HostedRun) -> None:
-        disk = hosts.each[1].disk
-        words = ["sh", "-c", f"head -c 30M /dev/zero > {disk}/full; true"]
-        subprocess.run(hosts.each[1].command(words), check=True, capture_output=True)
-
-    try:
-        code, said = ended(hosts, cluster, tmp_path / "out", fill)
-    finally:
-        full = ["sh", "-c", f"rm -f {hosts.each[1].disk}/full"]
-        subprocess.run(hosts.each[1].command(full), check=True)
-    assert code == 1
-    assert "(on host h2)" in said
-    assert "no space left on device" in said
-
-
-def test_an_order_and_a_log_reach_robots_on_hosts(hosts: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+@pytest.mark.nightly
+def test_an_interrupt_ends_everything(hosts: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
     run = HostedRun(hosts, cluster, tmp_path / "out", *LONG)
     run.under_way()
-    order = [sys.executable, "-P", "-m", "command_line", "order", str(run.out), "kill", "r3"]
-    assert subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False).returncode == 0
-    order[-2:] = ["stop"]
-    assert subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False).returncode == 0
-    code, said = run.ended()
-    assert code == 0, said
+    run.process.send_signal(signal.SIGINT)
+    assert run.ended()[0] == 130
+    assert len(list((tmp_path / "out").glob("r[0-9]/*.mcap"))) == 4
     assert run.nothing_left()
 
 
-def test_a_scheduler_that_is_killed_is_told_or_does_no_harm(
+@pytest.mark.nightly
+def test_a_full_disk_on_a_host_is_reported_with_its_name(
     hosts: Hosts, cluster: TlsCluster, tmp_path: Path
 ) -> None:
-    run = HostedRun(hosts, cluster, tmp_path / "out", "--robots", "3", "--duration", "60", "--json")
+    run = HostedRun(hosts, cluster, tmp_path / "out", *LONG)
     run.under_way()
-    cluster.kill_scheduler()
-    _, said = run.process.communicate(timeout=180)
-    assert run.process.returncode == 0 or "is lost, with" in said, said
+    host = hosts.each[1]
+    fill = ["sh", "-c", f"head -c 30M /dev/zero > {host.disk}/full; true"]
+    subprocess.run(host.command(fill), check=True, capture_output=True)
+    try:
+        code, error = run.ended()
+    finally:
+        subprocess.run(host.command(["rm", "-f", f"{host.disk}/full"]), check=True)
+    assert code == 1
+    assert "(on host h2)" in error and "no space left on device" in error
     assert run.nothing_left()
+
+
+@pytest.mark.nightly
+def test_an_order_reaches_robots_on_hosts(hosts: Hosts, cluster: TlsCluster, tmp_path: Path) -> None:
+    run = HostedRun(hosts, cluster, tmp_path / "out", *LONG)
+    run.under_way()
+    for words in (("kill", "r3"), ("stop",)):
+        done = acrc(hosts, cluster, "order", run.out, *words)
+        assert done.returncode == 0, done.stderr
+    code, error = run.ended()
+    assert code == 0, error
+    assert run.nothing_left()
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_sixty_robots_on_one_host_have_one_digest(tmp_path: Path) -> None:
+    """With a buffer that a step fills, three of ten such runs stalled."""
+    words = ("--robots", "60", "--duration", "10", "--timeout", "8", "--json")
+    with Hosts(1, disk_bytes=256 << 20) as one, TlsCluster(one, tmp_path / "cluster") as cluster:
+        digests = {HostedRun(one, cluster, tmp_path / f"{turn}", *words).result()[0] for turn in range(6)}
+    assert len(digests) == 1

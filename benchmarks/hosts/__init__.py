@@ -1,1 +1,0 @@
-"""Network namespaces as hosts on one machine: a campaign's computers, their links, and a cluster on them."""
