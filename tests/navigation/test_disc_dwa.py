@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.robot.cost_maps.cell_distance import squared_within
-from actors.robot.local_planning.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best, fingerprint
+from actors.robot.local_planning.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best
 from actors.robot.local_planning.map_grid import wavefront
-from tests.navigation.disc_dwa_twin import Numbers, Twin, squared_at
+from tests.navigation.disc_dwa_twin import Numbers, Twin
 
 SIDE = 40
 REACH = 10
@@ -63,7 +63,7 @@ class Scene:
         return best(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=60, deadline=None)
 @example(seed=1437, goal_distance=math.inf, slowest=0.0)
 @given(
     seed=st.integers(0, 10**6),
@@ -91,20 +91,6 @@ def test_the_choice_is_the_twins(seed: int, goal_distance: float, slowest: float
     assert len(same) == 1
     assert choice.score == pytest.approx(same[0].score, abs=0.5)
     assert choice.score <= min(clear, default=math.inf) + 0.5
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10**6), obstacles=st.integers(1, 60))
-def test_no_choice_leads_nearer_to_anything_than_the_body_may_be(seed: int, obstacles: int) -> None:
-    scene = Scene(seed, obstacles)
-    choice = scene.choose(BASE)
-    assume(choice.score >= 0)
-    twin = Twin(scene.fields(), scene.marks != 0, scene.table, BASE)
-    (driven,) = twin.trajectories(
-        scene.pose, np.array([choice.speed, choice.speed, choice.turn, choice.turn]), (2, 2)
-    )
-    limit = twin.limit(choice.speed) ** 2
-    assert all(squared_at(scene.marks != 0, x, y, 999) > limit for x, y in driven.points)
 
 
 @settings(max_examples=60, deadline=None)
@@ -169,25 +155,3 @@ def test_it_backs_out_over_known_floor_only() -> None:
     backward = np.array([-2.0, -1.0, -0.1, 0.1])
     assert near(4.0).choose(BASE, backward).score >= 0
     assert near(4.0).choose(BASE, backward, trusted=0) == (0.0, 0.0, INVALID)
-
-
-def test_out_of_reach_of_the_goal_there_is_no_trajectory() -> None:
-    scene = Scene(3, 0)
-    scene.marks[:, 30] = 1
-    scene.goal = (scene.row, 36)
-    assert scene.choose(BASE) == (0.0, 0.0, INVALID)
-
-
-def test_at_speed_it_keeps_off_more() -> None:
-    """Past a post 2.4 cells aside there is room enough at a low speed only."""
-    scene = Scene(1, 0)
-    scene.pose, scene.row, scene.goal = (14.5, 20.5, 0.0), 20, (20, 36)
-    scene.marks[18, 22] = 1
-    slow, fast = np.array([2.0, 2.0, 0.0, 0.0]), np.array([5.0, 5.0, 0.0, 0.0])
-    scene.pose = (14.5, 20.9, 0.0)
-    assert scene.choose(BASE, slow).score >= 0
-    assert scene.choose(BASE, fast) == (0.0, 0.0, INVALID)
-
-
-def test_the_fingerprint_is_the_same_each_time() -> None:
-    assert fingerprint() == fingerprint()

@@ -18,7 +18,6 @@ from actors.robot.local_planning.dwa import (
     CheapestVelocity,
     Singles,
     cheapest,
-    fingerprint,
     samples,
 )
 from actors.robot.local_planning.map_grid import wavefront
@@ -122,18 +121,6 @@ def test_samples_are_even_and_hold_both_ends_and_zero(low: float, span: float, c
     assert all(step <= 2.01 * (high - low) / (count - 1) + 1e-6 for step in steps)
 
 
-def test_nothing_is_valid_where_the_outline_meets_a_mark() -> None:
-    """Not even a turn: dwa_local_planner has no trajectory for a robot that is too near."""
-    scene = Scene(3, 0)
-    squared = scene.squared.copy()
-    row, column = math.floor(scene.pose[1] / CELL), math.floor(scene.pose[0] / CELL) + 2
-    marks = np.zeros((SIDE, SIDE), np.uint8)
-    marks[row, column - 1 : column + 1] = 1
-    squared = squared_within(marks, INFLATION.reach(CELL))
-    scene.squared = squared
-    assert scene.choose(samples(0.0, 0.5, 5), samples(-1.0, 1.0, 5)) == (0.0, 0.0, INVALID)
-
-
 def test_it_chooses_as_the_original_chose(capsys: pytest.CaptureFixture[str]) -> None:
     """Ninety cycles of three of its logs; what differs is a point or two on the border between two cells."""
     measured = original.check(ROWS)
@@ -195,7 +182,3 @@ def test_plans_and_costs_of_something_else_are_refused_too(tmp_path: Path) -> No
             np.savez(tmp_path / name, **{**found, array: found[array][:2]})
         assert refused(tmp_path).startswith(f"{tmp_path / name}: cannot be compared: ")
         (tmp_path / name).unlink()
-
-
-def test_the_fingerprint_is_the_same_twice() -> None:
-    assert fingerprint() == fingerprint()

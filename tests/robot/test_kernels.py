@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.robot import assembly
+from actors.runtime.fingerprint import fingerprints
+
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import sys
@@ -48,3 +51,9 @@ def test_no_step_waits_for_the_compiler(preset: str) -> None:
         cwd=ROOT, capture_output=True, text=True, check=False, timeout=100,
     )  # fmt: skip
     assert (ran.stdout, ran.returncode) == ("True 0\n", 0), ran.stderr
+
+
+def test_fingerprints_repeat() -> None:
+    """Of all kernels of a robot."""
+    first = fingerprints(assembly.KERNELS)
+    assert first == fingerprints(assembly.KERNELS) and len(first) >= len(assembly.KERNELS)
