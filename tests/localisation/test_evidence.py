@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,12 +10,15 @@ from numpy.typing import NDArray
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
-from actors.robot.localisation import PRESETS, LikelihoodField, beams, evidence, line_of_sight
+from actors.robot.localisation import PRESETS, LikelihoodField, beams
+from actors.robot.localisation.beams import Beams, Ends
 from actors.robot.localisation.evidence import AGREES, Judgement, explain, judge, worth
 from actors.robot.sweep import Sweep
+from actors.robot_model import RobotModel, scan_angles
 from tests.localisation.scenes import (
     APARTMENT,
     BEAMS,
+    CAMERA,
     FIELD,
     NOBODY,
     ROOM,
@@ -34,7 +36,7 @@ ROBUST = PRESETS["robust"]
 PLACES = pytest.mark.parametrize(
     ("plan", "field"), [(ROOM, FIELD), (APARTMENT, apartment())], ids=["room", "apartment"]
 )
-OFF = [Pose(-50.0, 3.0, 0.0), Pose(1e6, -1e6, 1.0), Pose(-0.9, -0.9, 2.0)]
+OFF = [Pose(1e6, -1e6, 1.0), Pose(-0.9, -0.9, 2.0)]
 
 
 def judged(points: NDArray[np.float64], pose: Pose = HERE, margin: float = 0.12) -> Judgement:
@@ -88,8 +90,8 @@ def about_here(seed: int) -> tuple[NDArray[np.float64], Pose]:
     return points, Pose(HERE.x + x, HERE.y + y, HERE.heading + heading)
 
 
-@pytest.mark.parametrize("margin", [0.12, 0.3, 0.5, math.inf])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("margin", [0.12, 0.5, math.inf])
+@pytest.mark.parametrize("seed", range(3))
 def test_judge_is_its_twin(seed: int, margin: float) -> None:
     points, pose = about_here(seed)
     found, expected = judged(points, pose, margin), twin(points, pose, margin)
@@ -100,7 +102,7 @@ def test_judge_is_its_twin(seed: int, margin: float) -> None:
         assert found.known == pytest.approx(expected.known)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> None:
     """From a pose in free floor or in a wall, or off the map."""
     points, _ = about_here(seed)
@@ -117,7 +119,7 @@ def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> No
 
 
 @PLACES
-@pytest.mark.parametrize("others", [0, 4, 10])
+@pytest.mark.parametrize("others", [0, 4])
 def test_from_the_true_pose_no_beam_passes_a_wall_however_many_others_are_there(
     plan: OccupancyGrid, field: LikelihoodField, others: int
 ) -> None:
@@ -143,16 +145,6 @@ def test_from_most_wrong_poses_beams_pass_walls(plan: OccupancyGrid, field: Like
         found = explain(field, points, BEAMS.mount, field.poses(rng, 40), worth(field, 0.1))
         passing.append(float((found.beyond > 0).mean()))
     assert np.mean(passing) > 0.9
-
-
-def test_the_true_pose_explains_a_scan_best() -> None:
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        points = ends(scan(ROOM, HERE, crowd(ROOM, rng, 4)))
-        poses = FIELD.poses(rng, 2000)
-        poses[:, 7] = HERE
-        score = explain(FIELD, points, BEAMS.mount, poses, worth(FIELD, 0.1)).score
-        assert score[7] > 0.5 and np.delete(score, 7).max() < score[7] + 0.02  # one may be drawn at it
 
 
 def test_strangers_are_what_ends_in_sight_and_not_at_a_wall() -> None:
@@ -187,17 +179,7 @@ def test_if_every_beam_is_a_stranger_none_is_believed_and_the_scan_is_blind() ->
     assert estimate.pose == pytest.approx(HERE, abs=0.05) and estimate.lost < 0.001
 
 
-def test_masked_peers_are_neither_strangers_nor_known() -> None:
-    peer = Point(4.2, 4.8)
-    ranges = scan(ROOM, HERE, np.array([[*peer, 0.18]]))
-    kept = beams.ends(ranges, BEAMS, HERE, np.array([peer]), 0.45)
-    found = judged(kept.points)
-    assert kept.masked > 0 and found.strangers == 0
-    assert len(found.known) == len(kept.points) == found.agreeing
-    assert judged(ends(ranges)).strangers > 0
-
-
-@pytest.mark.parametrize("pose", OFF, ids=["west", "far", "corner"])
+@pytest.mark.parametrize("pose", OFF, ids=["far", "corner"])
 def test_no_pose_is_too_far_off_the_map(pose: Pose) -> None:
     points = ends(scan(ROOM, HERE, NOBODY))
     found = judged(points, pose)
@@ -206,6 +188,66 @@ def test_no_pose_is_too_far_off_the_map(pose: Pose) -> None:
     assert -2.0 <= score[0] <= 1.0
 
 
-@pytest.mark.parametrize("module", [evidence, line_of_sight], ids=["evidence", "line of sight"])
-def test_fingerprints_are_the_same_each_time(module: ModuleType) -> None:
-    assert module.fingerprint() == module.fingerprint()
+ALL = beams.beams(TURTLEBOT.sensor, 60)
+NO_PEERS = np.empty((0, 2))
+
+
+def beams_twin(
+    ranges: NDArray[np.uint16], chosen: Beams, pose: Pose, peers: list[Point], radius: float
+) -> tuple[list[tuple[float, float]], int]:
+    """The kernel's beams_twin in plain Python."""
+    points, masked = [], 0
+    for ray, (dx, dy) in zip(chosen.rays.tolist(), chosen.directions.tolist(), strict=True):
+        length = ranges[ray] / 1000
+        if ranges[ray] == NO_ECHO_MM or length >= chosen.reach:
+            continue
+        local = (chosen.mount[0] + length * dx, chosen.mount[1] + length * dy)
+        end = pose.compose(Pose(*local, 0.0)).point
+        if any(end.distance_to(peer) <= radius for peer in peers):
+            masked += 1
+        else:
+            points.append(local)
+    return points, masked
+
+
+def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: NDArray[np.float64] = NO_PEERS) -> Ends:
+    return beams.ends(ranges, ALL, pose, peers, 0.45)
+
+
+@pytest.mark.parametrize(("model", "view"), [(TURTLEBOT, 360.0), (CAMERA, 58.0)], ids=["all round", "camera"])
+@pytest.mark.parametrize("count", [7, 60])
+def test_beams_lie_at_equal_angles_over_the_whole_view(model: RobotModel, view: float, count: int) -> None:
+    chosen = beams.beams(model.sensor, count)
+    angles = np.unwrap(scan_angles(model.sensor)[chosen.rays])
+    spaces = count if view == 360.0 else count - 1
+    gaps = np.diff(angles)
+    assert len(chosen.rays) == count
+    assert gaps == pytest.approx(math.radians(view) / spaces, abs=1.01 * model.sensor.increment)
+    if view < 360:
+        assert chosen.rays[0] == 0 and chosen.rays[-1] == model.sensor.rays - 1
+
+
+def test_a_sensor_with_fewer_rays_gives_them_all() -> None:
+    few = TURTLEBOT.sensor.model_copy(update={"rays": 12})
+    assert beams.beams(few, 60).rays.tolist() == list(range(12))
+
+
+def test_beams_without_an_echo_or_at_full_range_say_nothing() -> None:
+    ranges = np.full(640, 1000, np.uint16)
+    ranges[ALL.rays[:10]] = NO_ECHO_MM
+    ranges[ALL.rays[10:15]] = 6500
+    found = believed(frozen(ranges))
+    assert found.points.shape == (45, 2)
+    assert np.hypot(*(found.points - ALL.mount).T) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_kernel_is_its_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    peers = [Point(*at) for at in rng.uniform(1, 7, (2, 2)).tolist()]
+    ranges = scan(ROOM, HERE, np.array([(*peer, 0.2) for peer in peers]))
+    away = Pose(HERE.x + rng.normal(0, 0.3), HERE.y + rng.normal(0, 0.3), HERE.heading + rng.normal(0, 0.2))
+    points, masked = beams_twin(ranges, ALL, away, peers, 0.45)
+    found = believed(ranges, away, np.array(peers))
+    assert found.masked == masked
+    assert found.points == pytest.approx(np.array(points))

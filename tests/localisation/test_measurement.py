@@ -1,4 +1,4 @@
-"""How well a scan fits the map: kernels against numpy, and what the sensor's range has to do with it."""
+"""The map as the filter sees it."""
 
 from dataclasses import replace
 
@@ -6,10 +6,69 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.geometry import Pose
-from actors.robot.localisation import PRESETS, AmclParameters, beams, measurement
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.geometry import Point, Pose
+from actors.robot.localisation import PRESETS, AmclParameters, beams, likelihood_field
 from actors.robot.localisation.measurement import Cloud, Measurement, likelihoods
+from actors.runtime.errors import AcrcError
 from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, scan
+
+
+def _plan(seed: int = 0) -> OccupancyGrid:
+    cells = np.where(np.random.default_rng(seed).random((30, 40)) < 0.02, OCCUPIED, FREE).astype(np.uint8)
+    cells[12, 7] = UNKNOWN
+    return OccupancyGrid(cells, 0.1, Point(-1.0, 2.0))
+
+
+def test_distances_are_those_between_the_centres_of_cells() -> None:
+    plan = _plan()
+    field = likelihood_field(plan, 1.0)
+    walls = np.argwhere(plan.cells == OCCUPIED)
+    for row, column in [(0, 0), (29, 39), (15, 20), (12, 8), (12, 7), (3, 30)]:
+        nearest = 0.1 * np.hypot(*(walls - (row, column)).T).min()
+        found = field.distances[field.levels[row + 1, column + 1]]
+        assert found == pytest.approx(min(nearest, 1.0), abs=0.5 * 1.0 / 255 + 1e-12)
+
+
+def test_beyond_the_map_is_nothing() -> None:
+    field = likelihood_field(_plan(), 1.0)
+    assert field.levels.shape == (32, 42)
+    assert (field.levels[[0, -1]] == 255).all() and (field.levels[:, [0, -1]] == 255).all()
+    assert field.frame == pytest.approx([-1.1, 1.9, 0.1])
+    assert not any(shared.flags.writeable for shared in (field.levels, field.frame, field.floor))
+
+
+def test_what_is_unknown_is_no_wall() -> None:
+    cells = np.full((30, 40), FREE, np.uint8)
+    cells[10:12] = UNKNOWN
+    field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
+    assert (field.levels == 255).all(), "where nothing is occupied every wall is far"
+    cells[20] = OCCUPIED
+    field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
+    assert field.distances[field.levels[12, 5]] == pytest.approx(0.9, abs=0.002)
+
+
+def test_poses_are_drawn_evenly_over_the_free_floor() -> None:
+    """20 000 draws over quarters of the floor and of the circle: 1.5 % are about five standard errors."""
+    plan = _plan()
+    x, y, heading = likelihood_field(plan, 1.0).poses(np.random.default_rng(1), 20_000)
+    assert all(plan.is_free(Point(*at)) for at in zip(x[:500].tolist(), y[:500].tolist(), strict=True))
+    columns, rows = (x + 1.0) // 2.0, (y - 2.0) // 1.5
+    for i in range(2):
+        for j in range(2):
+            share = plan.free[15 * j : 15 * j + 15, 20 * i : 20 * i + 20].sum() / plan.free.sum()
+            assert ((columns == i) & (rows == j)).mean() == pytest.approx(share, abs=0.015)
+    assert np.histogram(heading, 4, (-np.pi, np.pi))[0] / 20_000 == pytest.approx(0.25, abs=0.015)
+    assert heading.min() > -np.pi and heading.max() <= np.pi
+
+
+def test_a_map_without_floor_and_a_distance_of_nothing_are_refused() -> None:
+    with pytest.raises(AcrcError, match="max_distance 0 m; it must be above 0 m"):
+        likelihood_field(_plan(), 0.0)
+    with pytest.raises(AcrcError) as raised:
+        likelihood_field(OccupancyGrid(np.full((3, 4), OCCUPIED, np.uint8), 0.1), 2.0)
+    assert str(raised.value) == "the map of 3 x 4 cells has no free cell; a robot needs floor to be on"
+
 
 CUBES = PRESETS["chapter"]
 PRODUCT = replace(CUBES, weighting="product")
@@ -68,7 +127,7 @@ def p(d: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * np.exp(-0.5 * (d / 0.2) ** 2) + 0.5 / RANGE
 
 
-@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
+@pytest.mark.parametrize("spread", [0.05, 5.0])
 def test_cubes_are_those_of_numpy(spread: float) -> None:
     points, poses = ends(), cloud(spread, 101)
     d = distances(points, poses[:, :100])
@@ -78,8 +137,7 @@ def test_cubes_are_those_of_numpy(spread: float) -> None:
     assert fit == pytest.approx((d < 0.5).mean())
 
 
-@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
-@pytest.mark.parametrize("sharpness", [1.0, 0.3])
+@pytest.mark.parametrize(("spread", "sharpness"), [(0.05, 1.0), (0.5, 0.3), (5.0, 0.3)])
 def test_products_are_those_of_numpy(spread: float, sharpness: float) -> None:
     points, poses = ends(), cloud(spread, 101)
     d = distances(points, poses[:, :100])
@@ -90,7 +148,7 @@ def test_products_are_those_of_numpy(spread: float, sharpness: float) -> None:
     assert fit == pytest.approx((d < 0.5).mean()) and skipped == 0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_beams_that_few_particles_agree_with_are_skipped(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-3, 3, 3)
@@ -126,19 +184,6 @@ def test_a_scan_without_beams_leaves_the_weights_in_proportion(parameters: AmclP
     assert (fit, skipped) == (0.0, 0)
 
 
-@pytest.mark.parametrize("parameters", [CUBES, PRODUCT], ids=["cubes", "product"])
-def test_the_true_pose_outweighs_others(parameters: AmclParameters) -> None:
-    poses = cloud(0.3, 400)
-    poses[:, 7] = HERE
-    count = 400
-    weights = np.full(count, 1 / count)
-    Measurement(FIELD, RANGE, parameters).weigh(
-        ends(), Cloud(poses, weights, np.empty((2, count)), count), together=True
-    )
-    best = poses[:, weights.argmax()]
-    assert np.hypot(*(best[:2] - HERE[:2])) < 0.06 and weights[7] > 0.9 * weights.max()
-
-
 def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
     """Its fit is so much better than theirs that exp() of the difference is 0."""
     poses = cloud(0.0, 3)
@@ -149,7 +194,3 @@ def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
         points, Cloud(poses, weights, np.empty((2, 3)), 3), together=True
     )
     assert weights == pytest.approx([0.0, 0.5, 0.5])
-
-
-def test_fingerprint_is_the_same_each_time() -> None:
-    assert measurement.fingerprint() == measurement.fingerprint()

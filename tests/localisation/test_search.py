@@ -102,11 +102,6 @@ def test_in_an_apartment_it_finds_the_robot_within_40_scans(seed: int) -> None:
     assert found.right[0] and found.scans[0] <= 40
 
 
-def test_an_estimate_off_the_map_is_no_obstacle() -> None:
-    found = searched(FIELD, scans(ROOM, START), Pose(1e5, -1e5, 0.0))
-    assert found.right[0]
-
-
 @pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
 def test_it_leaves_a_right_estimate_alone(seed: int) -> None:
     assert searched(FIELD, scans(ROOM, START, seed), START, seed, moves=True).scans == []
@@ -116,13 +111,6 @@ def test_after_some_scans_and_no_sooner_it_decides() -> None:
     """However well a place explains one scan."""
     made = [scans(ROOM, START, seed, seconds=6.0) for seed in range(4)]
     assert min(searched(FIELD, one, ELSEWHERE).scans[0] for one in made) > 5
-
-
-def test_the_twin_rooms_are_alike() -> None:
-    """Whatever is seen in one of them is seen in the other: half a turn changes nothing."""
-    assert np.array_equal(TWINS.cells, TWINS.cells[::-1, ::-1])
-    assert twin_of(twin_of(WEST)) == pytest.approx(WEST)
-    assert not np.array_equal((other := twins(1.0)).cells, other.cells[::-1, ::-1])
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
@@ -164,9 +152,9 @@ def test_the_same_inputs_give_the_same_hypotheses() -> None:
     assert told(0)
 
 
-@pytest.mark.parametrize("poses", [1, 2, 5, 50])
+@pytest.mark.parametrize("poses", [1, 50])
 def test_few_poses_do_no_harm(poses: int) -> None:
-    found = searched(FIELD, scans(ROOM, START), ELSEWHERE, poses=poses)
+    found = searched(FIELD, scans(ROOM, START), Pose(1e5, -1e5, 0.0), poses=poses)
     assert all(math.isfinite(number) for pose in found.places for number in pose)
 
 
