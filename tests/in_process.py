@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.modules import look_in
 from command_line import app, streams
 
 
@@ -36,6 +37,7 @@ def acrc(
             code = leave.code if isinstance(leave.code, int) else int(leave.code is not None)
         finally:
             gc.set_threshold(*threshold)
+            look_in(())  # no folder of modules is searched any more
             _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())
 

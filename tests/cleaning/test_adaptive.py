@@ -11,7 +11,7 @@ from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters, Unblock
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, assignment
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, adaptive, assignment
 
 RNG = generator(5, "behaviour", "r1", 0)
 WHOLE = AdaptationParameters()
@@ -35,6 +35,7 @@ def stuck(parameters: AdaptationParameters = WHOLE, *xs: float) -> AdaptiveClean
 def test_it_is_blocked_at_the_fourth_still_second_after_the_first_look() -> None:
     states = [checked(adaptive("r1", 0.0, 5.0), seconds).state for seconds in range(7)]
     assert states == [State.FREE] * 5 + [State.BLOCKED] * 2
+    assert checked(adaptive("r1", 0.0, 5.0).sent_to(SOMEWHERE), 5).is_blocked(), "on its way to any point"
 
 
 def test_a_centimetre_per_second_is_moving() -> None:
@@ -53,32 +54,17 @@ def test_who_has_arrived_or_wants_nowhere_is_not_blocked() -> None:
     assert idle.detect_blocked().state is State.FREE
 
 
-def test_on_the_way_to_any_point_it_can_be_blocked_as_well() -> None:
-    robot = adaptive("r1", 0.0, 5.0).sent_to(SOMEWHERE)
-    assert checked(robot, 5).is_blocked()
-
-
 def test_after_seven_blocked_seconds_it_turns_to_a_place_of_its_queue() -> None:
     turned = checked(stuck(), 1)
     assert turned.attempt == 1 and turned.destination in turned.route and turned.waypoint is None
     assert (turned.state, turned.blocked_for, turned.still_for) == (State.FREE, 0, 0)
+    states = [checked(stuck(), seconds).state for seconds in range(1, 6)]
+    assert states == [State.FREE] * 4 + [State.BLOCKED], "watched from the beginning"
 
 
 def test_every_place_of_the_queue_is_as_likely_the_present_one_too() -> None:
     chosen = Counter(checked(stuck(WHOLE, 5.0, 7.0, 9.0), 1).destination for _ in range(300))
     assert len(chosen) == 3 and min(chosen.values()) > 70  # 100 ± 8 each
-
-
-def test_the_same_place_again_is_a_new_goal_for_navigation() -> None:
-    ways, notes = Ways(), Notes()
-    robot = stuck(WHOLE, 5.0).drive(ways, notes, NOW)
-    checked(robot, 1).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)] * 2
-
-
-def test_by_the_text_a_new_destination_is_watched_from_the_beginning() -> None:
-    states = [checked(stuck(), seconds).state for seconds in range(1, 6)]
-    assert states == [State.FREE] * 4 + [State.BLOCKED]
 
 
 def test_by_the_code_it_is_blocked_again_within_a_second() -> None:

@@ -90,13 +90,6 @@ def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
     assert (r1.state, r1.blocked_for, r1.still_for) == (State.BLOCKED, 0, 9)
 
 
-def test_navigation_gets_the_adopted_goal() -> None:
-    ways, notes = Ways(), Notes()
-    r1 = R1.drive(ways, notes, NOW)
-    adopts(r1, seen(R2)).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
-
-
 def test_the_newest_ten_adoptions_are_published() -> None:
     robot = adaptive("r1", 0.0)
     for index in range(12):
@@ -116,11 +109,6 @@ def test_who_is_late_gets_the_others_destination_in_exchange_all_the_same() -> N
     assert r2.destination == assignment(5.0, term=1) and r2.former is None
     assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1))
     assert removes(r1, seen(r2)).route == (assignment(6.0, 1), assignment(-5.0, owner="r2", term=1))
-
-
-def test_without_exchange_who_is_late_goes_on_with_its_own() -> None:
-    r2 = removes(R2, seen(adopts(R1, seen(R2))), RELEASED)
-    assert r2.destination == assignment(-6.0, 1, "r2") and r2.route == (assignment(-6.0, 1, "r2"),)
 
 
 def test_what_the_other_left_is_taken_from_nobody_else() -> None:
@@ -172,15 +160,9 @@ def test_a_place_that_goes_there_and_back_is_not_lost() -> None:
     assert r1.holds(PlaceKey("r1", 0)) and not r2.holds(PlaceKey("r1", 0))
 
 
-def test_no_destination_is_not_adopted() -> None:
-    """There, a null goes into the route, and the next look at the route fails."""
-    assert adopts(R1, replace(seen(R2), destination=None)) == R1
-
-
-def test_its_own_goal_is_not_adopted() -> None:
-    """There, a robot takes its own former goal from who has adopted it, and both think it the other's."""
-    assert adopts(R1, replace(seen(R2), destination=R1.destination)) == R1
-    assert adopts(R1, replace(seen(R2), destination=replace(R1.route[1], term=5))) == R1
+def test_no_goal_and_its_own_goal_are_not_adopted() -> None:
+    for destination in (None, R1.destination, replace(R1.route[1], term=5)):
+        assert adopts(R1, replace(seen(R2), destination=destination)) == R1
 
 
 def test_what_it_has_cleaned_or_given_up_itself_is_not_adopted() -> None:

@@ -29,9 +29,7 @@ from deeco import Knowledge, in_seconds, role
 from deeco.component import Periodic, processes_of
 from deeco.knowledge import immutability_fault
 from deeco.replication.schema import RoleBook
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.recorded_runs import record
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
 
@@ -95,10 +93,6 @@ def test_a_behaviour_without_the_component_model_cleans_its_places(
     text = re.findall(r"^```python\n(# my_study/in_order.py\n.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
     (tmp_path / "authors_in_order.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
-    scenario = load_scenario(
-        REPOSITORY / "scenarios" / "head_on.toml",
-        Overrides(robots=1, duration=45.0, strategy="authors_in_order:behaviour"),
-    )
-    result = swarm.run(scenario, RunOptions(tmp_path / "out", bus="memory", json=True))
+    result = record(tmp_path / "out", robots=1, duration=45.0, strategy="authors_in_order:behaviour")
     assert result.places_done == result.places_claimed > 0
     assert result.places_lost == 0

@@ -4,25 +4,22 @@ A message is what a robot published at some time; any robot may hear any of them
 times, or never: that is loss, delay, repetition and reordering, all at once.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from actors.geometry import Point
-from actors.instant import Instant, seconds
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
-from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Assignment
 from deeco.knowledge import seen_as
-from tests.cleaning.equipment import Floor, Notes, Ways
+from tests.cleaning.equipment import Floor, Ways
+from tests.cleaning.stories import Act, Story
 
 POINTS = tuple(Point(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0))
 """So few that places lie on one another, and that robots come by them."""
@@ -32,117 +29,90 @@ IMPATIENT = AdaptationParameters(
 PRESETS = (AdaptationParameters(), ReleasedParameters(), IMPATIENT, replace(IMPATIENT, exchange=False))
 
 
-class Act(NamedTuple):
-    """What happens next, to which robot, with which number to choose from what there is."""
-
-    what: str
-    robot: int
-    number: int
-
-
-class Swarm:
-    """Robots, everything that they ever published, and what has come of the places."""
+class Swarm(Story[AdaptiveCleaningRobot]):
+    """Adaptive robots, of which each has navigation of its own."""
 
     def __init__(self, robots: int, places: int, parameters: AdaptationParameters) -> None:
-        self.notes = Notes()
-        self.robots = [
-            AdaptiveCleaningRobot(
-                id=f"r{number}",
-                position=Point(9.0, 9.0),
-                route=tuple(Assignment(f"r{number}", index, POINTS[index % 4]) for index in range(places)),
-                parameters=parameters,
-            )
-            for number in range(robots)
-        ]
-        self.ways = [Ways() for _ in self.robots]
-        self.places = [assignment.key for robot in self.robots for assignment in robot.route]
-        self.published: list[Cleaner] = []
-        self.now = Instant(0)
+        super().__init__(
+            [
+                AdaptiveCleaningRobot(
+                    id=f"r{number}",
+                    position=Point(9.0, 9.0),
+                    route=tuple(
+                        Assignment(f"r{number}", index, POINTS[index % 4]) for index in range(places)
+                    ),
+                    parameters=parameters,
+                )
+                for number in range(robots)
+            ]
+        )
+        self.ways = {robot.id: Ways() for robot in self.robots}
         self._adoption = DestinationAdoption(
             parameters.adoption_distance, parameters.adoption_checks, parameters.adoption_backoff
         )
-        self._remove = AdoptedDestinationRemove(parameters.exchange)
+        self.remove = AdoptedDestinationRemove(parameters.exchange)
         self._generator = generator(1, "test", "swarm")
 
-    def act(self, act: Act) -> None:
-        index = act.robot % len(self.robots)
-        one: Callable[[int, AdaptiveCleaningRobot, int], AdaptiveCleaningRobot]
-        one = getattr(self, f"_{act.what}")
-        self.robots[index] = one(index, self.robots[index], act.number)
-        self.now = Instant(self.now + seconds(1))
-
-    def _publish(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _publish(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         role = seen_as(robot, Cleaner)
         assert isinstance(role, Cleaner)
         self.published.append(role)
         return robot
 
-    def _message(self, robot: AdaptiveCleaningRobot, number: int) -> Cleaner | None:
-        """Any that another robot ever sent, the newest first."""
-        others = [role for role in reversed(self.published) if role.id != robot.id]
-        return others[number % len(others)] if others else None
-
-    def _hear(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _hear(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         """Both ensembles, as a node evaluates them."""
-        peer = self._message(robot, number)
+        peer = self.message(robot, number)
         if peer is None:
             return robot
         if self._adoption.membership(peer, robot):
             robot = self._adoption.at_member(peer, robot, self.now)
-        return self._drop(index, robot, number)
+        return self._drop(robot, number)
 
-    def _drop(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _drop(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         """The second ensemble alone."""
-        peer = self._message(robot, number)
-        if peer is None or not self._remove.membership(peer, robot):
+        peer = self.message(robot, number)
+        if peer is None or not self.remove.membership(peer, robot):
             return robot
-        return self._remove.at_member(peer, robot, self.now)
+        return self.remove.at_member(peer, robot, self.now)
 
-    def _adopt(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _adopt(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         """Without asking who is blocked: as any strategy might."""
-        peer = self._message(robot, number)
+        peer = self.message(robot, number)
         if peer is None or peer.destination is None:
             return robot
         return robot.adopting(peer.destination, self.now)
 
-    def _choose(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _choose(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         """Head for any place of the route: as any strategy might."""
         return robot.heading_for(robot.route[number % len(robot.route)]) if robot.route else robot
 
-    def _move(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _move(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return replace(robot, position=POINTS[number % 4])
 
-    def _leave(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _leave(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return replace(robot, position=Point(9.0, 9.0))
 
-    def _block(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _block(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return replace(robot, state=State.BLOCKED, blocked_for=1 + number % 9, still_for=9)
 
-    def _set_destination(
-        self, index: int, robot: AdaptiveCleaningRobot, number: int
-    ) -> AdaptiveCleaningRobot:
+    def _set_destination(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return robot.set_destination(self.notes, self.now)
 
-    def _detect_blocked(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _detect_blocked(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return robot.detect_blocked()
 
-    def _auto_unblock(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+    def _auto_unblock(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return robot.auto_unblock(Floor(), self._generator, self.notes, self.now)
 
-    def _drive(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        ways = self.ways[index]
+    def _drive(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        ways = self.ways[robot.id]
         if ways.goal is not None and number % 4 < 2:
             ways.abort((AbortReason.NO_PLAN, AbortReason.BLOCKED)[number % 2])
         return robot.drive(ways, self.notes, self.now)
 
     def check(self) -> None:
-        held = {assignment.key for robot in self.robots for assignment in robot.route}
-        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
-        assert [key for key in self.places if key not in held | over] == []
+        super().check()
         for robot in self.robots:
-            keys = [assignment.key for assignment in robot.route]
-            assert len(set(keys)) == len(keys), "no place twice"
-            assert robot.destination is None or robot.destination in robot.route
             assert robot.former is None or robot.former in robot.route
             assert len(robot.adopted) <= robot.parameters.most_adopted
 
@@ -155,14 +125,6 @@ acts = st.builds(
     st.integers(0, 4),
     st.one_of(st.integers(0, 3), st.integers(0, 60)),
 )
-
-
-def play(robots: int, places: int, parameters: AdaptationParameters, story: list[Act]) -> Swarm:
-    swarm = Swarm(robots, places, parameters)
-    for act in story:
-        swarm.act(act)
-        swarm.check()
-    return swarm
 
 
 THERE_AND_BACK = [
@@ -180,7 +142,7 @@ THERE_AND_BACK = [
 def test_no_place_is_lost(
     robots: int, places: int, parameters: AdaptationParameters, story: list[Act]
 ) -> None:
-    play(robots, places, parameters, story)
+    Swarm(robots, places, parameters).play(story)
 
 
 @settings(max_examples=30, deadline=None)
@@ -188,27 +150,22 @@ def test_no_place_is_lost(
 def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybody(
     robots: int, parameters: AdaptationParameters, story: list[Act]
 ) -> None:
-    swarm = play(robots, 1, replace(parameters, most_adopted=10), story)
+    swarm = Swarm(robots, 1, replace(parameters, most_adopted=10)).play(story)
+    swarm.remove = AdoptedDestinationRemove(exchange=False)
     for _ in range(2 * robots):  # nobody acts any more, and all messages arrive
         swarm.published.clear()
         for index in range(robots):
             swarm.act(Act("publish", index, 0))
         for index in range(robots):
             for number in range(robots):
-                swarm._remove = AdoptedDestinationRemove(exchange=False)
                 swarm.act(Act("drop", index, number))
         swarm.check()
-    holders: dict[PlaceKey, int] = {}
-    for robot in swarm.robots:
-        for assignment in robot.route:
-            holders[assignment.key] = holders.get(assignment.key, 0) + 1
-    over = {*swarm.notes.visits, *(key for key, _ in swarm.notes.gone)}
-    assert all(holders.get(key) == 1 for key in swarm.places if key not in over)
+    swarm.check_held_once()
 
 
 def test_it_holds_in_long_stories_in_which_places_change_hands_often() -> None:
     exchanged, visited, gone = 0, 0, 0
-    for seed in range(150):
+    for seed in range(96):
         numbers = generator(seed, "test", "story")
         whats = OFTEN * 3 + SELDOM if seed % 8 < 4 else OFTEN[:-1]
         story = [
@@ -216,10 +173,10 @@ def test_it_holds_in_long_stories_in_which_places_change_hands_often() -> None:
             for _ in range(200)
         ]
         story = [Act("set_destination", robot, 0) for robot in range(5)] + story
-        swarm = play(2 + seed % 4, 1 + seed % 2, PRESETS[seed % 4], story)
+        swarm = Swarm(2 + seed % 4, 1 + seed % 2, PRESETS[seed % 4]).play(story)
         exchanged += (
             max((assignment.term for robot in swarm.robots for assignment in robot.route), default=0) > 2
         )
         visited += bool(swarm.notes.visits)
         gone += bool(swarm.notes.gone)
-    assert min(exchanged, visited, gone) >= 15, "or it would hold of little"
+    assert min(exchanged, visited, gone) >= 6, "or it would hold of little"

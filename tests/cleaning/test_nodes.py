@@ -9,13 +9,10 @@ from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
-from cleaning.place import Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from deeco import Knowledge, seconds
 from deeco.node import Node
-from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.schema import RoleBook
-from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment, plain
+from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
 from tests.deeco.air import Air, everywhere
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
@@ -65,24 +62,3 @@ def test_who_has_not_been_heard_of_for_long_takes_no_part() -> None:
         assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
         assert knowledge.destination.key == expected
         assert [one.id for one in nodes["r1"].replicas] == ["r2"], "the node itself has not forgotten it"
-
-
-def test_without_adaptation_they_stand() -> None:
-    ways = Ways()
-    nodes = {"r1": node(plain(5.0), ways, 1), "r2": node(adaptive("r2", 1.0, -5.0), Ways(), 2)}
-    Air(nodes).run(seconds(20))
-    assert ways.orders == [Point(5.0, 0.0)]
-
-
-def test_published_knowledge_fits_a_frame_until_ten_places_have_been_adopted() -> None:
-    book = RoleBook([Cleaner])
-
-    def size(adopted: int) -> int:
-        far = Assignment("r12", 9, Point(-26.454, 11.137), 3)
-        takeovers = tuple(Takeover("r12", index, 3) for index in range(adopted))
-        robot = AdaptiveCleaningRobot(
-            id="r12", position=Point(26.123, 13.456), destination=far, former=far, adopted=takeovers
-        )
-        return len(pack(KnowledgePacket("r12", Version(0, 600), 0, book.pack(robot))))
-
-    assert size(0) < 60 and size(7) <= 118 - 13 < size(10) < 2 * (118 - 13)

@@ -21,25 +21,18 @@ def at(robot: CleaningRobot, x: float) -> CleaningRobot:
     return replace(robot, position=Point(x, 0.0))
 
 
-def test_it_senses_where_it_is() -> None:
-    assert plain().sense(Base(Pose(3.0, 4.0, 1.0))).position == Point(3.0, 4.0)
-
-
 def test_it_takes_its_places_in_order() -> None:
     notes = Notes()
     robot = plain(5.0, 10.0).set_destination(notes, NOW)
     assert robot.destination == assignment(5.0) and notes.visits == []
+    plain(5.0, 10.0).report_status(notes)
+    assert notes.left == tuple(keys(0, 1))
+    assert at(robot, 4.5).set_destination(notes, NOW) == at(robot, 4.5), "0.5 m away is not there"
     robot = at(robot, 4.51).set_destination(notes, NOW)
     assert robot.destination == assignment(10.0, 1) and notes.visits == keys(0)
     assert robot.route == (assignment(10.0, 1),) and robot.has_settled(PlaceKey("r1", 0))
     robot = at(robot, 10.49).set_destination(notes, NOW)
     assert (robot.destination, robot.route, notes.visits) == (None, (), keys(0, 1))
-
-
-def test_a_place_exactly_half_a_metre_away_is_not_visited() -> None:
-    notes = Notes()
-    at(plain(5.0), 4.5).set_destination(notes, NOW)
-    assert notes.visits == []
 
 
 def test_places_it_passes_are_visited_too_and_the_destination_stays() -> None:
@@ -76,35 +69,19 @@ def test_a_robot_that_was_restarted_holds_them_by_a_later_word() -> None:
     assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),)
 
 
-def test_navigation_is_told_once() -> None:
+@pytest.mark.parametrize(("retry", "orders"), [(True, 3), (False, 2)])
+def test_navigation_is_told_once_per_attempt_and_again_when_it_gave_up(retry: bool, orders: int) -> None:
     ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW)
+    robot = replace(plain(5.0), parameters=CleaningParameters(retry=retry))
+    robot = robot.sense(Base(Pose(3.0, 4.0, 1.0))).set_destination(notes, NOW)
+    assert robot.position == Point(3.0, 4.0)
     robot = robot.drive(ways, notes, NOW).drive(ways, notes, NOW)
     assert ways.orders == [Point(5.0, 0.0)]
-
-
-def test_navigation_is_told_anew_for_another_attempt_at_the_same_place() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW).drive(ways, notes, NOW)
-    robot.heading_for(robot.route[0]).drive(ways, notes, NOW)
+    robot = robot.heading_for(robot.route[0]).drive(ways, notes, NOW)
     assert ways.orders == [Point(5.0, 0.0)] * 2
-
-
-def test_a_goal_that_navigation_gave_up_is_asked_for_again() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW).drive(ways, notes, NOW)
     ways.abort()
     robot.drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)] * 2
-
-
-def test_without_retry_it_is_not() -> None:
-    ways, notes = Ways(), Notes()
-    robot = replace(plain(5.0), parameters=CleaningParameters(retry=False))
-    robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
-    ways.abort()
-    robot.drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)]
+    assert ways.orders == [Point(5.0, 0.0)] * orders
 
 
 def test_after_its_last_place_it_drives_up_to_it() -> None:
@@ -112,12 +89,6 @@ def test_after_its_last_place_it_drives_up_to_it() -> None:
     robot = plain(5.0).set_destination(notes, NOW).drive(ways, notes, NOW)
     robot = at(robot, 4.6).set_destination(notes, NOW).drive(ways, notes, NOW)
     assert robot.target is None and ways.orders == [Point(5.0, 0.0)]
-
-
-def test_without_places_it_stands() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain().set_destination(notes, NOW).drive(ways, notes, NOW)
-    assert ways.orders == [] and robot == plain()
 
 
 def test_who_is_told_to_head_for_nothing_stops_once() -> None:
@@ -136,12 +107,6 @@ def test_sent_anywhere_it_goes_there_first_and_has_no_destination_to_publish() -
     assert robot.destination is None and ways.orders == [SOMEWHERE]
     robot = replace(robot, position=SOMEWHERE).set_destination(notes, NOW)
     assert robot.destination == assignment(5.0) and robot.waypoint is None
-
-
-def test_it_says_what_is_left_in_order() -> None:
-    notes = Notes()
-    plain(5.0, 10.0).report_status(notes)
-    assert notes.left == tuple(keys(0, 1))
 
 
 def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() -> None:

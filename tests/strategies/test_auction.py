@@ -1,28 +1,24 @@
 """The auction: who takes what over, and that no place is lost whatever happens to messages."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.geometry import Point, Pose
-from actors.instant import Instant, seconds
+from actors.geometry import Point
 from actors.messages import FRAME_DATA_LIMIT
-from actors.robot.behaviour import Start, View
 from actors.task.words import PlaceKey
 from cleaning.bidding import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
 from cleaning.cleaner import State
 from cleaning.place import Assignment
-from cleaning.strategies.auction import behaviour
 from deeco.knowledge import seen_as
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook
 from tests.cleaning.equipment import NOW, Floor, Notes, assignment
+from tests.cleaning.stories import Act, Story
 
 AUCTION, OUTBID, FLOOR = Auction(), Outbid(), Floor()
 
@@ -109,60 +105,25 @@ def test_a_bid_is_one_frame() -> None:
     assert len(frame) <= FRAME_DATA_LIMIT
 
 
-def test_what_it_sends_first_is_one_frame_a_second() -> None:
-    class Hall(Floor):
-        pass
-
-    start = Start(
-        "r8", 8, 0, Pose(1.0, 2.0, 0.0), (Point(9.0, 9.0),) * 10, np.random.default_rng(1), floor=Hall()
-    )
-    hosted = behaviour(start)
-    sent = [
-        frame
-        for step in range(50)
-        for frame in hosted.advance(
-            View(Instant(step * 100_000), start.pose, False, None, ()), Instant((step + 1) * 100_000)
-        ).frames
-    ]
-    assert len(sent) == 5
-
-
 # --- whatever happens to messages --------------------------------------------------------------------------
 
 
-class Act(NamedTuple):
-    what: str
-    robot: int
-    number: int
-
-
-class Swarm:
-    """Bidding robots, everything that they ever published, and what has come of the places."""
-
+class Swarm(Story[BiddingRobot]):
     def __init__(self, robots: int, places: int) -> None:
-        self.notes = Notes()
-        self.robots = [
-            bidder(f"r{number}", 3.0 * number, *(float(4 * index + number) for index in range(places)))
-            for number in range(robots)
-        ]
-        self.places = [place.key for robot in self.robots for place in robot.route]
-        self.published: list[Bidder] = []
-        self.now = NOW
-
-    def act(self, act: Act) -> None:
-        index = act.robot % len(self.robots)
-        one: Callable[[BiddingRobot, int], BiddingRobot] = getattr(self, f"_{act.what}")
-        self.robots[index] = one(self.robots[index], act.number)
-        self.now = Instant(self.now + seconds(1))
+        super().__init__(
+            [
+                bidder(f"r{number}", 3.0 * number, *(float(4 * index + number) for index in range(places)))
+                for number in range(robots)
+            ]
+        )
 
     def _publish(self, robot: BiddingRobot, number: int) -> BiddingRobot:
         self.published.append(seen(robot))
         return robot
 
     def _hear(self, robot: BiddingRobot, number: int) -> BiddingRobot:
-        """Any message that another robot ever sent, the newest first: late, again, or out of order."""
-        others = [role for role in reversed(self.published) if role.id != robot.id]
-        return hears(robot, others[number % len(others)]) if others else robot
+        peer = self.message(robot, number)
+        return robot if peer is None else hears(robot, peer)
 
     def _plan(self, robot: BiddingRobot, number: int) -> BiddingRobot:
         return robot.plan(FLOOR)
@@ -181,36 +142,18 @@ class Swarm:
             return robot
         return robot.given_up(robot.route[0], "a test", self.notes, self.now)
 
-    def check(self) -> None:
-        held = {place.key for robot in self.robots for place in robot.route}
-        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
-        assert [key for key in self.places if key not in held | over] == []
-        for robot in self.robots:
-            assert len(keys(robot)) == len(robot.route), "no place twice"
-            assert robot.destination is None or robot.destination in robot.route
-
 
 OFTEN = ("publish", "hear", "hear", "plan", "plan")
 acts = st.builds(
-    Act,
-    st.sampled_from((*OFTEN, "move", "block", "free", "give_up")),
-    st.integers(0, 4),
-    st.integers(0, 9),
+    Act, st.sampled_from((*OFTEN, "move", "block", "free", "give_up")), st.integers(0, 4), st.integers(0, 9)
 )
 
 
-def play(swarm: Swarm, story: list[Act]) -> Swarm:
-    for act in story:
-        swarm.act(act)
-        swarm.check()
-    return swarm
-
-
 @pytest.mark.claim("places")
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=80))
 def test_no_place_is_lost(robots: int, places: int, story: list[Act]) -> None:
-    play(Swarm(robots, places), story)
+    Swarm(robots, places).play(story)
 
 
 @settings(max_examples=40, deadline=None)
@@ -218,7 +161,7 @@ def test_no_place_is_lost(robots: int, places: int, story: list[Act]) -> None:
 def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybody(
     robots: int, places: int, story: list[Act]
 ) -> None:
-    swarm = play(Swarm(robots, places), story)
+    swarm = Swarm(robots, places).play(story)
     for _ in range(12 * places):  # nobody takes anything any more, and all messages arrive
         swarm.robots = [robot.plan(FLOOR) for robot in swarm.robots]
         told = [seen(robot) for robot in swarm.robots]
@@ -227,9 +170,7 @@ def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybod
                 if role.id != swarm.robots[index].id and OUTBID.membership(role, swarm.robots[index]):
                     swarm.robots[index] = OUTBID.at_member(role, swarm.robots[index], swarm.now)
         swarm.check()
-    over = {*swarm.notes.visits, *(key for key, _ in swarm.notes.gone)}
-    held = [place.key for robot in swarm.robots for place in robot.route]
-    assert all(held.count(key) == 1 for key in swarm.places if key not in over)
+    swarm.check_held_once()
 
 
 def test_stories_in_which_places_change_hands_often() -> None:
@@ -239,7 +180,7 @@ def test_stories_in_which_places_change_hands_often() -> None:
             Act(OFTEN[numbers.integers(5)], int(numbers.integers(5)), int(numbers.integers(9)))
             for _ in range(60)
         ]
-        swarm = play(Swarm(4, 2), [*story[:20], Act("block", 0, 9), *story[20:]])
+        swarm = Swarm(4, 2).play([*story[:20], Act("block", 0, 9), *story[20:]])
         changed += any(place.term > 0 for robot in swarm.robots for place in robot.route)
     assert changed >= 20, "or it would hold of little"
 

@@ -1,7 +1,4 @@
-"""Every command that reads a run reads one of each shipped strategy and example; files are read alike.
-
-By day one strategy, by night all.
-"""
+"""Every command that reads a run reads one of each shipped strategy and example; files are read alike."""
 
 import shlex
 from collections.abc import Iterator
@@ -19,8 +16,6 @@ RUN = "run scenarios/head_on.toml --strategy {strategy} --duration {seconds} --b
 READERS = (
     "explain {out} r1 --modules .", "causes {out}", "record check {out}", "record info {out}",
     "branch {out}@0.5 --modules . --out {out}/../branch",
-)  # fmt: skip
-SLOW_READERS = (
     "view {out} --png --html --svg", "view {out} --json", "replay {out} --modules .",
     "replay {out} --robot r2 --modules . --no-isolate", "export {out} --modules .",
     "export {out} --mcap ros2 --modules .",
@@ -45,12 +40,6 @@ def call(words: str) -> None:
         assert not end.code, words
 
 
-def read(strategy: str, folder: Path, seconds: int, readers: tuple[str, ...]) -> None:
-    out = folder / "run"
-    for words in (RUN, *readers):
-        call(words.format(strategy=strategy, seconds=seconds, out=out))
-
-
 @pytest.fixture(autouse=True)
 def here(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(REPOSITORY)
@@ -58,19 +47,16 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     look_in(())
 
 
-def test_a_run_is_read_by_every_cheap_command(tmp_path: Path) -> None:
-    read(EXAMPLE, tmp_path, 1, READERS)
-
-
 @pytest.mark.nightly
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("strategy", [*STRATEGIES, EXAMPLE])
 def test_a_run_of_every_strategy_is_read_by_every_command(strategy: str, tmp_path: Path) -> None:
-    readers: tuple[str, ...] = (*READERS, *SLOW_READERS)
+    readers: tuple[str, ...] = READERS
     if strategy == "oracle":  # its robots share memory, so none of them can be replayed alone
         alone = ("explain", "export", "replay {out} --robot")
         readers = tuple(words for words in readers if not words.startswith(alone))
-    read(strategy, tmp_path, 3, readers)
+    for words in (RUN, *readers):
+        call(words.format(strategy=strategy, seconds=3, out=tmp_path / "run"))
 
 
 @pytest.mark.nightly

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from actors.robot.program import load_setup
+from tests import in_process
 from tests.swarm.command import ROOT, acrc, run
 
 WANDERER = '''
@@ -91,10 +92,6 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
         "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
         "`acrc add NAME` installs a package for good, by the name that pip knows it by"
     )
-    table = acrc("list", "strategies")
-    assert table.returncode == 0
-    assert [line.split()[0] for line in table.stdout.splitlines() if "my_study" in line] == ["wander"]
-    assert table.stdout.count(" wanderer:behaviour") == 1, "in one piece"
 
 
 def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_path: Path) -> None:
@@ -121,8 +118,6 @@ def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_pa
         "acrc: --strategy: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
         " each must have a name of its own\n",
     )
-    everyone = listed()
-    assert everyone["none", "shipped"]["error"] == everyone["none", "bold_study 1.2"]["error"] == sentence
 
 
 def own_scenario(folder: Path, text: str = "") -> Path:
@@ -139,36 +134,34 @@ def own_scenario(folder: Path, text: str = "") -> Path:
     return path
 
 
-def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: Path) -> None:
-    path = own_scenario(tmp_path / "study")
+def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_path: Path) -> None:
+    path = own_scenario(tmp_path / "study", "[strategy]\npause = 0.5")
+    mark, module = tmp_path / "study" / "mark", tmp_path / "study" / "wanderer.py"
     memory = run(tmp_path / "memory", path, "--trust", "--bus", "memory")
-    (tmp_path / "study" / "mark").unlink()  # in memory there are no walls
+    mark.unlink()  # in memory nothing is isolated
     assert run(tmp_path / "isolated", path, "--trust", "--isolate")["digest"] == memory["digest"]
-    assert not (tmp_path / "study" / "mark").exists()  # neither tried out nor run unguarded
+    assert not mark.exists(), "neither tried out nor run unguarded"
     again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--trust", "--bus", "memory")
-    assert again["digest"] == memory["digest"]  # with its module, its settings and its areas
-    (tmp_path / "study" / "mark").unlink()
-    asked = acrc("replay", tmp_path / "isolated", "--robot", "r2")
-    assert asked.returncode == 1
-    assert asked.stderr == (
-        f"acrc: {tmp_path}/isolated/r2/r2.mcap names the strategy wanderer:behaviour, whose code "
-        f"{tmp_path}/study/wanderer.py is neither installed nor in a folder that you have named; read it, "
-        f"then say --modules {tmp_path}/study, or --trust\n"
+    assert again["digest"] == memory["digest"], "with its module, its settings and its areas"
+    mark.unlink()
+    file = tmp_path / "isolated" / "r2" / "setup.json"
+    told = load_setup(file).actor.adaptation
+    assert told.settings == {"pause": 0.5} and [area.name for area in told.areas] == ["right"]
+    assert b"left" not in file.read_bytes()
+    asked = in_process.acrc("replay", tmp_path / "isolated", "--robot", "r2")
+    assert (asked.returncode, asked.stderr) == (
+        1,
+        f"acrc: {tmp_path}/isolated/r2/r2.mcap names the strategy wanderer:behaviour, whose code {module} "
+        "is neither installed nor in a folder that you have named; read it, then say --modules "
+        f"{tmp_path}/study, or --trust\n",
     )
     named = ("--modules", tmp_path / "study")
     replayed = acrc("replay", tmp_path / "isolated", "--robot", "r2", *named)
-    assert (replayed.returncode, replayed.stderr) == (0, "")
-    assert not (tmp_path / "study" / "mark").exists()
-    # what is replayed is what was recorded
-    module = tmp_path / "study" / "wanderer.py"
+    assert (replayed.returncode, replayed.stderr) == (0, "") and not mark.exists()
     then, now = (hashlib.sha256(text.encode()).hexdigest()[:12] for text in (WANDERER, WANDERER + "# new\n"))
     module.write_text(WANDERER + "# new\n")
-    for out, words in (
-        ("isolated", ("--robot", "r2")),
-        ("memory", ()),
-        ("memory", ("--robot", "r1", "--to", 1)),
-    ):
-        changed = acrc("replay", tmp_path / out, *words, *named)
+    for out, words in (("isolated", ("--robot", "r2")), ("memory", ())):
+        changed = in_process.acrc("replay", tmp_path / out, *words, *named)
         assert (changed.returncode, changed.stderr) == (
             1,
             f"acrc: {module}: is not what the recorded run has loaded: sha256 {now}, recorded {then}; "
@@ -177,19 +170,7 @@ def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: 
     assert acrc("replay", tmp_path / "isolated", "--robot", "r2", "--trust").returncode == 0
 
 
-def test_settings_reach_every_robot(tmp_path: Path) -> None:
-    default = run(tmp_path / "default", own_scenario(tmp_path / "study"), "--trust", "--bus", "memory")
-    other = own_scenario(tmp_path / "other", "[strategy]\npause = 0.5")
-    memory = run(tmp_path / "memory", other, "--trust", "--bus", "memory")
-    assert memory["digest"] != default["digest"]
-    assert run(tmp_path / "processes", other, "--trust")["digest"] == memory["digest"]
-    file = tmp_path / "processes" / "r2" / "setup.json"
-    told = load_setup(file).actor.adaptation
-    assert told.settings == {"pause": 0.5} and [area.name for area in told.areas] == ["right"]
-    assert b"left" not in file.read_bytes()
-
-
-def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_path: Path) -> None:
+def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_written(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
     done = acrc("run", path, "--trust", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (
@@ -205,12 +186,38 @@ def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scenarios_own_code_needs_a_word(tmp_path: Path) -> None:
+def test_a_scenarios_own_code_needs_trust(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study")
-    done = acrc("run", path, "--out", tmp_path / "out")
+    done = in_process.acrc("run", path, "--out", tmp_path / "out")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
         f"acrc: {path} names the strategy wanderer:behaviour, whose code {tmp_path}/study/wanderer.py is "
         "neither installed nor in a folder that you have named; read it, then say --modules "
         f"{tmp_path}/study, or --trust\n"
     )
+
+
+LAZY = """
+from actors.messages import PlaceGivenUp, PlaceKey
+from actors.robot.behaviour import Decision
+
+class Lazy:
+    def __init__(self, start):
+        self.keys = [PlaceKey(start.robot, place) for place in range(len(start.places))]
+
+    def advance(self, view, until):
+        given_up = tuple(PlaceGivenUp(k.owner, k.place, view.instant, "too lazy") for k in self.keys)
+        return Decision(given_up=given_up, route=())
+
+def behaviour(start):
+    return Lazy(start)
+"""
+
+
+def test_a_file_in_the_working_directory(tmp_path: Path) -> None:
+    (tmp_path / "lazy_study").mkdir()
+    (tmp_path / "lazy_study" / "lazy.py").write_text(LAZY)
+    words = ("run", "--strategy", "lazy_study.lazy:behaviour", "--bus", "memory", "--out", "out", "--json")
+    done = in_process.acrc(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["simulated_s"] == 0.1, "all places are given up at once"
