@@ -125,37 +125,6 @@ def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
     assert bench.board.hung
 
 
-def test_an_eighth_takes_all_of_them_with_it() -> None:
-    bench = Bench()
-    bench.sync()
-    bench.board.press(bench.now)
-    bench.tell(*(SetChannel(code) for code in range(8)))
-    (notes,) = bench.said(seconds(1))
-    assert isinstance(notes, Notes)
-    assert bench.board.commands.overflows == 1
-
-
-def test_a_change_of_channel_takes_200_us_in_which_nothing_else_is_done() -> None:
-    bench = Bench()
-    bench.sync()
-    bench.tell(SetChannel(3), SetPower(-100))
-    bench.wait(byte_time(2))
-    assert (bench.board.channel, bench.said(199)) == (0, [])
-    bench.wait(1)
-    assert bench.board.channel == 3
-    assert bench.said(1_000) == [SetChannel(3), SetPower(-100)]
-
-
-def test_a_ninth_packet_is_confirmed_in_place_of_the_one_in_the_air() -> None:
-    bench = Bench()
-    bench.sync()
-    bench.tell(*packets(1, size=118))
-    bench.wait(byte_time(124))
-    bench.tell(*(SendPacket(number, b"x") for number in range(1, 9)))
-    assert bench.said() == [PacketSent(8, failed=False)]
-    assert bench.air.counters()["frames_sent"] == 1
-
-
 def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
     bench = Bench()
     whole = DataFrame(1, 2, bytes(118))
@@ -171,15 +140,6 @@ def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
     assert bench.said() == [Synchronised()]
 
 
-def test_a_length_beyond_the_last_slot_crashes_it() -> None:
-    bench = Bench()
-    bench.tell(b"\xff", Synchronise(), *(SetChannel(1) for _ in range(6)))
-    bench.said()
-    bench.tell(b"\x01\xff", bytes(200))
-    assert bench.wait(20_000) == b""
-    assert bench.board.hung
-
-
 # --- packets ---------------------------------------------------------------------------------------------
 
 
@@ -190,21 +150,6 @@ def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
     through = byte_time(124) + TURNAROUND_NS // 1000 + airtime_us(118)
     assert bench.said(through) == []
     assert bench.said(200) == [PacketSent(5, failed=False), SetPower(-100)]
-
-
-def test_a_channel_that_is_never_clear_fails_a_packet() -> None:
-    bench = Bench(boards=6, csma=True)
-    for number in range(6):
-        bench.sync(number)
-    failed = 0
-    for round_ in range(40):
-        for number in range(1, 6):
-            bench.tell(*packets(4, size=118), board=number)
-        bench.tell(SendPacket(round_, b"me, too"))
-        (sent,) = (a for a in bench.said(150_000) if isinstance(a, PacketSent))
-        failed += sent.failed
-    assert 0 < failed < 40
-    assert bench.air.counters()["frames_access_failure"] >= failed
 
 
 def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
@@ -227,14 +172,6 @@ def test_the_power_echo_is_what_was_asked_for_not_what_is_sent(asked: int, dbm: 
     bench.tell(SetPower(asked))
     assert bench.said() == [SetPower(asked)]
     assert bench.board.power_dbm == dbm
-
-
-def test_the_channel_is_not_checked_and_the_echo_is_raw() -> None:
-    bench = Bench()
-    bench.sync()
-    bench.tell(b"\x02\x0f\x02\x2f")
-    assert bench.wait(1_000) == b"\x03\x0f\x03\x2f"
-    assert bench.board.channel == 15
 
 
 # --- the rest --------------------------------------------------------------------------------------------

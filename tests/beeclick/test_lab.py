@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actors.board_readings import Info, LinkState
 from actors.instant import START, Instant, milliseconds, seconds
-from actors.messages import Heard, Sent
+from actors.messages import Heard
 from actors.radio.radio_model import RadioSetup, radio_model
 from deeco.replication.fragments import Fragmenter, Reassembly
 from firmware_bridge import emulate
@@ -20,7 +19,7 @@ from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.lab import Desk, Lab
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.reception import PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import PacketEnd
 from firmware_bridge.device_lines import Disturbance
 from firmware_bridge.emulate import main
 from firmware_bridge.serial_port import BoardPort, PortError
@@ -47,21 +46,6 @@ def ends(desk: Desk) -> list[tuple[str, int]]:
     return [(type(e).__name__, e.tag) for e in desk.events if isinstance(e, PacketEnd)]
 
 
-def test_robots_hear_one_another() -> None:
-    room = lab(3)
-    room.run(milliseconds(50))
-    assert [desk.link.phase for desk in room.desks] == [LinkPhase.READY] * 3
-    for desk, text in zip(room.desks, (b"one", b"two", b"three"), strict=True):
-        desk.send(room.now, 7, text)
-        room.run(milliseconds(20))
-    for number, desk in enumerate(room.desks):
-        assert ends(desk) == [("Sent", 7)]
-        heard = {(e.sender, e.data) for e in desk.events if isinstance(e, Heard)}
-        assert heard == {(1, b"one"), (2, b"two"), (3, b"three")} - {
-            (number + 1, (b"one", b"two", b"three")[number])
-        }
-
-
 def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> None:
     room = lab(2)
     desk = room.desks[0]
@@ -77,20 +61,6 @@ def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> 
     assert sorted(kinds) == [0, 1, 2, 3]
     assert [kinds[tag] for tag in (1, 2, 3)] == ["UnconfirmedPacket"] * 3
     assert causes(desk.events) == ["answer_skipped"]
-
-
-def test_the_button_costs_no_packet() -> None:
-    room = lab(2)
-    desk = room.desks[0]
-    room.run(milliseconds(50))
-    for tag in range(8):
-        desk.send(room.now, tag, bytes(100))
-    room.run(milliseconds(8))
-    desk.board.press(room.now)
-    room.run(seconds(1))
-    assert ends(desk) == [("Sent", tag) for tag in range(8)]
-    assert len(desk.of(Info)) == 1
-    assert all(event.up for event in states(desk.events))
 
 
 def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
@@ -240,23 +210,6 @@ def test_what_the_line_damages_in_a_packet_the_components_checksum_finds() -> No
     assert reassembly.counters()["bad_checksum"] > 0
     assert receiver.link.counters["bad_fcs"] >= reassembly.counters()["bad_checksum"]
     assert len(got) > 30
-
-
-def test_a_link_that_meets_a_running_board_waits_for_its_packets() -> None:
-    """A host that has been restarted finds its own earlier packets still on the board."""
-    room = lab(1)
-    (desk,) = room.desks
-    room.run(milliseconds(50))
-    for tag in range(4):
-        desk.send(room.now, tag, bytes(118))
-    room.run(milliseconds(3))
-    desk.link = BoardLink(BoardSettings(1))
-    desk.link.connect(room.now)
-    desk.events.clear()
-    room.run(milliseconds(80))
-    assert [type(e) for e in desk.events] == [LinkState]
-    assert not desk.of(Sent, UnconfirmedPacket)
-    assert desk.board.counters["transmitted"] >= 4
 
 
 class Terminal:

@@ -71,18 +71,6 @@ def test_a_sync_is_repeated_until_it_is_answered() -> None:
     assert host.link.counters["late_sync"] == 2
 
 
-def test_packets_wait_for_the_set_up() -> None:
-    host = Host()
-    assert host.link.send(host.now, 1, b"early") == []
-    assert host.due() == SYNC
-    host.hear(SYNC_PATTERN)
-    assert len(host.commands()) == 3
-    host.hear(*ECHOES)
-    (command,) = host.commands()
-    assert isinstance(command, SendPacket)
-    assert command.data == b"early"
-
-
 def test_a_missing_echo_begins_everything_anew() -> None:
     host = Host()
     host.due()
@@ -163,25 +151,6 @@ def test_confirmations_ahead_of_the_sync_answer_count() -> None:
     ]
     assert len(host.commands()) == 3
     assert host.hear(*ECHOES) == [LinkState(host.now, True, "")]
-
-
-def test_confirmations_within_noise_count() -> None:
-    host = Host().get_ready()
-    numbers = host.send(1, 2, 3, 4)
-    assert host.hear(b"\xee") == [LinkState(host.now, False, "unknown_type")]
-    host.hear(after=80_000)
-    assert host.due() == SYNC
-    noise = b"\x01\x70\x02" + confirm_bytes(numbers[1])[:5] + b"\x09"
-    assert host.hear(confirm(numbers[0]), noise, confirm(numbers[1]), b"\x02", SYNC_PATTERN) == [
-        Sent(host.now, 1),
-        Sent(host.now, 2),
-        UnconfirmedPacket(host.now, 3, "answer_skipped"),
-        UnconfirmedPacket(host.now, 4, "answer_skipped"),
-    ]
-
-
-def confirm_bytes(number: int) -> bytes:
-    return b"\x02" + number.to_bytes(4, "little") + b"\x00"
 
 
 HEAD = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
@@ -297,17 +266,6 @@ def test_two_packets_in_a_row_of_which_nothing_becomes_make_the_radio_silent() -
     assert host.hear(confirm(number)) == [Sent(host.now, 40), LinkState(host.now, True, "")]
 
 
-def test_noise_that_shows_brings_the_next_sync_forward() -> None:
-    host = Host()
-    for _ in range(4):
-        host.due()
-        host.hear(after=80_000)
-    assert host.due() == b""
-    assert host.link.wake() == 1_000_000  # then it is given up; the next SYNC at 1.04 s
-    host.hear(b"\x77")
-    assert host.due() == SYNC
-
-
 def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() -> None:
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4, 5)
@@ -325,13 +283,6 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     host.hear(*ECHOES)
     (fifth,) = host.send()
     assert host.hear(confirm(fifth)) == [Sent(host.now, 5)]
-
-
-def test_a_host_that_was_held_up_reads_before_it_judges() -> None:
-    host = Host().get_ready()
-    (number,) = host.send(1)
-    assert host.hear(confirm(number), after=seconds(5)) == [Sent(host.now, 1)]
-    assert host.link.phase is LinkPhase.READY
 
 
 def test_a_packet_is_heard_with_its_signal_and_notes_are_passed_on() -> None:
@@ -378,11 +329,6 @@ def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
     assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []
     assert host.link.counters["bad_sentence"] == 1
     assert host.link.phase is LinkPhase.READY
-
-
-def test_a_strange_channel_echo_is_noise() -> None:
-    host = Host().get_ready()
-    assert host.hear(SetChannel(3)) == [LinkState(host.now, False, "strange_echo")]
 
 
 TEXT = b"hello " + SYNC_PATTERN

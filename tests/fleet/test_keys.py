@@ -50,10 +50,6 @@ def test_every_machine_gets_a_folder_of_its_own_and_the_authority_stays(tmp_path
         )
         assert (one.folder / "authority.pem").read_bytes() == (keys.home / "authority.pem").read_bytes()
     assert [path.name for path in tmp_path.iterdir()] == ["keys"]
-
-
-def test_private_keys_are_for_their_owners_eyes_and_for_no_repository(tmp_path: Path) -> None:
-    keys = made(tmp_path / "keys")
     folders = [keys.home, *(one.folder for one in keys.machines)]
     private = [folder / "key.pem" for folder in folders]
     assert {stat.S_IMODE(path.stat().st_mode) for path in private} == {0o600}

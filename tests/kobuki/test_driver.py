@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 import serial
 
-from actors.instant import Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki.driver import (
@@ -140,14 +139,6 @@ def test_a_noisy_line_loses_frames_and_no_more() -> None:
     truth = rig.body.truth().pose
     odometry = rig.driver.odometry.read()
     assert (odometry.x, odometry.y) == pytest.approx((truth.x - 10, truth.y - 10), abs=0.02)
-
-
-def test_feedback_takes_its_time_on_the_wire() -> None:
-    rig = Rig()
-    rig.run(0.02)
-    assert rig.fed == 0  # 81 bytes take 7 ms
-    sizes = len(rig.base.run(Instant(22_000))), len(rig.base.run(Instant(24_000)))
-    assert sizes == (23, 23)  # 11 520 bytes a second
 
 
 def test_the_last_word_is_to_stand() -> None:

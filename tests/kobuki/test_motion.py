@@ -3,17 +3,15 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.geometry import Pose, wrap
-from actors.instant import START, Instant
+from actors.instant import Instant
 from actors.world.odometry import KobukiErrors
 from firmware_bridge.emulate import Room, Unicycle
-from firmware_bridge.kobuki.base import BaseParameters, BodyTruth, EmulatedKobuki
-from firmware_bridge.kobuki.driver import KobukiDriver
+from firmware_bridge.kobuki.base import BaseParameters
 from firmware_bridge.kobuki.motion import KobukiOdometry, base_control, velocity
 from firmware_bridge.kobuki.wire import (
     BaseControl,
@@ -152,12 +150,6 @@ def test_after_a_long_gap_ticks_say_nothing() -> None:
     assert odometry.read().x == pytest.approx(100 * 85.292e-6, rel=1e-5)
 
 
-def test_the_same_stamp_twice_is_no_motion() -> None:
-    odometry = fed([(0, 0, 0, 0), (20, 100, 100, 0), (20, 100, 100, 0)])
-    assert odometry.counts.repeated == 1
-    assert odometry.read().vx == pytest.approx(100 * 85.292e-6 / 0.02, rel=1e-5)
-
-
 @pytest.mark.parametrize(
     ("v", "omega", "speed", "radius"),
     [
@@ -193,47 +185,6 @@ def test_the_base_moves_as_wanted_within_the_wires_resolution(v: float, omega: f
     assert back_v == pytest.approx(v, abs=0.0012 + 0.0022 * abs(omega))
     if abs(omega) > 0.03:
         assert back_omega == pytest.approx(omega, abs=0.01 + 0.01 * abs(omega))
-
-
-class Passenger:
-    """A body that a world moves in steps of its own."""
-
-    def __init__(self, mover: Unicycle) -> None:
-        self._mover = mover
-        self.wanted = (0.0, 0.0)
-
-    def drive(self, v: float, omega: float) -> None:
-        self.wanted = (v, omega)
-
-    def advance(self, now: Instant) -> None:
-        """The world does it."""
-
-    def truth(self) -> BodyTruth:
-        return self._mover.truth()
-
-    def bumper(self) -> int:
-        return 0
-
-
-def test_a_body_that_a_world_moves_in_long_steps_is_measured_as_if_it_moved_evenly() -> None:
-    world = Unicycle(Pose(5.0, 5.0, 1.0), Room(20.0, 20.0))
-    body = Passenger(world)
-    base = EmulatedKobuki(body, np.random.default_rng(1))
-    driver = KobukiDriver(START)
-    now = START
-    for _ in range(80):
-        now = Instant(now + 100_000)
-        world.advance(now)
-        driver.take(now, base.run(now))
-        driver.command(now, 0.4, 0.5)
-        base.take(now, driver.due(now))
-        world.drive(*body.wanted)
-    truth = Pose(5.0, 5.0, 1.0).relative(world.truth().pose)
-    odometry = driver.odometry.read()
-    assert (odometry.vx, odometry.omega) == pytest.approx((0.4, 0.5), abs=0.012)
-    # The last feedback is still on the wire: 8 ms of driving.
-    assert (odometry.x, odometry.y) == pytest.approx((truth.x, truth.y), abs=0.012)
-    assert driver.odometry.counts.implausible == 0
 
 
 @pytest.mark.parametrize(("heading", "bits"), [(0.0, 2), (1.0, 1), (-1.0, 4), (3.0, 0), (0.785, 1 | 4)])

@@ -17,14 +17,11 @@ from actors.messages import Scan
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.reception import Event
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.serial_port import KOBUKI, BoardPort, SerialPort
+from firmware_bridge.serial_port import KOBUKI, SerialPort
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
@@ -171,31 +168,6 @@ class LidarHost:
             self._port.write(data)
         if (scan := self._lidar.scan()) is not None:
             self.scans.append(scan)
-
-    def close(self) -> None:
-        self._port.close()
-
-
-class BoardHost:
-    """A board's host, that keeps the events."""
-
-    def __init__(self, path: Path, address: int) -> None:
-        self._port = BoardPort(str(path))
-        self.link = BoardLink(BoardSettings(address))
-        self.link.connect(now())
-        self.events: list[Event] = []
-
-    def serve(self) -> None:
-        at = now()
-        self.events += self.link.take(at, self._port.read())
-        if self._port.is_idle:
-            self._port.write(self.link.due(at))
-
-    def send(self, tag: int, data: bytes) -> None:
-        self.events += self.link.send(now(), tag, data)
-
-    def of(self, kind: type[Event]) -> list[Event]:
-        return [event for event in self.events if isinstance(event, kind)]
 
     def close(self) -> None:
         self._port.close()

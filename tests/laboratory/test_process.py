@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.board_readings import LinkState
 from actors.geometry import Pose
 from actors.instant import START
-from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
+from actors.messages import NO_ECHO_MM, Scan
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
@@ -22,7 +21,7 @@ from firmware_bridge.laboratory.__main__ import main
 from firmware_bridge.laboratory.laboratory import LIDAR
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.serial_port import PortError
-from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
+from tests.laboratory.hosts import ROOT, STARTS, BaseHost, LidarHost, Running, setup, until
 
 
 def millimetres(scan: Scan) -> NDArray[np.int64]:
@@ -45,9 +44,18 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
         began_waiting = base.driver.reception.frames
         until(lambda: base.driver.reception.frames > began_waiting + 10, lidar, base)
         odometry = base.driver.odometry.read()
+        path = laboratory.path("r1", "range")
+        assert laboratory.say("unplug r1 range") == "ok"
+        assert not path.is_symlink()
+        with pytest.raises(PortError):
+            until(lambda: False, lidar)
+        assert laboratory.say("unplug r1 range") == "the range of r1 is not plugged in; plug it first"
+        assert laboratory.say("plug r1 range") == laboratory.say("reboot r1 radio") == "ok"
+        assert path.is_symlink()
         lidar.close()
         base.close()
-        result = laboratory.end()
+        result = laboratory.end(signal.SIGINT)
+    assert not laboratory.links.exists()
 
     world = Bodies(built_from.world).senses(0, 0, START, 0, False).scan
     assert world is not None
@@ -66,52 +74,11 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
     assert believed.heading == pytest.approx(truth.pose[2], abs=math.radians(0.5))
     assert truth.travelled > 0.5
     assert result.bases["r1"]["skipped"] == 0
+    assert result.boards["r1"]["reboots"] == 1
     assert [place.reached_by for place in result.places] == ["r1", "r1"]
     assert all(place.reached_at is not None for place in result.places)
     assert result.robots["r2"].pose == STARTS[1]
     assert sum(result.behind_ms.values()) == round(100 * result.simulated_s)
-
-
-@pytest.mark.alone
-def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: Path) -> None:
-    with Running(tmp_path, setup(2)) as laboratory:
-        path = laboratory.path("r2", "radio")
-        first, second = BoardHost(laboratory.path("r1", "radio"), 1), BoardHost(path, 2)
-        until(lambda: bool(first.of(LinkState) and second.of(LinkState)), first, second)
-        first.send(7, b"to all")  # one after the other: at once they may collide
-        until(lambda: bool(first.of(Sent) and second.of(Heard)), first, second)
-        (heard,) = second.of(Heard)
-        assert isinstance(heard, Heard)
-        assert heard.data == b"to all"
-        assert heard.sender == 1
-        second.send(8, b"to the others")
-        until(lambda: bool(second.of(Sent) and first.of(Heard)), first, second)
-
-        assert laboratory.say("unplug r2 radio") == "ok"
-        assert not path.is_symlink()
-        with pytest.raises(PortError):
-            until(lambda: False, second)
-        second.close()
-        first.send(9, b"unheard")
-        until(lambda: len(first.of(Sent)) == 2, first)
-        assert laboratory.say("unplug r2 radio") == "the radio of r2 is not plugged in; plug it first"
-
-        assert laboratory.say("plug r2 radio") == "ok"
-        assert laboratory.say("reboot r2 radio") == "ok"
-        again = BoardHost(path, 2)
-        until(lambda: bool(again.of(LinkState)), first, again)
-        again.send(10, b"back")
-        until(lambda: len(first.of(Heard)) == 2, first, again)
-        first.close()
-        again.close()
-        result = laboratory.end(signal.SIGINT)
-    assert not laboratory.links.exists()
-    boards = [result.boards[robot] for robot in ("r1", "r2")]
-    assert [(board["address"], board["channel"], board["reboots"]) for board in boards] == [
-        (1, 26, 0),
-        (2, 26, 1),
-    ]
-    assert result.frames["frames_sent"] == 4
 
 
 @pytest.mark.alone

@@ -27,7 +27,6 @@ from actors.messages import (
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
 from actors.runtime.errors import AcrcError
-from actors.task.words import PlaceKey
 from actors.topic import Message
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 
@@ -99,8 +98,9 @@ def shown(outputs: Sequence[Output]) -> list[Message]:
 def first_step(stage: Stage) -> None:
     """Step 1 is opened, for it is the first after everybody is there, and is answered in 4 ms."""
     stage.ready()
+    sweep = stage.vehicle.sweep
     (senses,) = stage.at(STEP)
-    assert senses == Senses(1, BEGIN + STEP, 0, Odometry(1.0, 2.0, 0.5, 0.1, 0.0, 0.2), 2)
+    assert senses == Senses(1, BEGIN + STEP, 0, Odometry(1.0, 2.0, 0.5, 0.1, 0.0, 0.2), 2, sweep)
     assert stage.drive(STEP + 4_000, 1, transmits=3) == []
 
 
@@ -125,6 +125,7 @@ def test_a_robot_or_bridge_that_does_not_answer_for_too_long_is_named() -> None:
 
 def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() -> None:
     stage = Stage()
+    stage.vehicle.sweep = Scan(5, b"\x01\x02")
     first_step(stage)
     assert stage.vehicle.commands == [(104_000, 0.3, 0.1)]
     assert stage.vehicle.issued == [STEP], "as old as what it was decided from"
@@ -223,16 +224,6 @@ def test_what_a_slow_bridge_says_of_a_robot_that_has_ended_is_not_counted_for_it
     assert isinstance(senses, Senses) and senses.events == 0
 
 
-def test_pause_stands_and_resume_goes_on() -> None:
-    stage = Stage()
-    first_step(stage)
-    stage.at(150_000, at(CONTROL), Control(0, (Pause(),)))
-    assert stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)
-    assert stage.at(2 * STEP) == []
-    stage.at(250_000, at(CONTROL), Control(0, (Resume(),)))
-    assert len(stage.at(3 * STEP)) == 1
-
-
 @pytest.mark.parametrize("how", ["order", "signal"])
 def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) -> None:
     stage = Stage()
@@ -247,18 +238,6 @@ def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) 
     assert stage.core.finished and stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)
 
 
-def test_a_sweep_is_handed_over_once() -> None:
-    stage = Stage()
-    stage.vehicle.sweep = Scan(5, b"\x01\x02")
-    stage.ready()
-    (senses,) = stage.at(STEP)
-    assert isinstance(senses, Senses) and senses.scan == Scan(5, b"\x01\x02")
-    stage.at(110_000, at(DRIVE, "r1"), Drive(1, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r1", 0),)))
-    stage.at(2 * STEP)
-    (senses,) = stage.aired(2 * STEP + 1, 1)
-    assert isinstance(senses, Senses) and senses.scan is None
-
-
 @pytest.mark.parametrize(
     ("order", "paused", "finished"), [(Pause(), True, False), (Resume(), False, False), (Stop(), False, True)]
 )
@@ -271,3 +250,5 @@ def test_progress_tells_what_was_obeyed_and_what_holds_it(order: Order, paused: 
     outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
     (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
     assert (said.paused, said.finished, said.held) == (paused, finished, ("the battery is low",))
+    assert (stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)) is not isinstance(order, Resume)
+    assert bool(stage.at(2 * STEP)) is isinstance(order, Resume), "paused, no step begins"

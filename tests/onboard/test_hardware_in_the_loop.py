@@ -2,7 +2,6 @@
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.radio.robot_medium import COPIES
-from deploy.laboratory import hardware_in_the_loop
 from deploy.laboratory.hardware_in_the_loop import check_limits
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -172,10 +170,3 @@ def test_what_they_have_is_not_refused(name: str, tmp_path: Path) -> None:
     laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
     laboratory.advance(Instant(20_000), lambda jack, data: None)
     assert laboratory.air.counters()["frames_sent"] == 0
-
-
-@pytest.mark.parametrize(("text", "channel"), [("[radio]\nchannel = 15\n", 15), ("", 11)])
-def test_the_boards_are_on_the_scenarios_channel(text: str, channel: int, tmp_path: Path) -> None:
-    plan = swarm.plan(scenario(tmp_path, text), RunOptions(tmp_path / "out"))
-    ports = hardware_in_the_loop._robot(replace(plan, isolate=False), 0, tmp_path).ports
-    assert ports.channel == channel

@@ -210,18 +210,3 @@ def kill(module: str, out: Path) -> None:
             os.kill(process, signal.SIGKILL)
             return
     raise AssertionError(f"no process of {module}")
-
-
-def test_what_is_missing_is_one_sentence(tmp_path: Path) -> None:
-    fleet = tmp_path / "fleet.toml"
-    fleet.write_text(FLEET.format(root=ROOT, links="/dev"))
-    refused = acrc("fleet", "onboard", fleet, "--robot", "r7", "--out", tmp_path / "out")
-    assert refused.returncode == 2 and refused.stdout == ""
-    assert refused.stderr == f'acrc: {fleet}: there is no robot "r7" in the fleet; it has r1\n'
-    blind = acrc("fleet", "onboard", fleet, "--robot", "r1", "--out", tmp_path / "out", "--debugpy", 5678)
-    assert blind.returncode == 1
-    assert blind.stderr == (
-        "acrc: --debugpy: 5678 needs the Python package debugpy, which is not installed; "
-        "`./acrc add debugpy` brings it\n"
-    )
-    assert not (tmp_path / "out").exists()

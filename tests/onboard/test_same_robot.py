@@ -1,6 +1,5 @@
 """The robot on board is the robot of the simulation: the same program, told the same."""
 
-import json
 import socket
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +9,7 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
-from actors.runtime.access.rules import client_config
-from actors.runtime.process import ActorProcess, RunNote, play
 from actors.runtime.process_setup import SETUP, setup_bytes
-from actors.runtime.recording import Recorder, read_notes
 from deploy.fleet import onboard
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.run import plan, swarm
@@ -21,7 +17,6 @@ from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import load_scenario
 from firmware_bridge.onboard import base
-from tests.runtime.toys import Answerer
 from tests.swarm.command import leftovers
 
 ROOT = Path(__file__).parents[2]
@@ -100,16 +95,3 @@ def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
         "port, or name another address as `listen` in the fleet file\n"
     )
     assert leftovers(alone.out) == []
-
-
-def test_what_keeps_a_process_from_its_robot_is_said_in_the_log_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "credentials").write_text("radio:word\n")
-    config = client_config(tmp_path / "credentials", f"unixsock-stream/{tmp_path}/nobody.sock")
-    run = RunNote("radio", 1, 100_000, "", msgspec.Raw(b"{}"))
-    part = ActorProcess(Answerer("r1"), (), run)
-    assert play(part, Recorder(tmp_path / "radio.mcap", 100_000), config) == 1
-    note = json.loads(read_notes(tmp_path / "radio.mcap")["failure"])
-    assert note["expected"] and note["cause"].startswith("no session with the router within 0 s: ")
-    assert capsys.readouterr().err == f"radio failed in step 0: {note['cause']}\n"

@@ -74,13 +74,6 @@ def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_end
     assert watch.restarts == 0
 
 
-def test_a_robot_that_has_failed_is_started_again(played: tuple[OnboardSupervisor, Played]) -> None:
-    watch, launcher = played
-    launcher.ends = [{"r1": 1}]
-    assert watch.look(0.0)
-    assert launcher.started[3:] == ["r1"]
-
-
 TAKEN = "base failed in step 0: /dev/kobuki: another program has the port open"
 
 
