@@ -3,8 +3,12 @@
 from collections.abc import Iterable
 
 from actors.board_readings import LinkState
-from actors.instant import Instant
+from actors.instant import START, Instant
+from actors.radio.radio_model import RadioSetup
+from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick import wire
+from firmware_bridge.beeclick.air import EmulatedAir, State, air
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reception import Event
@@ -82,3 +86,18 @@ def states(events: Iterable[Event]) -> list[LinkState]:
 def causes(events: Iterable[Event]) -> list[str]:
     """Why it was down each time."""
     return [state.cause for state in states(events) if not state.up]
+
+
+def boards(count: int, spacing: float = 2.0, seed: int = 1) -> EmulatedAir:
+    """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
+    addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
+    where = air(RadioSetup(seed, SUBSTEP, addresses, "beeclick"))
+    for _ in addresses:
+        where.add(EmulatedBoard(where, START))
+    where.place(START, [standing(number * spacing, 0.0) for number in range(count)])
+    return where
+
+
+def standing(x: float, y: float) -> State:
+    """The state of what stands there, m."""
+    return (x, y, 0.0, 0.0, 0.0, 0.0)

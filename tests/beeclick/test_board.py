@@ -30,7 +30,7 @@ from firmware_bridge.beeclick.wire import (
     Warmth,
     byte_time,
 )
-from firmware_bridge.emulate import standing
+from tests.beeclick.hosts import standing
 
 
 class Bench:

@@ -4,7 +4,6 @@ import os
 import pty
 import tty
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard
 from actors.radio.radio_model import RadioSetup, radio_model
 from deeco.replication.fragments import Fragmenter, Reassembly
-from firmware_bridge import emulate
 from firmware_bridge.beeclick.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.lab import Desk, Lab
@@ -21,8 +19,8 @@ from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reception import PacketEnd
 from firmware_bridge.device_lines import Disturbance
-from firmware_bridge.emulate import main
 from firmware_bridge.serial_port import BoardPort, PortError
+from tests.beeclick.hosts import boards as row_of_boards
 from tests.beeclick.hosts import causes, states
 
 QUICK = BeeClickParameters(
@@ -34,7 +32,7 @@ QUICK = BeeClickParameters(
 
 
 def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
-    air = emulate.boards(boards, seed=seed)
+    air = row_of_boards(boards, seed=seed)
     desks = []
     for number, board in enumerate(air.devices):
         assert isinstance(board, EmulatedBoard)
@@ -262,26 +260,3 @@ def test_a_port_that_is_unplugged_is_told_in_reading_and_in_writing(terminal: Te
     gone = f"{terminal.path}: the BEE-click board has gone while in use"
     assert str(reading.value) == f"{gone} (end of file); plug its USB cable in again"
     assert str(writing.value) == f"{gone} (EIO); plug its USB cable in again"
-
-
-@pytest.mark.parametrize(
-    ("argv", "sentence"),
-    [
-        (["boards", "--boards", "0", "--links", "{}"], "There cannot be 0 boards; it must be 1 to 100."),
-        (
-            ["kobuki", "--link", "{}/x", "--seed", "-1"],
-            "python -m firmware_bridge.emulate kobuki: argument --seed: -1 is negative; it should "
-            "be 0 or more",
-        ),
-        (
-            ["boards", "--boards", "1", "--links", "{}"],
-            "{}/board1: there is something that is no link; give a path where a link can be made",
-        ),
-    ],
-)
-def test_a_wrong_command_line_of_the_emulator_is_refused(
-    argv: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "board1").write_text("mine")
-    assert main([word.format(tmp_path) for word in argv]) == 2
-    assert capsys.readouterr().err == f"{sentence.format(tmp_path)}\n"

@@ -6,9 +6,9 @@ import numpy as np
 
 from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
-from firmware_bridge.emulate import Room, Unicycle
 from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
 from firmware_bridge.kobuki.driver import Event, Fed, KobukiDriver
+from tests.kobuki.room import Room, Unicycle
 
 ROUND = milliseconds(5)
 HALL = Room(20.0, 20.0)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from actors.geometry import Pose, wrap
 from actors.instant import Instant
 from actors.world.odometry import KobukiErrors
-from firmware_bridge.emulate import Room, Unicycle
 from firmware_bridge.kobuki.base import BaseParameters
 from firmware_bridge.kobuki.motion import KobukiOdometry, base_control, velocity
 from firmware_bridge.kobuki.wire import (
@@ -20,6 +19,7 @@ from firmware_bridge.kobuki.wire import (
     WireMisuseError,
 )
 from tests.kobuki.drives import Rig
+from tests.kobuki.room import Room, Unicycle
 
 DRIVE = (
     (4.0, 0.5, 0.0), (6.0, 0.4, 0.8), (2.0, 0.0, -2.0),

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from actors.geometry import Pose
 from actors.instant import START, Instant
-from firmware_bridge.emulate import Room
 from firmware_bridge.kobuki.motion import TRACK, velocity
 from firmware_bridge.kobuki.safety import (
     Allowed,
@@ -18,6 +17,7 @@ from firmware_bridge.kobuki.safety import (
 )
 from firmware_bridge.kobuki.wire import BaseControl, Basic, Inertial
 from tests.kobuki.drives import Rig
+from tests.kobuki.room import Room
 
 
 def fastest_wheel(v: float, omega: float) -> float:

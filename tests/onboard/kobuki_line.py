@@ -10,8 +10,8 @@ import numpy as np
 
 from actors.instant import Instant
 from firmware_bridge.device_lines import PseudoTerminal
-from firmware_bridge.emulate import Room, Unicycle
 from firmware_bridge.kobuki.base import EmulatedKobuki
+from tests.kobuki.room import Room, Unicycle
 
 
 class KobukiLine:

@@ -26,10 +26,10 @@ from actors.runtime.core import Address, at
 from actors.topic import Message
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.emulate import boards
 from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
 from firmware_bridge.onboard.device_loop import Clock
 from firmware_bridge.onboard.onboard_setup import BridgeSetup
+from tests.beeclick.hosts import boards
 
 POLL = milliseconds(1)
 

@@ -15,13 +15,13 @@ from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, Straight, accusations, plain_floor
 from benchmarks.hardware.sensor_trials import SensorCase, trial, within
-from firmware_bridge.emulate import Room
 from firmware_bridge.kobuki.motion import METRES_PER_TICK
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import Basic, Inertial
 from firmware_bridge.onboard.contradictions import REST, Contradictions, ScanChecks, of_the_room
 from firmware_bridge.onboard.motion_checks import MotionTrack, Moved
 from firmware_bridge.range_sensors.sensor import SensorSweep
+from tests.kobuki.room import Room
 
 NAMED = {
     "lidar: repeats one turn": HoldCause.REPEATS,

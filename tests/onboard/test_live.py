@@ -7,7 +7,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ import pytest
 from actors.messages import SENSES, Senses
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, read_notes, read_recording
+from tests.laboratory.hosts import Running, setup
 from tests.small_disk import on_small_disk
 from tests.swarm.command import ACRC, ROOT, acrc, begin, leftovers, processes_of
 from tests.warm import Begun
@@ -30,42 +30,22 @@ strategy = "chapter"
 [[robot]]
 id = "r1"
 address = 1
-start = [12.0, 13.0, 0.0]
+start = [12.0, 12.5, 0.0]
 places = [[20.0, 12.5], [4.0, 12.5]]
 base = "{links}/base"
-radio = "{links}/board1"
+radio = "{links}/radio"
 range = "{links}/range"
 """
 
 
 @pytest.fixture(scope="module")
 def links(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where emulated devices are plugged in: a Kobuki and a lidar in an empty room, and two boards.
+    """Where the emulated devices of a robot in the corridor are plugged in.
 
     They stay on, as real ones do, while one run on board after the other ends.
     """
-    folder = tmp_path_factory.mktemp("links")
-    devices = [
-        subprocess.Popen(
-            [sys.executable, "-m", "firmware_bridge.emulate", *words], cwd=ROOT, stdout=subprocess.DEVNULL
-        )
-        for words in (
-            ("kobuki", "--link", f"{folder}/base"),
-            ("lidar", "--link", f"{folder}/range"),
-            ("boards", "--boards", "2", "--links", str(folder)),
-        )
-    ]
-    deadline = time.monotonic() + 120
-    try:
-        while not all((folder / name).is_symlink() for name in ("base", "range", "board1")):
-            assert time.monotonic() < deadline, "an emulated device did not start"
-            time.sleep(0.05)
-        yield folder
-    finally:
-        for device in devices:
-            device.terminate()
-        for device in devices:
-            device.wait(10)
+    with Running(tmp_path_factory.mktemp("laboratory"), setup(1)) as laboratory:
+        yield laboratory.links / "r1"
 
 
 def onboard(folder: Path, out: Path) -> Begun:

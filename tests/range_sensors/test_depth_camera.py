@@ -14,11 +14,11 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
-from firmware_bridge.emulate import Room
 from firmware_bridge.range_sensors import depth_camera
 from firmware_bridge.range_sensors.depth import DepthError, DepthScanner, column_slopes
 from firmware_bridge.range_sensors.depth_camera import Camera, CameraError, CameraFeed, OpenNICamera
 from firmware_bridge.range_sensors.sensor import Repeats, StillBeams
+from tests.kobuki.room import Room
 
 KINECT = load_model("turtlebot2", "kinect").sensor
 

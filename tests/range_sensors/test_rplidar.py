@@ -12,7 +12,6 @@ from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import load_model
-from firmware_bridge.emulate import Room
 from firmware_bridge.range_sensors.rplidar import (
     HEALTH,
     INFO,
@@ -27,6 +26,7 @@ from firmware_bridge.range_sensors.rplidar import (
 )
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.range_sensors.sensor import Rays
+from tests.kobuki.room import Room
 
 CHAPTER = load_model("turtlebot2", "chapter").sensor
 ROOM = Room(6.0, 4.0)
