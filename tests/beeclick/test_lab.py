@@ -129,34 +129,6 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     assert states(desk.events)[-1].up and ("Sent", 99) in ends(desk)
 
 
-def test_a_cable_that_is_pulled_and_put_in_again() -> None:
-    room = lab(2)
-    desk = room.desks[0]
-    room.run(milliseconds(50))
-    for tag in range(6):
-        desk.send(room.now, tag, bytes(118))
-    room.run(milliseconds(2))
-    desk.unplug(room.now)
-    assert ends(desk) == [("UnconfirmedPacket", tag) for tag in range(4)]
-    room.run(milliseconds(300))
-    desk.plug(room.now)
-    room.run(milliseconds(50))
-    assert ends(desk)[4:] == [("Sent", 4), ("Sent", 5)]
-    assert [e.up for e in states(desk.events)] == [True, False, True]
-
-
-def test_a_hung_board_is_silent_until_it_is_reset() -> None:
-    room = lab(1)
-    (desk,) = room.desks
-    room.run(milliseconds(50))
-    desk.board.hung = True
-    room.run(seconds(4))
-    assert causes(desk.events) == ["no_echo", "silent"]
-    desk.board.reboot(room.now)
-    room.run(milliseconds(900))
-    assert desk.link.phase is LinkPhase.READY
-
-
 def test_many_restarts_lose_no_packet_from_the_books() -> None:
     room = lab(1, parameters=QUICK, poll=10_000)
     (desk,) = room.desks

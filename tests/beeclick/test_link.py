@@ -20,14 +20,13 @@ from firmware_bridge.beeclick.wire import (
     Notes,
     PacketSent,
     ReceivedPacket,
-    SendPacket,
     Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     Warmth,
 )
-from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, said, states
+from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm, said
 
 
 def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
@@ -228,42 +227,6 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
     assert host.hear(*ECHOES) == [], "first its radio has to be heard of"
     (number,) = host.send(10, 11)
     assert host.hear(confirm(number)) == [Sent(host.now, 10), LinkState(host.now, True, "")]
-
-
-def test_a_board_that_talks_and_does_not_listen_is_not_filled_up() -> None:
-    """Its radio is wedged: what it hears and measures comes, and no command is handled."""
-    host = Host().get_ready()
-    host.send(1, 2, 3, 4)
-    syncs = []
-    for step in range(2_000):
-        host.hear(*([Warmth(215)] if step % 50 == 0 else []), after=10_000)
-        if host.due():
-            syncs.append(host.now)
-    assert syncs == [250_000, 500_000, 1_300_000, 11_300_000]
-
-
-def test_two_packets_in_a_row_of_which_nothing_becomes_make_the_radio_silent() -> None:
-    """Though the board answers all else: it is not up and down in turns, but silent until it confirms one."""
-    host = Host().get_ready()
-    events = []
-    for tag in range(1, 30):
-        events += host.link.send(host.now, tag, b"x")
-        for command in host.commands():
-            assert isinstance(command, SendPacket)
-        events += host.hear(after=seconds(1))
-        assert host.due() == SYNC
-        events += host.hear(SYNC_PATTERN, after=5_000)
-        host.commands()
-        events += host.hear(*ECHOES, after=1_000)
-    told = states(events)
-    assert [event.up for event in told] == [False, True, False]
-    assert causes(told) == [
-        "no_confirmation",
-        "silent",
-    ]
-    assert len({event.tag for event in events if isinstance(event, UnconfirmedPacket)}) >= 28
-    (number,) = host.send(40)
-    assert host.hear(confirm(number)) == [Sent(host.now, 40), LinkState(host.now, True, "")]
 
 
 def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() -> None:
