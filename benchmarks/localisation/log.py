@@ -1,94 +1,63 @@
-"""A course in one file that any AMCL can be fed from; docs/localisation-log.md describes its fields."""
+"""Reader of localisation logs: courses in one file each, as docs/localisation-log.md describes them."""
 
 import io
 import json
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from pydantic import ValidationError
 
-from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
+from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.map_header import MapError
 from actors.geometry import Pose, wrap
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
-from benchmarks.localisation.course import Course
 
 FORMAT: Final = "acrc-localisation-log"
 VERSION: Final = 1
 POSES: Final = "time_us,x,y,heading"
-_WHEN: Final = (1980, 1, 1, 0, 0, 0)
-"""Stands in every archive, so that equal courses give equal files."""
-_MAP: Final = (
-    "image: map.png\nresolution: {resolution!r}\norigin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"
-    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-)
 
 
 class CourseLogError(AcrcError):
-    """A log that cannot be written or read."""
+    """A log that cannot be read."""
 
 
-def write(file: Path, course: Course) -> None:
-    """Write the course, but for its peers, who are only seen in the scans. Raises LogError."""
-    sensor, start = course.sensor.model_dump(), list(course.start)
-    about = {"format": FORMAT, "version": VERSION, "sensor": sensor, "start": start}
-    rays = ",".join(f"r{i}" for i in range(course.sensor.rays))
-    members: dict[str, str | bytes] = {
-        "about.json": json.dumps(about, indent=2) + "\n",
-        **map_members(course.grid),
-        "odometry.csv": _table(POSES, course.instants, course.odometry),
-        "truth.csv": _table(POSES, course.instants, course.truth),
-        "scans.csv": _table(f"time_us,{rays}", course.stamps, course.scans),
-    }
-    pack(file, members)
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Input of a localisation on one drive, with the ground truth. All arrays are in order of time."""
 
+    grid: OccupancyGrid
+    sensor: RangeSensor
+    start: Pose
+    """The true pose at the first odometry pose, m and rad, map frame."""
+    instants: NDArray[np.int64]
+    """(n,), µs: when the odometry was read."""
+    odometry: NDArray[np.float64]
+    """(n, 3): x, y, heading, m and rad, in the odometry's frame."""
+    truth: NDArray[np.float64]
+    """(n, 3): the true poses of these instants, m and rad, map frame."""
+    stamps: NDArray[np.int64]
+    """(k,), µs: when the scans were made."""
+    scans: NDArray[np.uint16]
+    """(k, rays), mm; NO_ECHO_MM = nothing within reach."""
 
-def pack(file: Path, members: Mapping[str, str | bytes]) -> None:
-    """Write the members as an archive; equal members give equal files. Raises LogError."""
-    try:
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, content in members.items():
-                archive.writestr(zipfile.ZipInfo(name, _WHEN), content, zipfile.ZIP_DEFLATED)
-    except OSError as error:
-        raise CourseLogError(f"{file}: the log cannot be written: {error.strerror}.") from error
-
-
-def map_members(grid: OccupancyGrid) -> dict[str, str | bytes]:
-    """The floor plan as ROS map_server has it."""
-    header = _MAP.format(resolution=grid.resolution, x=float(grid.origin.x), y=float(grid.origin.y))
-    return {"map.yaml": header, "map.png": _image(grid)}
-
-
-def _image(grid: OccupancyGrid) -> bytes:
-    """As ROS map_saver: free 254, unknown 205, occupied 0, the north on top."""
-    grey = np.zeros(grid.cells.shape, np.uint8)
-    grey[grid.cells == FREE] = 254
-    grey[grid.cells == UNKNOWN] = 205
-    written = io.BytesIO()
-    Image.fromarray(np.flipud(grey)).save(written, "PNG")
-    return written.getvalue()
-
-
-def _table(header: str, times: NDArray[np.int64], values: NDArray[Any]) -> str:
-    """CSV; numbers as Python writes them, which reads back to the same bits."""
-    rows = zip(times.tolist(), values.tolist(), strict=True)
-    return "\n".join([header, *(f"{time},{','.join(map(repr, row))}" for time, row in rows), ""])
+    @property
+    def origin(self) -> Pose:
+        """Pose of the odometry frame in the map frame at the start."""
+        return self.start.frame(Pose(*self.odometry[0].tolist()))
 
 
 @dataclass(frozen=True)
 class LogLimits:
-    """How much of a log is read at most."""
+    """Largest log that is read."""
 
     text_bytes: int = 400_000_000
     """Of a table: two hours of scans at 10 Hz with 640 rays have 350 MB."""
@@ -101,7 +70,7 @@ class LogLimits:
 
 
 def read(file: Path, limits: LogLimits = LogLimits()) -> Course:
-    """The course in a log; the truth between its rows is interpolated. Raises LogError."""
+    """Return the course of a log; ground truth is interpolated between rows. Raises CourseLogError."""
     try:
         with zipfile.ZipFile(file) as archive:
             return _Log(file, archive, limits).course()
@@ -113,7 +82,7 @@ def read(file: Path, limits: LogLimits = LogLimits()) -> Course:
 
 
 class _Log:
-    """One log while it is read."""
+    """Reader of one log."""
 
     def __init__(self, file: Path, archive: zipfile.ZipFile, limits: LogLimits) -> None:
         self._file = file
@@ -142,14 +111,13 @@ class _Log:
             truth=truth,
             stamps=scanned,
             scans=scans,
-            peers=np.empty((len(instants), 0, 2)),
         )
 
     def _about(self) -> tuple[RangeSensor, Pose]:
         try:
             about = json.loads(self._bytes("about.json", self._limits.small_bytes))
         except (ValueError, RecursionError) as error:
-            raise self._wrong(f"about.json is no JSON: {error}") from error
+            raise self._wrong(f"about.json is not JSON: {error}") from error
         if not isinstance(about, dict) or (about.get("format"), about.get("version")) != (FORMAT, VERSION):
             raise self._wrong(f'about.json must have "format": "{FORMAT}" and "version": {VERSION}')
         try:
@@ -170,7 +138,7 @@ class _Log:
         return number and abs(value) <= self._limits.farthest
 
     def _grid(self) -> OccupancyGrid:
-        """The map, by way of a folder, as `load_map` wants it."""
+        """Return the map; `load_map` reads it from a temporary folder."""
         with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
             header, image = Path(folder) / "map.yaml", Path(folder) / "map.png"
             header.write_bytes(self._bytes("map.yaml", self._limits.small_bytes))
@@ -183,7 +151,7 @@ class _Log:
     def _poses(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         times, poses = self._numbers(name, POSES)
         if not (np.abs(poses) <= self._limits.farthest).all():
-            raise self._wrong(f"{name} has a value beyond ± {self._limits.farthest:g} or that is no number")
+            raise self._wrong(f"{name} has a value beyond ± {self._limits.farthest:g} or NaN")
         beyond = (poses[:, 2] <= -np.pi) | (poses[:, 2] > np.pi)
         poses[beyond, 2] = [wrap(angle) for angle in poses[beyond, 2].tolist()]
         return times, poses
@@ -192,11 +160,11 @@ class _Log:
         columns = ",".join(["time_us", *(f"r{i}" for i in range(rays))])
         times, ranges = self._numbers("scans.csv", columns)
         if not ((ranges >= 0) & (ranges <= NO_ECHO_MM) & (ranges == np.floor(ranges))).all():
-            raise self._wrong(f"scans.csv has a range that is no whole number from 0 to {NO_ECHO_MM} mm")
+            raise self._wrong(f"scans.csv has a range that is not a whole number from 0 to {NO_ECHO_MM} mm")
         return times, ranges.astype(np.uint16)
 
     def _numbers(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """A table's first column, times, and the rest."""
+        """Return the first column of a table, times, and the other columns."""
         raw = self._bytes(name, self._limits.text_bytes)
         header, _, rows = raw.decode("ascii", "replace").partition("\n")
         if header.strip() != columns:
@@ -209,12 +177,12 @@ class _Log:
         try:
             table = np.loadtxt(io.StringIO(rows), delimiter=",", comments=None, ndmin=2)
         except (ValueError, OverflowError) as error:
-            raise self._wrong(f"{name} is no table of numbers: {error}") from error
+            raise self._wrong(f"{name} is not a table of numbers: {error}") from error
         if table.shape[1] != columns.count(",") + 1:
             raise self._wrong(f"{name} has {table.shape[1]} columns, but its first line names others")
         times = table[:, 0]
         if not (np.isfinite(times) & (np.abs(times) < 2**53) & (times == np.floor(times))).all():
-            raise self._wrong(f"{name} has a time_us that is no whole number")
+            raise self._wrong(f"{name} has a time_us that is not a whole number")
         if (np.diff(times) <= 0).any():
             row = int(np.argmax(np.diff(times) <= 0)) + 2
             raise self._wrong(f"time_us in row {row} of {name} is not later than in the row before")
@@ -237,6 +205,6 @@ class _Log:
 def _between(
     instants: NDArray[np.int64], stamps: NDArray[np.int64], poses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The poses at other instants, headings the short way round."""
+    """Interpolate poses at other instants, headings the short way round."""
     columns = (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
     return np.stack([np.interp(instants, stamps, column) for column in columns], axis=1)

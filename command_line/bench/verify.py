@@ -135,7 +135,7 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
 
         found = radio(given["data"], given.get("runs", 10))
     elif name == "localisation":
-        from benchmarks.localisation.logs import check as localisation
+        from benchmarks.localisation.comparison import check as localisation
 
         found = localisation(given["from"], given.get("runs", 20), given.get("against"))
     else:

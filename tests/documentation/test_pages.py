@@ -29,6 +29,7 @@ from tests import warm
 from tests.documentation.trials import PAGES as TESTED_ELSEWHERE
 from tests.documentation.trials import SHORTENED, Command, shortened
 from tests.documentation.trials import commands as commands_of
+from tests.localisation import courses
 
 PAGES = {page.name: page for page in pages()}
 TREE = commands.tree()
@@ -188,7 +189,8 @@ def commands_to_run(name: str) -> list[Command]:
 def test_the_commands_of_a_page_run(name: str, clone: Path) -> None:
     if name == "docs/localisation-log.md":
         (clone / "logs").mkdir()
-        type_in(clone, "./acrc verify localisation --log logs/course.zip --cell alone --duration 20")
+        for name in ("course.zip", "logs/course.zip"):
+            courses.write_log(clone / name, courses.drive(courses.Setup(seconds=20.0)))
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
     if name == "docs/experiments.md":

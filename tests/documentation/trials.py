@@ -44,7 +44,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
     ("docs/clusters.md", "python"): "tests/clusters/test_files.py",
     ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
-    ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
+    ("docs/localisation-log.md", "python"): "tests/localisation/test_logs.py",
 })  # fmt: skip
 """Tests of their own for the blocks of a language on a page."""
 

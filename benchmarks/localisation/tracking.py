@@ -1,12 +1,37 @@
-"""How far a localisation was off, how well it knew, and what it cost: one run's figures."""
+"""Runs of the particle filter on logged courses, and their errors against the ground truth."""
 
 import math
+import time
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid
+from actors.geometry import Pose
+from actors.instant import Instant
+from actors.messages import Scan
+from actors.randomness import generator
+from actors.robot.localisation import (
+    PRESETS as PARAMETERS,
+)
+from actors.robot.localisation import (
+    Amcl,
+    DeadReckoning,
+    LikelihoodField,
+    Localisation,
+    likelihood_field,
+)
+from actors.robot.sweep import Sweeps
+from benchmarks.localisation.log import Course
+
+Preset = Literal["chapter", "robust", "odometry"]
+"""A preset of the filter, or the odometry alone."""
+PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
+STEP_US: Final = 100_000
+"""Interval between odometry poses of the simulated courses, µs."""
 BEYOND: Final = 0.5
 """An error above this counts as time off, m."""
 LOST: Final = 1.0
@@ -14,8 +39,8 @@ LOST: Final = 1.0
 NEES_BOUNDS: Final = (0.2158, 9.3484)
 """The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
 ANNOUNCED: Final = 0.95
-"""A robot says that it is lost where it holds that for more probable than this: with 0.5, more than half of
-what it says in a crowd at 58° is no more than a passing doubt."""
+"""A robot announces that it is lost above this probability. With 0.5, more than half of the announcements
+among many others at 58° are short doubts."""
 SPELL: Final = 30
 """A robot farther off than LOST for so many steps on end is lost in a spell of its own; 3 s."""
 AROUND: Final = 50
@@ -28,23 +53,64 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class EstimatedTrack:
-    """What a localisation said all along a course."""
+    """Estimates of a localisation along a course."""
 
     poses: Floats
     """(n, 3): x, y, heading, m and rad, map frame."""
     covariances: Floats
     """(n, 3, 3)."""
     lost: Floats
-    """(n,): how probable it holds it that it is lost."""
+    """(n,): its estimated probability of being lost."""
     costs: Floats
     """(n,), CPU s of each call."""
     outcome: dict[str, object]
-    """What the localisation says of itself."""
+    """Counters of the localisation."""
+
+
+def localisation(course: Course, preset: Preset, seed: int, *, placed: bool = True) -> Localisation:
+    """Return a new localisation for that course, with its own random stream.
+
+    `placed`: the filter is given the start pose; otherwise the robot may be anywhere on the map.
+    """
+    if preset == "odometry":
+        return DeadReckoning(course.origin)
+    parameters = PARAMETERS[preset]
+    field = _field(course.grid, parameters.max_distance)
+    draws = generator(seed, "localisation/filter", "robot")
+    first = Pose(*course.odometry[0].tolist())
+    return Amcl(field, course.sensor, course.start if placed else None, draws, parameters, origin=first)
+
+
+@lru_cache(maxsize=8)
+def _field(grid: OccupancyGrid, max_distance: float) -> LikelihoodField:
+    return likelihood_field(grid, max_distance)
+
+
+def replay(course: Course, localisation: Localisation) -> EstimatedTrack:
+    """Feed the whole course: per odometry pose one call, with the newest scan since the previous call."""
+    sweeps = Sweeps(course.sensor)
+    newest = np.searchsorted(course.stamps, course.instants, side="right") - 1
+    poses = course.odometry.tolist()
+    track = np.empty((len(poses), 13))
+    costs = np.empty(len(poses))
+    taken = -1
+    for step, here in enumerate(poses):
+        scan = None
+        if newest[step] > taken:
+            taken = int(newest[step])
+            scan = Scan(int(course.stamps[taken]), course.scans[taken].astype("<u2").tobytes())
+        sweep = sweeps.take(Instant(int(course.instants[step])), Pose(*here), scan)
+        begun = time.process_time_ns()
+        estimate = localisation.update(Pose(*here), sweep)
+        costs[step] = (time.process_time_ns() - begun) / 1e9
+        track[step] = *estimate.pose, *estimate.covariance, estimate.lost
+    covariances = track[:, 3:12].reshape(-1, 3, 3)
+    return EstimatedTrack(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())
 
 
 @dataclass(frozen=True, eq=False)
 class FilterRun:
-    """One run beside the truth."""
+    """Errors of one run."""
 
     seed: int
     errors: NDArray[np.float32]
@@ -54,7 +120,7 @@ class FilterRun:
     nees: NDArray[np.float32]
     """(n,): normalised estimation error squared; inf where the covariance is singular."""
     announced: NDArray[np.bool_]
-    """(n,): it says that it is lost."""
+    """(n,): it announces that it is lost."""
     costs: NDArray[np.float32]
     """(m,), CPU s of the calls that weighed a scan."""
     outcome: dict[str, object]
@@ -83,7 +149,7 @@ class FilterRun:
 
     @property
     def false_alarms(self) -> int:
-        """How often it came to say that it is lost while it was not."""
+        """Number of announcements while it was not lost."""
         said = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
         return sum(
             bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in said.tolist()

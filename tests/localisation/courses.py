@@ -1,0 +1,553 @@
+"""Simulated courses of one TurtleBot 2 among other robots, as input of any localisation.
+
+`python -m tests.localisation.courses FILE.zip --seed N` writes one as a log of docs/localisation-log.md.
+"""
+
+import argparse
+import io
+import json
+import math
+import zipfile
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from PIL import Image
+
+from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid, largest_region
+from actors.floor.map_file import load_map
+from actors.geometry import Point, Pose, wrap
+from actors.installation.repository import REPOSITORY
+from actors.instant import Duration
+from actors.randomness import generator
+from actors.robot.navigation.planning import Planner, ground
+from actors.robot_model import DriveParameters, RobotModel, load_model
+from actors.world.odometry import Odometers
+from actors.world.sensing import RangeSensors
+from actors.world.uncertainty import Uncertainty, drifting, floor
+from benchmarks.localisation.log import FORMAT, POSES, VERSION, Course
+from benchmarks.localisation.tracking import STEP_US
+
+ROBOT: Final = "robot"
+CORRIDOR, APARTMENT, MAZE = (
+    str(REPOSITORY / "maps" / f"{name}.yaml") for name in ("corridor", "apartment", "maze")
+)
+
+_NONE: Final = Uncertainty()
+View = Literal["chapter", "written", "kinect"]
+Base = Literal["exact", "stage", "kobuki"]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Conditions of a course; equal setups give equal courses."""
+
+    plan: str = CORRIDOR
+    """Path of the map file."""
+    seed: int = 1
+    robots: int = 0
+    """Others around the robot."""
+    at_times: bool = False
+    """The others are near for 15 s of every minute only."""
+    view: View = "chapter"
+    """The sensor of the TurtleBot 2: 360° without noise up to 5 m or, "written", to 6.5 m; or 58° with it."""
+    base: Base = "exact"
+    """The odometry's errors."""
+    seconds: float = 240.0
+    dose: Uncertainty = _NONE
+    """Differences of the floor from the map, and drift of the odometry."""
+    carried_at: float | None = None
+    """Time at which the robot is put elsewhere without its odometry noticing, s."""
+
+
+GOAL_CLEARANCE: Final = 0.3
+"""Goals and starts are at least so far from walls, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A floor plan as a driver of one robot model needs it."""
+
+    grid: OccupancyGrid
+    model: RobotModel
+
+    @cached_property
+    def planner(self) -> Planner:
+        """Finds ways for the model's body."""
+        return Planner(ground(self.grid, self.model.footprint.circumradius))
+
+    @cached_property
+    def _cells(self) -> NDArray[np.intp]:
+        """(n, 2) row and column of the cells where goals may lie."""
+        region = largest_region(self.grid, self.model.footprint.circumradius + 0.05)
+        return np.argwhere(region & (self.grid.clearance >= GOAL_CLEARANCE))
+
+    def point(self, generator: Generator) -> Point:
+        """A point that the robot gets to, uniform over the cells with GOAL_CLEARANCE. Takes three numbers."""
+        which, east, north = generator.random(3).tolist()
+        row, column = self._cells[int(which * len(self._cells))].tolist()
+        x, y = self.grid.origin
+        return Point(x + (column + east) * self.grid.resolution, y + (row + north) * self.grid.resolution)
+
+
+@lru_cache(maxsize=8)
+def site(plan: str, sensor: str) -> Site:
+    """That map file with a TurtleBot 2 with that sensor, made once per process. Raises MapError."""
+    return Site(load_map(plan), load_model("turtlebot2", sensor))
+
+
+SUBSTEP: Final = 0.01
+"""Of the motion, s; the odometry's."""
+CONTROLS: Final = 10
+"""Sub-steps from one decision of the follower to the next, and from one scan to the next."""
+
+
+@dataclass(frozen=True)
+class FollowerParameters:
+    """Pure pursuit (Coulter, CMU-RI-TR-92-01) on the true pose; all own choices for smooth driving."""
+
+    speed: float = 0.5
+    """The highest, m/s."""
+    turn_rate: float = 1.2
+    """The highest, rad/s."""
+    braking: float = 0.5
+    """Deceleration planned with before a goal, m/s²."""
+    turning: float = 2.0
+    """Turn rate per angle when turning on the spot, 1/s."""
+    spot: float = 1.0
+    """Beyond this angle to the way ahead the robot turns on the spot, rad."""
+    pursued: tuple[float, ...] = (0.45, 0.3, 0.2, 0.1)
+    """How far ahead the point aimed at lies, m: the first to which the straight line is free."""
+    arrived: float = 0.05
+    """So near a goal the next one is drawn, m."""
+
+
+class WanderingRoute:
+    """One robot on its way; the same generator gives the same route."""
+
+    def __init__(
+        self,
+        site: Site,
+        start: Pose,
+        generator: Generator,
+        parameters: FollowerParameters = FollowerParameters(),
+    ) -> None:
+        self._site = site
+        self._generator = generator
+        self._parameters = parameters
+        self._radius = site.model.footprint.circumradius
+        self._pose, self._speed, self._turn = start, 0.0, 0.0
+        self._way: NDArray[np.float64] = np.empty((0, 2))
+        self._passed = 0
+
+    def advance(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """One decision and its sub-steps: (CONTROLS, 3) poses after each, and (3,) the velocity at the end.
+
+        m, rad, m/s, rad/s, map frame. Raises RuntimeError if the body touches a wall.
+        """
+        speed, turn = self._decision()
+        track = np.array([self._moved(speed, turn) for _ in range(CONTROLS)])
+        here = self._pose.point
+        if self._site.grid.clearance_at(here, self._radius) < self._radius:
+            raise RuntimeError(f"the route touches a wall at ({here.x:.2f}, {here.y:.2f}); it should never")
+        heading = self._pose.heading
+        east, north = self._speed * math.cos(heading), self._speed * math.sin(heading)
+        return track, np.array([east, north, self._turn])
+
+    def carry(self, pose: Pose) -> None:
+        """Put the robot elsewhere, standing and without a goal."""
+        self._pose, self._speed, self._turn = pose, 0.0, 0.0
+        self._way, self._passed = np.empty((0, 2)), 0
+
+    def _moved(self, speed: float, turn: float) -> Pose:
+        drive: DriveParameters = self._site.model.drive
+        change, twist = drive.acceleration * SUBSTEP, drive.turn_acceleration * SUBSTEP
+        self._speed += min(max(speed - self._speed, -change), change)
+        self._turn += min(max(turn - self._turn, -twist), twist)
+        x, y, heading = self._pose
+        middle = heading + self._turn * SUBSTEP / 2
+        way = self._speed * SUBSTEP
+        self._pose = Pose(
+            x + way * math.cos(middle), y + way * math.sin(middle), wrap(heading + self._turn * SUBSTEP)
+        )
+        return self._pose
+
+    def _decision(self) -> tuple[float, float]:
+        """The speed and turn rate wished for."""
+        told = self._parameters
+        remaining = self._remaining()
+        while remaining < told.arrived:
+            self._set_out()
+            remaining = self._remaining()
+        aim = self._aim()
+        ahead = self._pose.relative(Pose(*aim, 0.0))
+        angle, apart = math.atan2(ahead.y, ahead.x), max(math.hypot(ahead.x, ahead.y), 1e-6)
+        if abs(angle) > told.spot:
+            return 0.0, _limited(told.turning * angle, told.turn_rate)
+        curvature = 2 * math.sin(angle) / apart
+        speed = min(
+            told.speed, math.sqrt(2 * told.braking * remaining), told.turn_rate / max(abs(curvature), 1e-6)
+        )
+        return speed, speed * curvature
+
+    def _set_out(self) -> None:
+        """Draw goals until one can be gone to that is not right here."""
+        for _ in range(100):
+            way = self._site.planner.path(self._pose.point, self._site.point(self._generator))
+            if way is not None and math.dist(way[-1], self._pose[:2]) > 1.0:
+                self._way, self._passed = way, 0
+                return
+        raise RuntimeError(f"no way leads on from ({self._pose.x:.2f}, {self._pose.y:.2f}) on this map")
+
+    def _remaining(self) -> float:
+        """How far the end of the way is, m; also moves on to the point of the way that is nearest."""
+        if not len(self._way):
+            return 0.0
+        near = self._way[self._passed : self._passed + 12]
+        self._passed += int(np.argmin(np.hypot(near[:, 0] - self._pose.x, near[:, 1] - self._pose.y)))
+        if self._passed < len(self._way) - 20:
+            return math.inf
+        rest = self._way[self._passed :]
+        along = float(np.hypot(*np.diff(rest, axis=0).T).sum())
+        return (
+            along + math.dist(rest[0], self._pose[:2])
+            if len(rest) > 1
+            else math.dist(rest[0], self._pose[:2])
+        )
+
+    def _aim(self) -> Point:
+        """The point of the way to drive at."""
+        rest = self._way[self._passed :]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))])
+        for ahead in self._parameters.pursued:
+            aim = Point(*rest[min(int(np.searchsorted(along, ahead)), len(rest) - 1)].tolist())
+            if self._is_clear(aim):
+                return aim
+        return aim
+
+    def _is_clear(self, aim: Point) -> bool:
+        """True if the body can go straight to that point."""
+        grid, here = self._site.grid, self._pose
+        count = max(2, math.ceil(here.point.distance_to(aim) / grid.resolution))
+        shares = np.linspace(0, 1, count)
+        columns = ((here.x + shares * (aim.x - here.x) - grid.origin.x) / grid.resolution).astype(np.intp)
+        rows = ((here.y + shares * (aim.y - here.y) - grid.origin.y) / grid.resolution).astype(np.intp)
+        return bool(grid.clearance[rows, columns].min() >= self._radius + grid.resolution)
+
+
+def _limited(value: float, most: float) -> float:
+    return min(max(value, -most), most)
+
+
+_HEADINGS: Final = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
+"""By how much a peer turns off the straight line to where it wants to be, degrees; tried in this order."""
+
+
+@dataclass(frozen=True)
+class CrowdParameters:
+    """How the others move around the robot. The distances are those of the dose; the rest is own choice."""
+
+    nearest: float = 0.45
+    """Between the centres of the robot and a peer at least, m."""
+    farthest: float = 2.0
+    """Between the two at most, m; a peer that was left behind so far comes in anew."""
+    radius: float = 0.177
+    """Of a peer's body, m: a TurtleBot 2."""
+    speed: float = 0.7
+    """A peer's highest, m/s: a Kobuki's, so that it can go before or after a robot of 0.5 m/s."""
+    circling: float = 0.25
+    """A peer's wish goes round the robot at up to this rate either way, rad/s."""
+    whim: float = 0.02
+    """Chance per step that a peer wishes for another distance and another way round."""
+    near: float = 15.0
+    """Of the realistic dose: the others are near for so long, s …"""
+    every: float = 60.0
+    """… once in so long, s; when within the period is drawn."""
+    tries: int = 60
+    """A peer that comes in tries so many places, then waits for the next step."""
+
+
+@dataclass
+class _Peer:
+    at: Point | None
+    distance: float
+    bearing: float
+    rate: float
+    side: float
+    """1 to turn off to its left first, else the opposite."""
+
+
+class Crowd:
+    """The others. Which places they take depends on the generator and on where the robot drives, only."""
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        count: int,
+        generator: Generator,
+        *,
+        at_times: bool = False,
+        parameters: CrowdParameters = CrowdParameters(),
+    ) -> None:
+        """`at_times`: the realistic dose, else they are near all the time."""
+        self._grid = grid
+        self._generator = generator
+        self._told = parameters
+        self._begin = generator.uniform(0.0, parameters.every - parameters.near) if at_times else 0.0
+        self._at_times = at_times
+        self._free = (grid.clearance >= parameters.radius + grid.resolution * 0.75).tolist()
+        self._open = grid.free.tolist()
+        self._peers = [self._born() for _ in range(count)]
+
+    def advance(self, time: float, robot: Point, step: float) -> NDArray[np.float64]:
+        """Where the peers are at that time, s, when the robot is there: (n, 2) m, NaN for one that is away.
+
+        `step`: since the call before, s.
+        """
+        present = not self._at_times or 0 <= time % self._told.every - self._begin < self._told.near
+        for peer in self._peers:
+            self._move(peer, robot, step, present)
+        return np.array([peer.at or (math.nan, math.nan) for peer in self._peers]).reshape(-1, 2)
+
+    def _born(self) -> _Peer:
+        peer = _Peer(None, 0.0, self._generator.uniform(-math.pi, math.pi), 0.0, 1.0)
+        self._change_mind(peer)
+        return peer
+
+    def _change_mind(self, peer: _Peer) -> None:
+        distance, rate, side = self._generator.random(3).tolist()
+        peer.distance = self._told.nearest + distance * (self._told.farthest - self._told.nearest)
+        peer.rate = (2 * rate - 1) * self._told.circling
+        peer.side = 1.0 if side < 0.5 else -1.0
+
+    def _move(self, peer: _Peer, robot: Point, step: float, present: bool) -> None:
+        if self._generator.random() < self._told.whim:
+            self._change_mind(peer)
+        peer.bearing += peer.rate * step
+        if not present:
+            peer.at = None
+            return
+        if peer.at is not None:
+            peer.at = self._stepped(peer, peer.at, robot, step)
+        if peer.at is None:
+            peer.at = self._entrance(peer, robot)
+
+    def _stepped(self, peer: _Peer, here: Point, robot: Point, step: float) -> Point | None:
+        """Where a peer goes next; None if it is hemmed in or left behind."""
+        x = robot.x + peer.distance * math.cos(peer.bearing)
+        y = robot.y + peer.distance * math.sin(peer.bearing)
+        apart = math.hypot(x - here.x, y - here.y)
+        way = min(apart, self._told.speed * step)
+        if apart < 1e-6 and self._has_room(here, robot, peer):
+            return here
+        direction = math.atan2(y - here.y, x - here.x)
+        for turn in _HEADINGS:
+            if turn == 120.0 and self._has_room(here, robot, peer):
+                return here
+            # who gives way does so at full speed, however near the wish is
+            length = way if turn <= 90.0 else self._told.speed * step
+            for side in (peer.side, -peer.side):
+                angle = direction + side * math.radians(turn)
+                there = Point(here.x + length * math.cos(angle), here.y + length * math.sin(angle))
+                if self._has_room(there, robot, peer):
+                    return there
+        return None
+
+    def _entrance(self, peer: _Peer, robot: Point) -> Point | None:
+        """A random place in the robot's sight for a peer to come in at; None if none was found."""
+        told = self._told
+        for _ in range(told.tries):
+            distance, angle = self._generator.random(2).tolist()
+            distance = told.nearest + distance * (told.farthest - told.nearest)
+            angle *= math.tau
+            there = Point(robot.x + distance * math.cos(angle), robot.y + distance * math.sin(angle))
+            if self._has_room(there, robot, peer) and self._sees(robot, there):
+                peer.bearing, peer.distance = angle, distance
+                return there
+        return None
+
+    def _has_room(self, there: Point, robot: Point, peer: _Peer) -> bool:
+        """True if the peer can stand there: within its distances from the robot, off walls and the others."""
+        apart = there.distance_to(robot)
+        if not self._told.nearest <= apart <= self._told.farthest or not self._on(self._free, there):
+            return False
+        for other in self._peers:
+            if other is peer or other.at is None:
+                continue
+            if there.distance_to(other.at) < 2 * self._told.radius:
+                return False
+        return True
+
+    def _sees(self, one: Point, other: Point) -> bool:
+        """True if no wall stands between the two; looked at every 5 cm."""
+        count = math.ceil(one.distance_to(other) / 0.05)
+        return all(
+            self._on(
+                self._open,
+                Point(one.x + k / count * (other.x - one.x), one.y + k / count * (other.y - one.y)),
+            )
+            for k in range(count + 1)
+        )
+
+    def _on(self, cells: list[list[bool]], point: Point) -> bool:
+        if not self._grid.contains(point):
+            return False
+        row, column = self._grid.cell(point)
+        return cells[row][column]
+
+
+@lru_cache(maxsize=16)
+def drive(setup: Setup) -> Course:
+    """Drive a course."""
+    place = mapped = site(setup.plan, setup.view)
+    chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
+    solid, visible = floor(mapped.grid, setup.dose, chance, ())
+    if setup.dose != _NONE:  # else the way over it is known already
+        place = replace(mapped, grid=solid)
+    steps = round(setup.seconds * 1e6 / STEP_US)
+    route = generator(setup.seed, "localisation/route", ROBOT)
+    start = _pose(place, route)
+    truth, odometry = np.empty((steps + 1, 3)), np.empty((steps + 1, 3))
+    truth[0] = start
+    base = _BaseOdometry(setup, place, start)
+    odometry[0] = base.read()
+    driver = WanderingRoute(place, start, route)
+    carried = None if setup.carried_at is None else round(setup.carried_at * 1e6 / STEP_US)
+    for step in range(1, steps + 1):
+        track, velocity = driver.advance()
+        if step == carried:
+            base.follow(track, np.zeros(3))
+            elsewhere = _pose(place, route)
+            driver.carry(elsewhere)
+            base.carry(elsewhere)
+            truth[step] = elsewhere
+        else:
+            base.follow(track, velocity)
+            truth[step] = track[-1]
+        odometry[step] = base.read()
+    peers = peers_of(setup, place, truth)
+    instants = np.arange(steps + 1, dtype=np.int64) * STEP_US
+    scans = _scans(setup, replace(place, grid=visible), truth, peers)
+    return Course(
+        grid=mapped.grid,
+        sensor=place.model.sensor,
+        start=start,
+        instants=instants,
+        odometry=odometry,
+        truth=truth,
+        stamps=instants,
+        scans=scans,
+    )
+
+
+def _pose(place: Site, draws: np.random.Generator) -> Pose:
+    return Pose(*place.point(draws), draws.uniform(-math.pi, math.pi))
+
+
+class _BaseOdometry:
+    """The odometry of the one robot."""
+
+    def __init__(self, setup: Setup, place: Site, start: Pose) -> None:
+        draws = generator(setup.seed, "localisation/odometry", ROBOT)
+        step = Duration(round(SUBSTEP * 1e6))
+        errors = drifting(setup.dose)
+        self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step, *errors)
+
+    def follow(self, track: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+        assert len(track) == CONTROLS
+        self._odometers.follow(track[:, None, :], velocity[None, :])
+
+    def carry(self, pose: Pose) -> None:
+        self._odometers.carry(0, pose)
+
+    def read(self) -> tuple[float, float, float]:
+        odometry = self._odometers.read(0)
+        return odometry.x, odometry.y, odometry.heading
+
+
+def peers_of(setup: Setup, place: Site, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n, m, 2): positions of the other robots, m, NaN while away."""
+    draws = generator(setup.seed, "localisation/crowd", ROBOT)
+    crowd = Crowd(place.grid, setup.robots, draws, at_times=setup.at_times)
+    step = STEP_US / 1e6
+    positions = [crowd.advance(k * step, Point(x, y), step) for k, (x, y, _) in enumerate(truth.tolist())]
+    return np.array(positions).reshape(len(truth), setup.robots, 2)
+
+
+def _scans(
+    setup: Setup, place: Site, truth: NDArray[np.float64], peers: NDArray[np.float64]
+) -> NDArray[np.uint16]:
+    draws = generator(setup.seed, "localisation/sensor", ROBOT)
+    sensors = RangeSensors(place.grid, [place.model], [draws])
+    scans = np.empty((len(truth), place.model.sensor.rays), np.uint16)
+    radius = CrowdParameters().radius
+    for k, pose in enumerate(truth):
+        there = peers[k][~np.isnan(peers[k, :, 0])]
+        discs = np.column_stack([there, np.full(len(there), radius)])
+        scans[k] = sensors.scan([0], pose[None, :], discs)[0]
+    return scans
+
+
+_WHEN: Final = (1980, 1, 1, 0, 0, 0)
+"""Stands in every archive, so that equal courses give equal files."""
+_MAP: Final = (
+    "image: map.png\nresolution: {resolution!r}\norigin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"
+    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
+
+
+def write_log(file: Path, course: Course) -> None:
+    """Write a course as a log; equal courses give equal files."""
+    sensor, start = course.sensor.model_dump(), list(course.start)
+    about = {"format": FORMAT, "version": VERSION, "sensor": sensor, "start": start}
+    rays = ",".join(f"r{i}" for i in range(course.sensor.rays))
+    members: dict[str, str | bytes] = {
+        "about.json": json.dumps(about, indent=2) + "\n",
+        **_map_members(course.grid),
+        "odometry.csv": _table(POSES, course.instants, course.odometry),
+        "truth.csv": _table(POSES, course.instants, course.truth),
+        "scans.csv": _table(f"time_us,{rays}", course.stamps, course.scans),
+    }
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(zipfile.ZipInfo(name, _WHEN), content, zipfile.ZIP_DEFLATED)
+
+
+def _map_members(grid: OccupancyGrid) -> dict[str, str | bytes]:
+    header = _MAP.format(resolution=grid.resolution, x=float(grid.origin.x), y=float(grid.origin.y))
+    return {"map.yaml": header, "map.png": _image(grid)}
+
+
+def _image(grid: OccupancyGrid) -> bytes:
+    """As ROS map_saver: free 254, unknown 205, occupied 0, the north on top."""
+    grey = np.zeros(grid.cells.shape, np.uint8)
+    grey[grid.cells == FREE] = 254
+    grey[grid.cells == UNKNOWN] = 205
+    written = io.BytesIO()
+    Image.fromarray(np.flipud(grey)).save(written, "PNG")
+    return written.getvalue()
+
+
+def _table(header: str, times: NDArray[np.int64], values: NDArray[Any]) -> str:
+    """CSV; numbers as Python writes them, which reads back to the same bits."""
+    rows = zip(times.tolist(), values.tolist(), strict=True)
+    return "\n".join([header, *(f"{time},{','.join(map(repr, row))}" for time, row in rows), ""])
+
+
+def main() -> None:
+    """Write the course with four others at times, 360° view and Kobuki's odometry."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--duration", type=float, default=240.0, metavar="S")
+    given = parser.parse_args()
+    setup = Setup(seed=given.seed, robots=4, at_times=True, base="kobuki", seconds=given.duration)
+    write_log(given.file, drive(setup))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""The benchmark of localisation: its courses, its figures, its file."""
