@@ -71,7 +71,7 @@ LONGEST: Final = (
     "run/test_out_folder.py",
     "run/test_scenario_copy.py",
     "cli/test_acrc.py",
-    "navigation_bench/test_commands.py",
+    "navigation/test_goals.py",
     "strategies/test_own_strategy.py",
     "swarm/test_alone.py",
 )

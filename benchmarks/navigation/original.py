@@ -27,9 +27,8 @@ from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navfn import NavfnPlanner, global_costs
 from actors.robot.navigation.planning import PLANNER_PRESETS
+from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
-from benchmarks.navigation.course import body
-from benchmarks.navigation.yardsticks import along
 from benchmarks.statistics.measured import Measured
 
 PRESET: Final = "chapter"
@@ -100,6 +99,10 @@ class PlanFigures:
     """From any point of one of ours to the nearest of the original's, m."""
 
 
+def _body() -> RobotModel:
+    return load_model("turtlebot2", None)
+
+
 def check(folder: Path) -> Measured:
     """Compare with all rows of a folder. Raises RowsError."""
     logs = dict(_of_files(folder, "local_*.npz", _cycles))
@@ -149,7 +152,7 @@ def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iter
 
 def _cycles(rows: Rows) -> list[JudgedCycle]:
     """Every cycle of a log, chosen anew from what the original got."""
-    model = body()
+    model = _body()
     local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
     planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
     for name in ("plan_points", "pose_odometry", "pose_map", "velocity"):
@@ -219,18 +222,23 @@ def _plans(rows: Rows) -> tuple[str, PlanFigures]:
     cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
     grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
     parameters = PLANNER_PRESETS[PRESET]
-    planner = NavfnPlanner(global_costs(grid, body().footprint.circumradius, parameters), parameters)
+    planner = NavfnPlanner(global_costs(grid, _body().footprint.circumradius, parameters), parameters)
     ratios, apart = [], []
     theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
     for start, goal, way in zip(rows["starts"], rows["goals"], theirs, strict=True):
         ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
         if ours is not None:
-            ratios.append(along(ours) / along(way))
+            ratios.append(_length(ours) / _length(way))
             apart.append(max(map(min, np.hypot(*(ours[:, None] - way[None]).T))))
     if not ratios:
         raise ValueError("there is no plan between any of the pairs")
     middle, most = float(np.median(ratios)), max(ratios)
     return about["map"], PlanFigures(len(theirs), len(theirs) - len(ratios), middle, most, float(max(apart)))
+
+
+def _length(way: NDArray[np.float64]) -> float:
+    """Return the length of a path of (n, 2) points, m."""
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
 def _inflation(rows: Rows) -> dict[str, float]:
@@ -243,7 +251,7 @@ def _inflation(rows: Rows) -> dict[str, float]:
 
 
 def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
-    model = body()
+    model = _body()
     parameters: CostMapParameters = replace(
         LOCAL_MAP_PRESETS[PRESET],
         inflation_radius=numbers["inflation_radius"],

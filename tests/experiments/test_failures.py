@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.installation.repository import SHIPPED
+from actors.floor.map_file import load_map
+from actors.geometry import Point
+from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import seconds
 from benchmarks.statistics.measured import average, proportion
 from benchmarks.statistics.runs import in_memory, in_order
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting.account import judge
 from observation.accounting.episodes import STANDARD, Episode, lost, runs, standing
+from observation.accounting.passage import Passages
 from observation.accounting.said import ABORTED
 from observation.accounting.tracks import Tracks
 from observation.evidence.run_reader import read_run
@@ -161,3 +164,12 @@ def test_a_chain_is_one_blocking_and_two_pairs_apart_are_two() -> None:
     true = np.stack(tracks, axis=1)
     found = blockings(true, np.ones(true.shape[:2], np.bool_))
     assert found == [Blocking((0, 1, 2), 0, 60), Blocking((3, 4), 30, 60)]
+
+
+def test_passages_are_where_one_robot_closes_the_way() -> None:
+    passages = Passages(load_map(REPOSITORY / "maps" / "corridor.yaml"), 0.177)
+    assert passages.closed_by(Point(12.4, 9.0)) and passages.closed_by(Point(17.2, 10.0))
+    for open_floor in (Point(15.0, 11.0), Point(14.8, 11.2), Point(12.4, 5.0), Point(14.2, 4.9)):
+        assert not passages.closed_by(open_floor), "corridor, beside a cabinet, office, niche"
+    assert passages.beside(Point(12.4, 10.9)) and not passages.closed_by(Point(12.4, 10.9))
+    assert not passages.beside(Point(12.4, 11.5))

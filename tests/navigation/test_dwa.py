@@ -121,6 +121,7 @@ def test_samples_are_even_and_hold_both_ends_and_zero(low: float, span: float, c
     assert all(step <= 2.01 * (high - low) / (count - 1) + 1e-6 for step in steps)
 
 
+@pytest.mark.claim("navigation")
 def test_it_chooses_as_the_original_chose(capsys: pytest.CaptureFixture[str]) -> None:
     """Ninety cycles of three of its logs; what differs is a point or two on the border between two cells."""
     measured = original.check(ROWS)

@@ -1,0 +1,67 @@
+"""Robots with navigation `robust` reach random goals on three maps and touch nothing."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actors.floor.map_file import load_map
+from actors.floor.placement import draw_points
+from actors.installation.repository import REPOSITORY
+from actors.randomness import generator
+from actors.robot_model import load_model
+from deploy.scenario.scenario_file import Overrides, parse
+from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import document
+from tests.recorded_runs import record
+
+NIGHTLY = pytest.mark.nightly
+MODEL = "turtlebot2"
+MARGIN = 0.1
+"""Goals and starts lie at least so far beyond the body's radius from walls, m."""
+PATIENCE = 120.0
+"""Simulated time per goal after which a run ends, s: more than twice the longest way on these maps."""
+
+
+def scenario(map_file: Path, robots: int, goals: int, seed: int, navigation: str = "robust") -> Scenario:
+    """Return a run with random starts and goals, `goals` for each robot, uniform over the free floor."""
+    grid, radius = load_map(map_file), load_model(MODEL, None).footprint.circumradius
+    rng = generator(seed, "course", map_file.stem)
+    room: dict[str, Any] = {"rng": rng, "clearance": radius + MARGIN, "passage": radius + MARGIN / 2}
+    tables = []
+    for number, start in enumerate(draw_points(grid, robots, apart=1.0, **room), start=1):
+        places = draw_points(grid, goals, apart=0.0, start=start, **room)
+        pose = (*start, float(rng.uniform(-np.pi, np.pi)))
+        tables.append({"id": f"r{number}", "start": pose, "places": tuple(map(tuple, places))})
+    strategy = "tests.navigation.errands:errands"
+    content = {
+        "map": str(map_file),
+        "run": {"duration": PATIENCE * goals, "seed": seed, "strategy": strategy},
+        "robots": {"count": robots, "model": MODEL},
+        "places": {"preset": "listed"},
+        "navigation": {"preset": navigation},
+        "robot": tables,
+    }
+    return parse(document(content), map_file, Overrides())
+
+
+@pytest.mark.claim("navigation")
+@pytest.mark.parametrize("robots", [1, pytest.param(4, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "name", ["corridor", *(pytest.param(n, marks=pytest.mark.nightly) for n in ("maze", "apartment"))]
+)
+def test_random_goals_are_reached_without_contact(
+    name: str, robots: int, full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    goals, runs = (4 if robots == 1 else 3, 20) if full else (2, 1)
+    results = [
+        record(tmp_path / str(seed), scenario(REPOSITORY / "maps" / f"{name}.yaml", robots, goals, seed))
+        for seed in range(1, runs + 1)
+    ]
+    done, total = sum(one.places_done for one in results), sum(one.places_total for one in results)
+    record_property(f"reached on {name} by {robots}", f"{done} of {total}")
+    assert total == robots * goals * runs
+    assert done == total or (robots > 1 and done >= 0.96 * total - 2)
+    assert sum(one.contacts for one in results) == 0
