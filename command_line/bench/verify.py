@@ -139,7 +139,7 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
 
         found = localisation(given["from"], given.get("runs", 20), given.get("against"))
     else:
-        from benchmarks.navigation.original import check as navigation
+        from benchmarks.navigation import check as navigation
 
         found = navigation(given["from"])
     if not json_output and found.holds is not None:

@@ -21,7 +21,7 @@ from actors.robot.local_planning.dwa import (
     samples,
 )
 from actors.robot.local_planning.map_grid import wavefront
-from benchmarks.navigation import original
+from benchmarks import navigation as original
 from tests.navigation.dwa_twin import Numbers, Twin
 
 SIDE, CELL = 40, 0.1

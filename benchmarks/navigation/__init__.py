@@ -1,1 +1,0 @@
-"""How well robots get to their goals, and what a log of their decisions shows."""
