@@ -1,347 +1,214 @@
-"""The command line in a process that has imported already: a fork of one that waits for this worker's tests.
+"""Commands in forks of a process that has imported their modules, which takes a new interpreter a second.
 
-A command needs a thousand modules, and importing them takes a second, more than most commands do themselves.
-What is forked is a process like any other: it has folder, environment, streams, exit code and end of its own.
-Where the interpreter's own beginning matters, a test starts a new one.
+A fork has its own folder, environment, streams, exit code and end, and forks the forkserver of its run.
 """
 
 import atexit
-import json
-import math
+import multiprocessing
 import os
-import pkgutil
-import select
-import selectors
 import signal
 import socket
 import subprocess
 import sys
-import time
+import threading
 import traceback
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from functools import cache
+from functools import partial
 from importlib import import_module, invalidate_caches
-from importlib.util import find_spec
+from multiprocessing import forkserver as stdlib_forkserver
 from pathlib import Path
 from typing import Any, Final, NoReturn
+from unittest import mock
 
-from actors.processes import launch
-from tests.warm_server import BEGIN, be_server, serve_warm
+from actors.processes import forkserver, launch
+from actors.runtime.lifecycle.environment import passed_on
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 ACRC: Final = "command_line.app"
-MESSAGE_LIMIT: Final = 1 << 20
-"""Bytes of what is asked for."""
-READ_AT_START: Final = ("GLIBC_", "LD_", "MALLOC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON")
-"""Variables that begin so have done their work once the modules are there; a fork would not heed others."""
-
-LEFT_OUT: Final = (
-    "command_line.documentation.",
-    "command_line.experiments.",
-    "deploy.clusters.",
-    "deploy.hosts.",
-) + (() if find_spec("rerun") else ("deploy.fleet.watched", "observation.view."))
-"""What few commands need is imported by these, among it Dask, which reads its configuration then; what draws
-into the viewer only where that is installed."""
-
-
-def read_at_start(env: Mapping[str, str]) -> dict[str, str]:
-    """The variables that a process must begin with, as it does not look at them again."""
-    return {k: v for k, v in env.items() if k.startswith(READ_AT_START) and k != "PYTHONPATH"}
-
-
-BEGUN: Final = read_at_start(os.environ) | {"OPENBLAS_NUM_THREADS": "1"}
-"""What the waiting process begins with, whatever a test, or a program that one imports, has set by then."""
-
-
-def heeds(env: Mapping[str, str]) -> bool:
-    """True if a fork would do what a new process does that begins with these variables."""
-    return read_at_start(env).items() <= BEGUN.items()
+BEGIN_SERVER: Final = launch.begin
+_CONTEXT: Final = multiprocessing.get_context("forkserver")
+_CONTEXT.set_forkserver_preload(["tests.preload"])
 
 
 def run(
-    words: Sequence[str],
-    cwd: Path,
-    env: Mapping[str, str],
-    timeout_s: float,
-    *,
-    finds_cwd: bool,
-    program: str = ACRC,
-    cores: Sequence[int] = (),
-) -> subprocess.CompletedProcess[str]:
-    """What `python -m command_line WORDS…` does in this folder and environment; `finds_cwd`: without `-P`.
-
-    In an environment that a fork heeds, there can be another `program`, a module with a `main`, and `cores`,
-    the only ones that it and what it starts may run on.
-    """
-    if heeds(env):
-        begun = begin(words, cwd, env, finds_cwd=finds_cwd, program=program, cores=cores)
-        try:
-            out, err = begun.communicate(timeout_s)
-            return subprocess.CompletedProcess(words, begun.wait(), out, err)
-        finally:  # also when pytest holds that the test has taken long enough
-            begun.kill()
-            begun.close()
-    assert program == ACRC and not cores
-    flags = () if finds_cwd else ("-P",)
-    return subprocess.run(
-        [sys.executable, *flags, "-m", "command_line", *words],
-        cwd=cwd, env=env, capture_output=True, text=True, timeout=timeout_s, check=False,
-    )  # fmt: skip
+    words: Sequence[str], cwd: Path, env: Mapping[str, str], timeout_s: float,
+    *, finds_cwd: bool, program: str = ACRC,
+) -> subprocess.CompletedProcess[str]:  # fmt: skip
+    """Run `acrc WORDS…` in this folder and environment; `finds_cwd`: modules in the folder are found."""
+    begun = begin(words, cwd, env, finds_cwd=finds_cwd, program=program)
+    try:
+        out, err = begun.communicate(timeout_s)
+        return subprocess.CompletedProcess(words, begun.wait(), out, err)
+    finally:
+        begun.kill()
+        begun.close()
 
 
 def begin(
-    words: Sequence[str],
-    cwd: Path,
-    env: Mapping[str, str],
-    *,
-    finds_cwd: bool,
-    program: str = ACRC,
-    cores: Sequence[int] = (),
+    words: Sequence[str], cwd: Path, env: Mapping[str, str], *, finds_cwd: bool, program: str = ACRC
 ) -> "Begun":
-    """The same as `run` in an environment that a fork heeds, begun and left alone."""
-    assert heeds(env)
-    asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
-    return _waiting().begin({**asked, "program": program, "cores": cores})
+    """Start a command and return at once."""
+    return Begun(program, words, cwd, dict(env), finds_cwd)
 
 
 def begin_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
-    """Stands for `launch.begin` in a test's own process: a server that forks is a fork itself."""
+    """Replacement of `launch.begin` in the process of a test: the server is a fork of the same process."""
     *_, how, whose = command
-    if command[0] != sys.executable or how != "fork" or not heeds(os.environ):
-        return BEGIN(command, channel)
-    return _waiting().begin_server([how, whose], channel.fileno())
+    if how != "fork":
+        return BEGIN_SERVER(command, channel)
+    return Server(_started(_be_server, channel, [how, whose], dict(os.environ)))
+
+
+class Server:
+    """A forkserver, as `actors.processes.launch` uses it."""
+
+    def __init__(self, process: Any) -> None:
+        self._process, self.pid, self.kill = process, process.pid, process.kill
+
+    def wait(self) -> int:
+        self._process.join()
+        return int(self._process.exitcode)
 
 
 class Begun:
-    """A command that a fork of the waiting process has become, as subprocess.Popen is one."""
+    """A started command, with the interface of subprocess.Popen."""
 
-    def __init__(self, words: Sequence[str], out: int, err: int, told: int) -> None:
-        """`out`, `err`, `told`: what it prints, and what the waiting process says of it, to be read."""
-        self._words = words
-        self._told = os.fdopen(told)
-        self.stdout, self.stderr = os.fdopen(out), os.fdopen(err)
-        self.pid = int(self._told.readline())
-        self.returncode: int | None = None
+    def __init__(self, program: str, words: Sequence[str], cwd: Path, env: dict[str, str], finds_cwd: bool):
+        self._words, pipes = words, [_CONTEXT.Pipe(duplex=False) for _ in range(2)]
+        writing = [end for _, end in pipes]
+        self._process = _started(_be_command, program, list(words), cwd, env, finds_cwd, writing)
+        self.stdout, self.stderr = (os.fdopen(os.dup(end.fileno()), errors="replace") for end, _ in pipes)
+        self.pid: int = self._process.pid
+        for end in writing:
+            end.close()
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, or minus the signal that ended it; None while it runs."""
+        return self._process.exitcode  # type: ignore[no-any-return]
 
     def poll(self) -> int | None:
-        """Its exit code, or minus the signal that ended it; None as long as it runs."""
-        return self._await(0.0)
+        """Return `returncode`."""
+        return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """The same once it has ended; subprocess.TimeoutExpired."""
-        code = self._await(timeout)
-        if code is None:
+        """Return the exit code once it has ended. Raises subprocess.TimeoutExpired."""
+        self._process.join(timeout)
+        if (code := self.returncode) is None:
             raise subprocess.TimeoutExpired(self._words, timeout or 0.0)
         return code
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        """All that it still prints, on either stream, once it has ended; subprocess.TimeoutExpired."""
-        deadline = math.inf if timeout is None else time.monotonic() + timeout
-        try:
-            out, err = _read_all((self.stdout.fileno(), self.stderr.fileno()), deadline)
-        except TimeoutError:
-            raise subprocess.TimeoutExpired(self._words, timeout or 0.0) from None
-        self.wait(None if timeout is None else max(0.0, deadline - time.monotonic()))
-        return out, err
+        """Return the output once it has ended. Raises subprocess.TimeoutExpired."""
+        texts = ["", ""]
+
+        def read(number: int) -> None:
+            texts[number] = (self.stdout, self.stderr)[number].read()
+
+        threads = [threading.Thread(target=read, args=(number,), daemon=True) for number in range(2)]
+        for thread in threads:
+            thread.start()
+        self.wait(timeout)
+        for thread in threads:
+            thread.join()
+        return texts[0], texts[1]
 
     def send_signal(self, number: int) -> None:
-        """Send it, unless the command is known to have ended."""
-        if self.poll() is None:
+        """Send a signal unless it has ended."""
+        if self.returncode is None:
             os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """End it."""
         self.send_signal(signal.SIGKILL)
 
     def terminate(self) -> None:
-        """Ask it to end."""
         self.send_signal(signal.SIGTERM)
 
     def close(self) -> None:
-        """Nothing more will be read of it."""
-        for stream in (self._told, self.stdout, self.stderr):
-            stream.close()
-
-    def _await(self, timeout_s: float | None) -> int | None:
-        if self.returncode is None and select.select([self._told], [], [], timeout_s)[0]:
-            self.returncode = int(self._told.readline())
-        return self.returncode
+        """Close the pipes."""
+        self.stdout.close()
+        self.stderr.close()
 
 
-class ForkedServer:
-    """A forkserver that is a fork of the waiting process, as `actors.processes.launch` wants one."""
-
-    def __init__(self, told: int) -> None:
-        self._told = os.fdopen(told)
-        self.pid = int(self._told.readline())
-        self._code: int | None = None
-
-    def kill(self) -> None:
-        """End it."""
-        if self._code is None:
-            os.kill(self.pid, signal.SIGKILL)
-
-    def wait(self) -> int:
-        """Its exit code, or minus the signal that ended it."""
-        if self._code is None:
-            with self._told:
-                self._code = int(self._told.readline())
-        return self._code
+def _started(target: Any, *args: object) -> Any:
+    """Return a started fork of the preloaded process, which starts at the first call."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("NPY_", "GLIBC_"))}
+    settled = {**kept, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    with mock.patch.dict(os.environ, settled, clear=True):
+        stdlib_forkserver.ensure_running()
+    process = _CONTEXT.Process(target=target, args=args, daemon=True)
+    process.start()
+    return process
 
 
-class Waiting:
-    """The process that has imported everything, and forks; it ends with the tests."""
-
-    def __init__(self) -> None:
-        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        rest = {name: value for name, value in os.environ.items() if name not in read_at_start(os.environ)}
-        own = {"PYTHONPATH": str(ROOT)}
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "tests.warm", str(theirs.fileno())],
-            cwd=ROOT,
-            env={**rest, **BEGUN, **own},
-            pass_fds=(theirs.fileno(),),
-        )
-        theirs.close()
-        atexit.register(self.end)
-
-    def begin(self, asked: dict[str, Any]) -> Begun:
-        """Begin a command as asked for in `begin` below."""
-        ours, theirs = zip(os.pipe(), os.pipe(), os.pipe(), strict=True)
-        self._ask(asked, theirs)
-        for descriptor in theirs:
-            os.close(descriptor)
-        return Begun(asked["words"], *ours)
-
-    def begin_server(self, words: Sequence[str], channel: int) -> ForkedServer:
-        """Begin a forkserver with these words, which serves on the channel, and says what it says here."""
-        ours, theirs = os.pipe()
-        try:
-            self._ask({"server": words, "env": dict(os.environ)}, (channel, 2, theirs))
-        finally:
-            os.close(theirs)
-        return ForkedServer(ours)
-
-    def end(self) -> None:
-        """Nothing more will be asked for."""
-        self._channel.close()
-        self._process.wait()
-
-    def _ask(self, asked: dict[str, Any], descriptors: Sequence[int]) -> None:
-        socket.send_fds(self._channel, [json.dumps(asked).encode()], descriptors)
-
-
-@cache
-def _waiting() -> Waiting:
-    return Waiting()
-
-
-def _read_all(descriptors: Sequence[int], deadline: float) -> list[str]:
-    """What comes until nobody can write any more; TimeoutError."""
-    data = {descriptor: bytearray() for descriptor in descriptors}
-    with selectors.DefaultSelector() as selector:
-        for descriptor in descriptors:
-            selector.register(descriptor, selectors.EVENT_READ)
-        while selector.get_map():
-            left = deadline - time.monotonic()
-            ready = selector.select(None if left == math.inf else max(0.0, left))
-            if not ready:
-                raise TimeoutError
-            for key, _ in ready:
-                data[key.fd] += (piece := os.read(key.fd, 1 << 16))
-                if not piece:
-                    selector.unregister(key.fd)
-    return [bytes(piece).decode() for piece in data.values()]
-
-
-def serve(channel: socket.socket) -> None:
-    """Fork as asked for until the other end closes, one command at a time."""
-    import_module("actors.processes.preload")
-    for package in ("command_line", "deploy", "observation"):
-        for module in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
-            if not (module.name.endswith("__main__") or module.name.startswith(LEFT_OUT)):
-                import_module(module.name)
-    import_module(
-        "actors.runtime.process"
-    ).settle()  # collecting in a fork would look at all this, and copy it
-    own = [place for place in sys.path if place != str(ROOT)]
+def _enter(cwd: Path, env: Mapping[str, str], places: Sequence[str]) -> None:
+    """Set folder, environment and module path of a fork."""
+    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
     made = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
-    with selectors.DefaultSelector() as selector:
-        selector.register(channel, selectors.EVENT_READ)
-        while True:
-            for key, _ in selector.select():
-                if key.fileobj is not channel:
-                    selector.unregister(key.fd)
-                    _tell_end(key.fd, *key.data)
-                    continue
-                message, descriptors, _, _ = socket.recv_fds(channel, MESSAGE_LIMIT, 3)
-                if not message:
-                    return
-                *streams, told = descriptors
-                pid = os.fork()
-                if pid == 0:
-                    channel.close()
-                    os.close(told)
-                    _become(json.loads(message), streams, own, made)
-                for descriptor in streams:
-                    os.close(descriptor)
-                os.write(told, f"{pid}\n".encode())
-                selector.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, told))
+    os.chdir(cwd)
+    os.environ.clear()
+    os.environ.update({**made, **env})
+    named = [place for place in env.get("PYTHONPATH", "").split(os.pathsep) if place]
+    own = [place for place in sys.path if place not in {"", str(ROOT)}]
+    sys.path[:] = [*places, *named, *own]
+    invalidate_caches()
 
 
-def _tell_end(descriptor: int, pid: int, told: int) -> None:
-    """Say how a fork has ended to whoever reads `told`; `descriptor`: of its process."""
-    _, status = os.waitpid(pid, 0)
-    with suppress(BrokenPipeError):  # nobody does any more
-        os.write(told, f"{os.waitstatus_to_exitcode(status)}\n".encode())
-    os.close(told)
-    os.close(descriptor)
-
-
-def _become(
-    asked: dict[str, Any], descriptors: Sequence[int], places: Sequence[str], made: Mapping[str, str]
+def _be_command(
+    program: str, words: list[str], cwd: Path, env: dict[str, str], finds_cwd: bool, streams: list[Any]
 ) -> NoReturn:
-    """Be the command, or the forkserver, from here on, and end as an interpreter does.
+    """Become the command, and end as an interpreter does."""
+    for number, end in enumerate(streams, 1):
+        os.dup2(end.fileno(), number)
+        end.close()
+    with Path(os.devnull).open() as nothing:
+        os.dup2(nothing.fileno(), 0)
+    _enter(cwd, env, [str(cwd)] if finds_cwd else [])
+    sys.argv = [str(ROOT / "command_line" / "__main__.py"), *words]
+    launch.begin = _fork_server
+    _leave(lambda: import_module(program).main())
 
-    `places`: where modules are besides the environment's; `made`: the variables that modules have set.
-    """
-    if "server" in asked:
-        channel, err = descriptors
-        os.dup2(err, 2)
-        os.environ.clear()
-        os.environ.update({**made, **asked["env"]})
-        serve_warm(places)  # what a trial of a campaign starts is found in its own fork
-        be_server(channel, asked["server"], places)
+
+def _fork_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
+    """Replacement of `launch.begin` in a fork without threads: the server is a fork of the fork."""
+    *_, how, whose = command
+    forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
+    if not forks or len(list(Path("/proc/self/task").iterdir())) > 1:
+        return BEGIN_SERVER(command, channel)
+    process = multiprocessing.get_context("fork").Process(
+        target=_be_server, args=(channel, ["fork", whose], dict(os.environ))
+    )
+    process.start()
+    return Server(process)
+
+
+def _be_server(channel: socket.socket, words: Sequence[str], env: dict[str, str]) -> NoReturn:
+    """Become the server, with no more of the starter than a new interpreter has."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.setsid()
+    with Path(os.devnull).open("r+b", buffering=0) as nothing:
+        for stream in (0, 1):
+            os.dup2(nothing.fileno(), stream)
+    descriptor = channel.detach()
+    os.closerange(3, descriptor)
+    os.closerange(descriptor + 1, os.sysconf("SC_OPEN_MAX"))
+    _enter(ROOT, passed_on(env), ())
+    launch.begin = _fork_server
+    _leave(partial(forkserver.main, [str(descriptor), *words]))
+
+
+def _leave(main: Any) -> NoReturn:
     code: object = 1
     try:
-        with Path(os.devnull).open() as nothing:
-            for number, descriptor in enumerate((nothing.fileno(), *descriptors)):
-                os.dup2(descriptor, number)
-        for descriptor in descriptors:
-            os.close(descriptor)
-        os.chdir(asked["cwd"])
-        os.sched_setaffinity(0, asked["cores"] or os.sched_getaffinity(0))
-        os.environ.clear()
-        os.environ.update({**made, **asked["env"]})
-        named = [place for place in asked["env"].get("PYTHONPATH", "").split(os.pathsep) if place]
-        sys.path[:] = [*([asked["cwd"]] if asked["finds_cwd"] else ()), *named, *places]
-        sys.argv = [str(ROOT / "command_line" / "__main__.py"), *asked["words"]]
-        invalidate_caches()
-        serve_warm(places)
-        import_module(asked["program"]).main()
-        code = 0
+        code = main()
     except SystemExit as leave:
         code = leave.code
-    except BaseException:  # the child must never return into the server's loop
+    except BaseException:  # a fork must not return into the process that it was forked from
         traceback.print_exc()
     finally:
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code if isinstance(code, int) else code is not None)
-
-
-if __name__ == "__main__":
-    serve(socket.socket(fileno=int(sys.argv[1])))

@@ -1,4 +1,4 @@
-"""An unplanned death, hang or exception ends the run: the cause is named and nothing is left behind."""
+"""A crash, hang or exception of a robot ends the run, which names the cause and leaves nothing behind."""
 
 import json
 import os
@@ -21,14 +21,13 @@ from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from tests import warm
+from tests import in_process, warm
 from tests.failures import saboteur
 from tests.failures.failing import gone, last_step, process_of, until
 from tests.run.doomed import Doom, sentence
 from tests.swarm.command import ROOT, acrc, begin, leftovers, processes_of, run
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
-SPAWNS = ("forkserver", "exec")
 
 
 def place(text: str, *, after: str = "") -> str:
@@ -53,7 +52,9 @@ def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
 
 def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = acrc("run", "--strategy", "tests.failures.saboteur:raises", "--out", out, "--bus", "memory")
+    done = in_process.acrc(
+        "run", "--strategy", "tests.failures.saboteur:raises", "--out", out, "--bus", "memory"
+    )
     assert done.returncode == 1
     assert "ZeroDivisionError: my strategy divides by the number of its friends" in done.stderr
     failures = {path.stem for path in out.glob("*/*.mcap") if "failure" in read_notes(path)}
@@ -75,13 +76,54 @@ def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkser
     return said
 
 
-def test_a_hang_is_named_after_the_timeout_with_step_actor_message_and_line(tmp_path: Path) -> None:
-    assert failure(tmp_path / "out", "hangs", step_s=1.0) == (
-        f"step 20 (2 s): no Drive from r2 for 1 s; r2 stands at {place('time.sleep(1)')} (_sleep)"
-    )
+NIGHTLY = pytest.mark.nightly
+PROCESSES = "processes of its own were still running at its end"
+MUST_NOT = "a strategy must start neither processes nor threads"
 
 
-@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=pytest.mark.alone)])
+@pytest.mark.parametrize(
+    ("behaviour", "bus", "said"),
+    [
+        (
+            "hangs", "zenoh",
+            f"step 20 (2 s): no Drive from r2 for 1 s; r2 stands at {place('time.sleep(1)')} (_sleep)",
+        ),
+        ("vforks", "isolated", "step 20 (2 s): no Drive from r2 for 1 s"),
+        # without isolation the server alone finds a process that has lost its parent
+        ("forks_twice", "zenoh", f"r2 failed: {PROCESSES}: {MUST_NOT}"),
+        ("forks", "isolated", f"r2 failed in step 30: {PROCESSES}: {MUST_NOT}"),
+        ("forks", "memory", f"a strategy failed: {PROCESSES}: {MUST_NOT}"),
+        pytest.param(
+            "forks_twice", "isolated", f"r2 failed in step 30: {PROCESSES}: {MUST_NOT}", marks=NIGHTLY
+        ),
+        (
+            "starts_a_thread", "zenoh",
+            f"r2 failed in step 30: threads of its own were still running at its end (mine): {MUST_NOT}",
+        ),
+        (
+            "crashes", "isolated",
+            f"r2 was ended by signal SIGABRT; it stood at {place('self._deed()')} (advance)",
+        ),
+        pytest.param(
+            "cannot_be_made", "zenoh",
+            f"r2 failed in step 0: ZeroDivisionError: my strategy has no friends ({place('no friends')})",
+            marks=NIGHTLY,
+        ),
+        (
+            "says_much", "zenoh",
+            "r2 failed in step 20: ValueError: first line\nsecond \\x1b[31mline\\udc80 "
+            f"({place('raise ValueError')})",
+        ),
+    ],
+)  # fmt: skip
+def test_a_failure_is_named(tmp_path: Path, behaviour: str, bus: str, said: str) -> None:
+    limits = {"step_s": 1.0} if behaviour in {"hangs", "vforks"} else {}
+    assert failure(tmp_path / "out", behaviour, bus, **limits) == said
+
+
+@pytest.mark.parametrize(
+    "bus", ["zenoh", pytest.param("memory", marks=[pytest.mark.alone, pytest.mark.nightly])]
+)
 def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
     where = rf"({place('while True:', after='def _spin')}|{place('count += 1')}) \(_spin\)"
@@ -94,6 +136,7 @@ def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     assert re.fullmatch(expected, said)
 
 
+@pytest.mark.nightly
 def test_who_works_half_of_the_time_is_named_by_its_line(tmp_path: Path) -> None:
     said = failure(tmp_path / "out", "half_works", step_s=1.5)
     assert re.fullmatch(
@@ -101,11 +144,6 @@ def test_who_works_half_of_the_time_is_named_by_its_line(tmp_path: Path) -> None
         r"r2 stands at saboteur\.py:\d+ \(work\)",
         said,
     )
-
-
-@pytest.mark.parametrize("bus", ["zenoh", "isolated"])
-def test_who_waits_in_the_kernel_for_a_process_of_its_own_is_named(tmp_path: Path, bus: str) -> None:
-    assert failure(tmp_path / "out", "vforks", bus, step_s=1.0) == "step 20 (2 s): no Drive from r2 for 1 s"
 
 
 def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.Begun:
@@ -132,14 +170,14 @@ def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_name
     assert process.returncode == -signal.SIGKILL
     assert said.splitlines()[-1] == "acrc: step 20: r2 does not come to the step's end for 11 s"
     assert processes_of(tmp_path / "out") == []
-    assert acrc("record", "check", tmp_path / "out").returncode == 0
+    assert in_process.acrc("record", "check", tmp_path / "out").returncode == 0
 
 
 @pytest.mark.parametrize(
     ("behaviour", "number"),
     [
         ("vforks", signal.SIGTERM),
-        ("never_returns", signal.SIGINT),
+        pytest.param("never_returns", signal.SIGINT, marks=pytest.mark.nightly),
         pytest.param("catches_all", signal.SIGINT, marks=pytest.mark.nightly),
     ],
 )
@@ -161,6 +199,7 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
 
 
 @pytest.mark.alone  # it is told by wall time
+@pytest.mark.nightly
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
 def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:
     words = ("--robots", 3, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
@@ -171,27 +210,6 @@ def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Pa
     assert 1.5 < held_up["r2"]["most_s"] < 3.5 and 4.5 < held_up["r2"]["total_s"] < 9.0
     sentence = r"r2 held up 3 steps, by \d\.\d s at most, \d\.\d s in all\."
     assert re.search(rf"(?m)^{sentence}$", done.stdout)
-
-
-@pytest.mark.parametrize("bus", ["zenoh", "isolated", "memory"])
-@pytest.mark.parametrize("behaviour", ["forks", "forks_twice"])
-def test_what_a_strategy_forks_is_ended_and_named(tmp_path: Path, behaviour: str, bus: str) -> None:
-    if bus == "memory":
-        who = "a strategy failed"
-    else:  # outside of isolation, who has lost its parent is found by the server only
-        who = "r2 failed" if (behaviour, bus) == ("forks_twice", "zenoh") else "r2 failed in step 30"
-    assert failure(tmp_path / "out", behaviour, bus) == (
-        f"{who}: processes of its own were still running at its end: "
-        "a strategy must start neither processes nor threads"
-    )
-
-
-@pytest.mark.parametrize("spawn", SPAWNS)
-def test_a_thread_of_a_strategy_holds_nothing_up_and_is_named(tmp_path: Path, spawn: str) -> None:
-    assert failure(tmp_path / "out", "starts_a_thread", spawn=spawn) == (
-        "r2 failed in step 30: threads of its own were still running at its end (mine): "
-        "a strategy must start neither processes nor threads"
-    )
 
 
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
@@ -212,26 +230,6 @@ def test_a_strategy_that_exits_is_named_at_once(tmp_path: Path, bus: str) -> Non
     assert time.monotonic() - began < 25  # not the 30 s of a silent actor
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "isolated"])
-def test_a_crash_is_named_with_its_line(tmp_path: Path, bus: str) -> None:
-    assert failure(tmp_path / "out", "crashes", bus) == (
-        f"r2 was ended by signal SIGABRT; it stood at {place('self._deed()')} (advance)"
-    )
-
-
-def test_a_robot_that_cannot_be_made_is_named_with_its_line(tmp_path: Path) -> None:
-    assert failure(tmp_path / "out", "cannot_be_made") == (
-        f"r2 failed in step 0: ZeroDivisionError: my strategy has no friends ({place('no friends')})"
-    )
-
-
-def test_an_exception_is_shown_whole_but_for_what_a_terminal_would_obey(tmp_path: Path) -> None:
-    assert failure(tmp_path / "out", "says_much") == (
-        "r2 failed in step 20: ValueError: first line\nsecond \\x1b[31mline\\udc80 "
-        f"({place('raise ValueError')})"
-    )
-
-
 def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=20)), RunOptions(out))
@@ -250,7 +248,7 @@ def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.Cap
 
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    done = acrc("run", "--out", tmp_path)
+    done = in_process.acrc("run", "--out", tmp_path)
     assert done.returncode == 2
     assert (
         done.stderr.strip() == f"acrc: --out: {tmp_path} exists and is not an empty folder; must be a new one"
@@ -258,12 +256,7 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
 
 
-def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:
-    words = ("--duration", 2, "--robots", 1)
-    assert run(tmp_path / "default", *words)["isolation"] == "full"
-    assert run(tmp_path / "off", *words, "--no-isolate")["isolation"] == "credentials"
-
-
+@pytest.mark.nightly
 def test_isolation_is_full_also_where_everything_lies_in_shared_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -16,9 +16,7 @@ def test_limits_as_words() -> None:
     assert limits(()) == ProcessLimits()
 
 
-@pytest.mark.parametrize(
-    "word", ["memory_mb", "memory_mb=", "memory_mb=0", "memory_mb=-1", "disk=3", "file_mb=1e9"]
-)
+@pytest.mark.parametrize("word", ["memory_mb", "memory_mb=0", "disk=3", "file_mb=1e9"])
 def test_a_limit_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(LimitError) as caught:
         limits((word,))
@@ -40,7 +38,7 @@ def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) 
     assert str(caught.value) == "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"
 
 
-@pytest.mark.parametrize("pieces", ["hoards", "hoards_crumbs"])
+@pytest.mark.parametrize("pieces", ["hoards", pytest.param("hoards_crumbs", marks=pytest.mark.nightly)])
 def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Path, pieces: str) -> None:
     out = tmp_path / "out"
     words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=2000", "--timeout", 60)

@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +14,14 @@ ROOT = Path(__file__).resolve().parents[2]
 ACRC = (sys.executable, "-m", "command_line")
 
 
-def acrc(
-    *words: object, timeout_s: float = 100.0, cores: Sequence[int] = ()
-) -> subprocess.CompletedProcess[str]:
-    """`acrc WORDS…` to its end, whatever that is; `cores`: the only ones that it may run on."""
-    return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True, cores=cores)
+def acrc(*words: object, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:
+    """Run `acrc WORDS…` in a fork and return its exit code and output."""
+    return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True)
 
 
-def run(out: Path, *words: object, cores: Sequence[int] = ()) -> dict[str, Any]:
-    """The result of `acrc run WORDS… --out OUT --json`, which must succeed and print nothing else."""
-    done = acrc("run", *words, "--out", out, "--json", cores=cores)
+def run(out: Path, *words: object) -> dict[str, Any]:
+    """Return the result of `acrc run WORDS… --out OUT --json`, which must succeed and print nothing else."""
+    done = acrc("run", *words, "--out", out, "--json")
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout)
     return result

@@ -13,6 +13,7 @@ import pytest
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.results.result import RunResult
 
 ROOT: Final = Path(__file__).parents[2]
 CHAPTER: Final = ROOT / "scenarios" / "chapter.toml"
@@ -36,20 +37,25 @@ DIGESTS: Final = {
 }
 
 
-def digest_of(name: str, out: Path) -> str:
-    """Return the digest of this run, made in memory."""
+def result_of(name: str, out: Path) -> RunResult:
+    """Return the result of this run, made in memory."""
     file, overrides = RUNS[name]
     plan = swarm.plan(load_scenario(file, overrides), RunOptions(out, bus="memory", json=True))
-    return swarm.run_in_memory(plan, lambda progress: None).digest
+    return swarm.run_in_memory(plan, lambda progress: None)
 
 
 @pytest.mark.claim("digest")
 @pytest.mark.parametrize("name", RUNS)
 def test_digest_is_the_known_one(name: str, tmp_path: Path) -> None:
-    assert digest_of(name, tmp_path / "out") == DIGESTS[name]
+    result = result_of(name, tmp_path / "out")
+    assert result.digest == DIGESTS[name]
+    if name == "crowd":  # which is hard enough
+        assert result.contacts >= 100 and result.deeco.counters["relayed"] > 100
+        assert result.frames["copies_heard"] > 100 and result.frames["frames_access_failure"] > 0
+        assert min(result.deeco.exchanges.values()) > 5 and len(result.deeco.exchanges) == 2
 
 
 if __name__ == "__main__":
     for known in RUNS:
         with TemporaryDirectory() as folder:
-            print(f'    "{known}": "{digest_of(known, Path(folder) / "out")}",')
+            print(f'    "{known}": "{result_of(known, Path(folder) / "out").digest}",')

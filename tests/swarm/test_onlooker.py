@@ -1,4 +1,4 @@
-"""Whoever looks on and is slow, or stopped for good, holds nobody up; the view says what it lacks."""
+"""A slow or stopped observer does not delay a run; the view reports the steps that it lacks."""
 
 import json
 import os
@@ -15,7 +15,7 @@ import pytest
 from tests.swarm.command import leftovers, processes_of, run, start
 
 pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.nightly]
 WORDS = ("--robots", 2, "--duration", 100, "--no-isolate", "--speed", 20)
 
 

@@ -1,6 +1,7 @@
-"""What a run rests on lies where no robot's code can lay a hand on it: recordings, logs and the digest."""
+"""Attacks of a robot on its own run over processes: links, forged counts, floods of messages."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,10 @@ from actors.runtime.isolation.sandbox import available
 from actors.runtime.lifecycle.log import create_log
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup
 from actors.runtime.recording import Entry, read_recording
-from tests.swarm.command import acrc, run
+from tests import in_process
+from tests.swarm.command import acrc, leftovers, processes_of, run
 
+MEMORY = ("--bus", "memory", "--json")
 SCENARIO = f"""
 map = "{REPOSITORY / "maps" / "corridor.yaml"}"
 
@@ -46,12 +49,12 @@ def test_links_laid_by_a_robot_lead_nowhere(tmp_path: Path) -> None:
     records = ("r1.mcap", "r1.1.mcap", "r1.log", "r1.1.log")
     assert not any((out / "r1" / name).is_symlink() for name in records)
     assert {path.name for path in (out / "r1").glob("*.mcap")} == {"r1.mcap", "r1.1.mcap"}
-    assert acrc("record", "check", out).returncode == 0
+    assert in_process.acrc("record", "check", out).returncode == 0
 
 
 def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Path) -> None:
     words = ("--duration", 3, "--robots", 2)
-    honest = run(tmp_path / "honest", *words)
+    honest = json.loads(in_process.acrc("run", *words, *MEMORY, "--out", tmp_path / "honest").stdout)
     out = tmp_path / "forged"
     done = acrc("run", *words, "--strategy", "tests.swarm.intruder:forges", "--out", out, "--json")
     result = json.loads(done.stdout)
@@ -69,7 +72,7 @@ def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Pa
     assert done.stderr.splitlines()[-1] == (
         f"acrc: {result['undelivered']} messages were not delivered: {'; '.join(gaps)}"
     )
-    checked = acrc("record", "check", out)
+    checked = in_process.acrc("record", "check", out)
     assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
 
 
@@ -106,3 +109,18 @@ def test_a_set_up_is_written_anew_at_each_start_and_through_no_link(tmp_path: Pa
             launched.start(Program("r1", "this", (), tmp_path / "r1.log", None, setup=told))
     assert str(caught.value) == f"r1 is not started; {file}: Is a directory"
     assert victim.read_text() == "untouched"
+
+
+@pytest.mark.parametrize(
+    ("entry", "reader"), [("transmit", "radio"), pytest.param("ready", "world", marks=pytest.mark.nightly)]
+)
+def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, reader: str) -> None:
+    out = tmp_path / "out"
+    done = acrc("run", "--robots", 2, "--strategy", f"tests.swarm.flooder:{entry}", "--out", out)
+    assert done.returncode == 1
+    assert re.fullmatch(
+        rf"acrc: {reader} failed in step 1[01]: r2 floods swarm/up/r2/{entry}: 1001 messages of together "
+        r"[0-9]+ bytes wait and nobody has asked for them; at most 1000 of together 67108864 may wait",
+        done.stderr.strip().splitlines()[-1],
+    )
+    assert processes_of(out) == [] and leftovers(out) == []

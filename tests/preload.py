@@ -1,0 +1,19 @@
+"""Imports what commands need, in the process that `tests.warm` forks; Dask reads its configuration later."""
+
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from actors.installation.repository import REPOSITORY
+
+LATER = ("command_line.documentation.", "command_line.experiments.", "deploy.clusters.", "deploy.hosts.") + (
+    () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
+)
+
+import_module("actors.processes.preload")
+for _package in ("command_line", "deploy", "observation"):
+    for _file in sorted(Path(REPOSITORY, _package).rglob("*.py")):
+        _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
+        if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):
+            import_module(_name)
+import_module("actors.runtime.process").settle()  # no collection copies the shared pages

@@ -1,0 +1,236 @@
+"""Outcomes of whole runs in memory: places done with and without adaptation, radio contact, the result."""
+
+import csv
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actors.installation.repository import REPOSITORY as ROOT
+from actors.radio.radio_model import RadioSetup
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import EventTable, Scenario
+from observation.replay.recorded_setup import setup_of
+from observation.results.result import RunResult
+from tests.in_process import acrc
+from tests.seeds import sampled
+from tests.swarm import command
+
+IN_THE_WAY = 26
+"""The seed with which a robot that is done blocks the other one for good."""
+SAMPLE = (13,)
+"""The seeds of the suite; the others run nightly."""
+HEAD_ON = ROOT / "scenarios" / "head_on.toml"
+
+
+def head_on(strategy: str, seed: int, duration: float) -> Scenario:
+    return load_scenario(HEAD_ON, Overrides(strategy=strategy, seed=seed, duration=duration))
+
+
+def outcome(scenario: Scenario, out: Path) -> RunResult:
+    return swarm.run_in_memory(swarm.plan(scenario, RunOptions(out, bus="memory")), lambda progress: None)
+
+
+@pytest.mark.parametrize("seed", sampled((seed for seed in range(1, 21) if seed != IN_THE_WAY), SAMPLE))
+def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tmp_path: Path) -> None:
+    result = outcome(head_on("chapter", seed, 600.0), tmp_path / "out")
+    assert (result.places_done, result.places_total, result.places_lost) == (6, 6, 0)
+
+
+@pytest.mark.parametrize(("make_way", "done"), [(False, 5), (True, 6)])
+def test_who_is_done_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
+    scenario = head_on("chapter", IN_THE_WAY, 200.0).model_copy(update={"strategy": {"make_way": make_way}})
+    result = outcome(scenario, tmp_path / "out")
+    assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
+
+
+@pytest.mark.parametrize("seed", sampled((1, 2), (1,)))
+def test_without_adaptation_they_stand_until_the_limit(seed: int, tmp_path: Path) -> None:
+    result = outcome(head_on("none", seed, 60.0), tmp_path / "out")
+    assert (result.places_done, result.places_lost, result.simulated_s) == (0, 0, 60.0)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("strategy", ["released", "examples.courteous:behaviour"])
+def test_the_released_code_and_the_example_of_ones_own_do_it_too(strategy: str, tmp_path: Path) -> None:
+    result = outcome(head_on(strategy, 5, 300.0), tmp_path / "out")
+    assert (result.places_done, result.places_lost) == (6, 0)
+
+
+@pytest.mark.parametrize(("exchange", "done"), [(True, 2), (False, 1)])
+def test_who_comes_late_to_an_adoption_needs_the_exchange(exchange: bool, done: int, tmp_path: Path) -> None:
+    """Without it, r2 loses its only place, and stands in the passage for good while r1 wants to come out."""
+    scenario = head_on("chapter", 1, 120.0)
+    asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both would adopt
+    one_place = scenario.places.model_copy(update={"per_robot": 1})
+    r1 = scenario.robot[0].model_copy(update={"places": ((9.0, 12.5),)})
+    changed = {
+        "places": one_place,
+        "robot": (r1,),
+        "event": asleep,
+        "strategy": {"exchange": exchange},
+    }
+    result = outcome(scenario.model_copy(update=changed), tmp_path / "out")
+    assert (result.places_done, result.places_total, result.places_lost) == (done, 2, 0)
+
+
+@pytest.mark.parametrize("seed", sampled(range(1, 11), (4,)))
+def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
+    overrides = Overrides(robots=1, seed=seed, duration=600.0)
+    result = outcome(load_scenario(ROOT / "scenarios" / "corridor.toml", overrides), tmp_path / "out")
+    assert (result.places_done, result.places_total) == (10, 10)
+    assert result.completion_s is not None and result.completion_s <= 600.0
+
+
+def run(out: Path, *words: object) -> dict[str, Any]:
+    """Return the result of `acrc run WORDS… --bus memory`, called in process."""
+    done = acrc("run", *words, "--bus", "memory", "--out", out, "--json")
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+TWO = f"""
+map = "{ROOT / "maps" / "corridor.yaml"}"
+[run]
+duration = 3.0
+[robots]
+count = 2
+start = [[12.0, 5.0, 0.0], [17.5, 5.0, 0.0]]
+[places]
+preset = "free"
+per_robot = 1
+[radio]
+preset = "chapter"
+"""
+
+
+def test_in_the_chapters_scenario_many_pairs_need_others_between(tmp_path: Path) -> None:
+    # 30 s: until then nobody stands where it stays
+    result = run(tmp_path, ROOT / "scenarios" / "chapter.toml", "--duration", "30")
+    assert 0.3 < result["direct_reach"] < 0.8
+    assert not any(name.startswith("pairs") for name in result["frames"])
+    assert result["frames"]["copies_heard"] > 0
+
+
+@pytest.mark.parametrize(("walls", "share"), [("air", 1.0), ("concrete", 0.0)])
+def test_walls_of_the_map_stand_between_robots(tmp_path: Path, walls: str, share: float) -> None:
+    scenario = tmp_path / "two.toml"
+    scenario.write_text(f'{TWO}walls = "{walls}"\n')
+    result = run(tmp_path / walls, scenario)
+    assert result["direct_reach"] == share
+    setup = setup_of(tmp_path / walls / "radio" / "radio.mcap", RadioSetup, "a radio")
+    assert (setup.walls, setup.preset) == (walls, "chapter")
+
+
+def test_a_robot_alone_has_nobody_to_reach(tmp_path: Path) -> None:
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(TWO.replace("count = 2", "count = 1"))
+    assert run(tmp_path / "out", scenario)["direct_reach"] is None
+
+
+def test_wifi_spoils_frames_of_robots_nearby(tmp_path: Path) -> None:
+    quiet = tmp_path / "quiet.toml"
+    quiet.write_text(TWO.replace("3.0", '20.0\nstrategy = "chapter"') + 'walls = "air"\n')
+    noisy = tmp_path / "noisy.toml"
+    noisy.write_text(quiet.read_text() + "[[wifi]]\nat = [14.0, 5.0]\nchannel = 1\nduty = 0.5\n")
+    alone, beside = (run(tmp_path / file.stem, file)["frames"] for file in (quiet, noisy))
+    assert alone["copies_heard"] > beside["copies_heard"]
+    assert alone["copies_lost_disturbed"] == 0 and beside["copies_lost_disturbed"] > 10
+
+
+WITNESSES = f"""
+map = "{ROOT / "maps" / "corridor.yaml"}"
+
+[run]
+duration = 6.0
+strategy = "tests.swarm.witness:behaviour"
+
+[robots]
+count = 2
+
+[places]
+preset = "free"
+per_robot = 4
+
+[[event]]
+at = 5.0
+restart = "r2"
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "witnesses.toml"
+    path.write_text(WITNESSES)
+    return path
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_the_result_holds_what_robots_reported(scenario: Path, tmp_path: Path, bus: str) -> None:
+    make = run if bus == "memory" else command.run
+    result = make(tmp_path / "out", scenario, "--modules", ROOT)
+    assert result["simulated_s"] == 6.0  # the places that r2 leaves open, and the event, keep it going
+    names = ("places_total", "places_done", "places_claimed", "places_given_up", "places_lost")
+    assert [result[name] for name in names] == [8, 0, 1, 4, 0]  # the restarted r2 has all its places again
+    assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
+    about_poses = result["per_robot"]["r1"].pop("pose_error")
+    assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
+    ways = [part.pop("driven_m") for part in result["per_robot"].values()]
+    assert result.pop("driven_m") == pytest.approx(sum(ways), abs=0.01)
+    assert result["per_robot"]["r1"] == {
+        "places_total": 4, "places_done": 0, "places_claimed": 0, "places_given_up": 4, "completion_s": None
+    }  # fmt: skip
+    assert result["radio_bytes_per_robot_s"] == 0.0
+    assert result["deeco"] == {
+        "counters": {"activations": 60 + 50 + 10, "published": 3},  # r1, r2, and r2 once more
+        "exchanges": {"Meeting": 6},
+        "replica_age_mean_s": 0.45,
+        "replica_age_p95_s": 0.9,
+    }
+    with (tmp_path / "out" / "places.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["owner"], row["place"]) for row in rows] == [
+        (r, str(p)) for r in ("r1", "r2") for p in range(4)
+    ]
+    assert Counter(row["verdict"] for row in rows) == {"given up": 4, "open": 3, "mistaken": 1}
+    assert {row["reason"] for row in rows[:4]} == {"only a witness"}
+    assert [row["in_route_of"] for row in rows] == [""] * 4 + ["r2"] * 4
+    written = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert written["per_robot"]["r1"].pop("pose_error") == about_poses
+    assert [part.pop("driven_m") for part in written["per_robot"].values()] == ways
+    del written["driven_m"]
+    assert written == result
+
+
+def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Path) -> None:
+    scenario.write_text(WITNESSES.replace('restart = "r2"', 'kill = "r1"'))
+    result = run(tmp_path / "out", scenario, "--modules", ROOT)
+    assert result["places_lost"] == 1  # the last of r2's
+    assert acrc("record", "check", tmp_path / "out").returncode == 0
+
+
+def test_the_air_is_counted_in_octets(tmp_path: Path) -> None:
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    result = run(tmp_path / "out", corridor, "--robots", 3, "--duration", 20)
+    sent, octets = result["frames"]["frames_sent"], result["frames"]["bytes_sent"]
+    assert sent == 60 and sent * (9 + 1) < octets < sent * 127
+    assert result["radio_bytes_per_robot_s"] == round(octets / 3 / 20.0, 3)
+
+
+def test_what_is_no_outcome_of_a_node_is_one_sentence_and_not_counted(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--strategy", "tests.swarm.witness:liar", "--robots", 1, "--duration", 1)
+    done = acrc("run", *words, "--bus", "memory", "--out", out)
+    assert done.returncode == 0, done.stderr
+    sentence = (
+        f"r1: what it says of its node cannot be, and is not counted: {out}/r1/r1.mcap: "
+        "the outcome 'deeco' is not that of a node: counters[…] is wrong, but must be a whole number"
+    )
+    assert sentence in done.stdout.splitlines()
+    result = json.loads((out / "run.json").read_text())
+    assert result["refused_reports"] == [sentence] and result["deeco"]["counters"] == {}
