@@ -1,4 +1,4 @@
-"""What holds for all tests: the longest begin first; a skip under CI, where nobody sees it, is a failure."""
+"""Settings of all tests: order of files, claims, and skips, which are failures under CI."""
 
 import gc
 import json
@@ -25,57 +25,21 @@ if "CI" not in os.environ:  # there hypothesis has a profile of its own, without
 pytest_plugins = ["tests.recorded_runs"]
 
 LONGEST: Final = (
-    "hosts/test_hosted_runs.py",
+    "swarm/test_known_digests.py",
     "swarm/test_house.py",
+    "hosts/test_hosted_runs.py",
     "cli/test_story.py",
+    "swarm/test_outcomes.py",
     "failures/test_failures.py",
     "failures/test_kills.py",
-    "onboard/test_live.py",
     "pictures/test_pictures.py",
-    "experiments/test_cluster.py",
+    "onboard/test_live.py",
     "experiments/test_campaign.py",
-    "onboard/test_without_network.py",
-    "swarm/test_head_on.py",
-    "run/test_received_folders.py",
-    "control/test_page.py",
-    "clusters/test_files.py",
-    "runtime/test_kernel_cache.py",
-    "experiments/test_repetitions.py",
-    "branches/test_branching.py",
-    "development/test_suite.py",
-    "library/test_library.py",
-    "documentation/test_site.py",
-    "fleet/test_bundle.py",
-    "debugging/test_debug.py",
-    "experiments/test_recomputed.py",
-    "explanation/test_explanation.py",
-    "localisation/test_search.py",
-    "localisation/test_carried.py",
-    "experiments/report/test_bundle.py",
-    "experiments/test_results.py",
-    "experiments/test_accounting.py",
-    "experiments/test_campaign_command.py",
-    "strategies/test_strategies.py",
-    "field_trial/test_alignment.py",
-    "run/test_kernels.py",
-    "swarm/test_direct_reach.py",
-    "replay/test_hostile_files.py",
-    "onboard/test_hardware_in_the_loop.py",
-    "isolation/test_attacks.py",
-    "swarm/test_processors.py",
-    "swarm/test_result.py",
-    "swarm/test_out_of_reach.py",
-    "swarm/test_orders.py",
-    "failures/test_limits.py",
-    "swarm/test_titles.py",
-    "run/test_out_folder.py",
-    "run/test_scenario_copy.py",
-    "cli/test_acrc.py",
     "navigation/test_goals.py",
-    "strategies/test_own_strategy.py",
-    "swarm/test_alone.py",
+    "documentation/test_site.py",
+    "development/test_wheel.py",
 )
-"""What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
+"""Files of over 10 s, the longest first: started last, they would keep one worker busy alone."""
 CLAIM: Final = "claim"
 """The marker of tests that check a statement of docs/how-true.md: `@pytest.mark.claim("name")`."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
@@ -103,7 +67,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="module")
 def forked_servers() -> Iterator[None]:
-    """A forkserver of runs that these tests make in their own process is a fork, and there at once."""
+    """Start the forkservers of runs in the test's own process as forks of the preloaded process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "begin", warm.begin_server)
         yield
@@ -117,7 +81,7 @@ def full(request: pytest.FixtureRequest) -> bool:
 
 @pytest.fixture
 def browser(tmp_path: Path) -> "Iterator[Browser]":
-    """A real one with an empty page; where there is none, the test is skipped."""
+    """A Chromium with an empty page; skips the test where there is none."""
     found = pytest.importorskip(
         "tests.control.browser", reason="websockets comes with `./acrc run --control`"
     )

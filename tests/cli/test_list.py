@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import PRESETS as RADIO
 from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model
 from command_line.lists.rows import head_comment, said_of
-from tests.cli.test_cli import ROOT, acrc
+from tests.cli.test_cli import acrc
 
 
 def listed(what: str, cwd: Path = ROOT) -> list[dict[str, Any]]:

@@ -12,7 +12,6 @@ import pytest
 from actors.installation.repository import PACKAGES, REPOSITORY
 from command_line.development import suite as module
 from command_line.development.suite import BUDGET, BY_FILE, ProcessCounter, run_suite
-from tests.conftest import LONGEST
 
 PASSES = "def test_passes(): pass\n"
 MARKED = "import pytest\npytestmark = pytest.mark.alone\n" + PASSES
@@ -90,10 +89,6 @@ def test_a_skipped_module_is_a_failure_under_ci(tmp_path: Path, ci: str, code: i
     assert done.returncode == code, done.stdout
     sentence = "CI is set, so skipped tests are failures; skipped: test_gone.py"
     assert (sentence in done.stdout.splitlines()) == bool(code)
-
-
-def test_files_to_begin_first_exist() -> None:
-    assert [name for name in LONGEST if not (REPOSITORY / "tests" / name).is_file()] == []
 
 
 PURE = {"abs", "all", "array", "array_equal", "int", "isinstance", "len", "reshape"}
