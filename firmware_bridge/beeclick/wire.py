@@ -129,25 +129,6 @@ def command_size(data: bytes) -> int | None:
     )
 
 
-def decode_command(data: bytes) -> Command:
-    """The command of all its bytes, with whatever values they say. Raises NoiseError."""
-    if command_size(data) != len(data):
-        raise NoiseError("bad_length")
-    match data[0]:
-        case 0:
-            if data != SYNC_PATTERN:
-                raise NoiseError("bad_pattern")
-            return Synchronise()
-        case 1:
-            return SendPacket(_SEND.unpack_from(data)[2], data[_SEND.size :])
-        case 2:
-            return SetChannel(data[1])
-        case 3:
-            return SetPower(_POWER.unpack(data)[1])
-        case _:
-            return SetAddress(*_ADDRESS.unpack(data)[1:])
-
-
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
 _SENT: Final = struct.Struct("<BIB")
 _NUMBER: Final = struct.Struct("<Bh")

@@ -62,7 +62,6 @@ class AlignedClocks:
                 f"{', '.join(trial.logs)}: their clocks disagree by {alignment.noise_us / 1e6:.0f} s from "
                 "one common frame to the next; the recordings should be of one field trial"
             )
-        self.noise_s = alignment.noise_us / 1e6
         self._fits = alignment.fits
         self._main = self._largest_group()
         self._chosen = [self._choose(number) for number in range(len(self._clocks))]

@@ -21,6 +21,7 @@ from firmware_bridge.beeclick.wire import (
     SetAddress,
     SetChannel,
     SetPower,
+    Synchronise,
 )
 
 SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
@@ -54,7 +55,7 @@ class Host:
         while data:
             size = wire.command_size(data)
             assert size is not None
-            found.append(wire.decode_command(data[:size]))
+            found.append(decoded(data[:size]))
             data = data[size:]
         return found
 
@@ -101,3 +102,18 @@ def boards(count: int, spacing: float = 2.0, seed: int = 1) -> EmulatedAir:
 def standing(x: float, y: float) -> State:
     """The state of what stands there, m."""
     return (x, y, 0.0, 0.0, 0.0, 0.0)
+
+
+def decoded(data: bytes) -> Command:
+    """The command of all these bytes."""
+    match data[0]:
+        case 0:
+            return Synchronise()
+        case 1:
+            return SendPacket(int.from_bytes(data[2:6], "little"), data[6:])
+        case 2:
+            return SetChannel(data[1])
+        case 3:
+            return SetPower(int.from_bytes(data[1:], "little", signed=True))
+        case _:
+            return SetAddress(int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:], "little"))

@@ -64,7 +64,6 @@ def test_a_command_is_these_bytes(text: str, command: Command) -> None:
     data = bytes.fromhex(text)
     assert wire.encode_command(command) == data
     assert wire.command_size(data) == len(data)
-    assert wire.decode_command(data) == command
 
 
 @pytest.mark.parametrize(("text", "answer"), ANSWERS)

@@ -144,6 +144,7 @@ def test_processes_that_die_are_started_again_and_the_operator_watches_and_stops
     assert processes_of(out) == [] and leftovers(out) == []
 
 
+@pytest.mark.nightly
 def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp_path: Path) -> None:
     fleet, disk = tmp_path / "fleet.toml", tmp_path / "disk"
     fleet.write_text(FLEET.format(root=ROOT, links=links))

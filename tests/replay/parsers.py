@@ -36,11 +36,11 @@ from firmware_bridge.beeclick import wire as board_wire
 from firmware_bridge.beeclick.reception import Reader, parse_rmc
 from firmware_bridge.beeclick.wire import NoiseError, PacketSent, ReceivedPacket, Synchronised
 from firmware_bridge.kobuki.wire import (
-    UDID,
     BaseControl,
     FrameReader,
     Inertial,
     MalformedError,
+    Unknown,
     decode_commands,
     decode_feedback,
     encode_command,
@@ -187,17 +187,12 @@ def device_parsers() -> Iterator[Made]:
         for n in range(10)
     )
     yield "board's answers", (said,), _answers
-    ordered = (
-        board_wire.encode_command(board_wire.SendPacket(3, b"hello")),
-        board_wire.encode_command(board_wire.SetChannel(4)),
-    )
-    yield "board's commands", ordered, _noisy(board_wire.decode_command)
     yield (
         "board's sentence",
         (b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",),
         parse_rmc,
     )
-    payload = encode_feedback(Inertial(5, -7)) + encode_feedback(UDID((1, 2, 3)))
+    payload = encode_feedback(Inertial(5, -7)) + encode_feedback(Unknown(19, bytes(12)))
     yield "base's frames", (encode_frame(payload) * 4,), FrameReader(decode_feedback).take
     yield "base's packets", (payload,), _noisy(decode_feedback)
     yield "base's commands", (encode_command(BaseControl(100, 0)),), _noisy(decode_commands)
