@@ -14,7 +14,7 @@ COMMANDS: Final = {
     "bundle": ("command_line.experiments.app", "bundle"),
     "report": ("command_line.experiments.app", "report"),
     "study": ("command_line.experiments.study_app", "app"),
-    "docs": ("command_line.documentation.command", "docs"),
+    "docs": ("command_line.documentation", "docs"),
     "verify": ("command_line.bench.verify", "verify"),
     "bench": ("command_line.bench.bench", "bench"),
 }

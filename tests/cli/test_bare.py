@@ -11,7 +11,7 @@ from collections import defaultdict
 import pytest
 
 from actors.installation.repository import REPOSITORY as ROOT
-from command_line.documentation.commands import tree
+from command_line.documentation import tree
 from tests.cli.test_acrc import extras_of
 
 MODULES = {

@@ -22,7 +22,7 @@ from cleaning.strategies import STRATEGIES
 from command_line import run
 from command_line.development import commands
 from command_line.development.checks import Check, run_checks
-from command_line.documentation.commands import tree
+from command_line.documentation import tree
 from observation.results import summary
 from observation.results.deeco_result import DeecoResult
 from observation.results.navigation_result import NavigationResult

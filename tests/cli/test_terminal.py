@@ -11,7 +11,7 @@ from rich.table import Table
 from actors.console import print_table, screen
 from actors.installation.repository import REPOSITORY
 from cleaning.strategies.registry import STRATEGIES
-from command_line.documentation.commands import tree
+from command_line.documentation import tree
 from command_line.options import answer
 from tests.in_process import acrc
 

@@ -18,21 +18,21 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import OWN_STATES, SEEN_STATES
-from command_line.documentation import commands
-from command_line.documentation.markdown import Block, MarkdownPage, pages
+from command_line import documentation
 from deploy.scenario.scenario_file import parse
 from experiments.comparison.metrics import NAMES
 from experiments.study.study_file import load_study
 from observation.accounting.time_spent import Cause
 from observation.trace.rows import ACTIVITIES
 from tests import warm
+from tests.documentation.markdown import Block, MarkdownPage, pages
 from tests.documentation.trials import PAGES as TESTED_ELSEWHERE
 from tests.documentation.trials import SHORTENED, Command, shortened
 from tests.documentation.trials import commands as commands_of
 from tests.localisation import courses
 
 PAGES = {page.name: page for page in pages()}
-TREE = commands.tree()
+TREE = documentation.tree()
 LANGUAGES = {"sh", "python", "toml", "yaml", "text", "mermaid", "{eval-rst}", "{toctree}"}
 IN_A_CLONE = ("scenarios", "studies", "maps", "examples", "fleets")
 PLACEHOLDERS = {"…", "...", "COMMAND", "X"}
@@ -113,7 +113,7 @@ def test_settings_on_pages_are_valid(tmp_path: Path) -> None:
 
 def test_commands_reference_is_current() -> None:
     page = REPOSITORY / "docs" / "reference" / "commands.md"
-    assert page.read_text() == commands.as_markdown(), "`./acrc docs` regenerates it"
+    assert page.read_text() == documentation.as_markdown(), "`./acrc docs` regenerates it"
     (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
     assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(NAMES)
 

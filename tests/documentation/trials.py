@@ -9,7 +9,7 @@ import shlex
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from command_line.documentation.markdown import Block
+from tests.documentation.markdown import Block
 
 _UNTRIED: Final = re.compile(r"\(not run by tests: ([^)]+)\)$")
 

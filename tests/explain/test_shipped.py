@@ -13,10 +13,10 @@ from actors.robot.behaviour import Start
 from actors.robot.behaviour.entry import load_behaviour
 from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
-from command_line.documentation.markdown import MarkdownPage
 from deeco.explain.anatomy import ComponentPart, meeting, processes
 from deeco.explain.command import main
 from tests.cleaning.equipment import Floor
+from tests.documentation.markdown import MarkdownPage
 
 EXAMPLES = ("examples.courteous:behaviour",)
 UNKNOWN = {

@@ -17,9 +17,9 @@ from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
-from command_line.documentation.markdown import MarkdownPage
 from observation.export import rows
 from tests import warm
+from tests.documentation.markdown import MarkdownPage
 
 PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
 FINDINGS = """

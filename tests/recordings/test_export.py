@@ -9,8 +9,8 @@ import pytest
 from pyarrow import parquet
 
 from actors.installation.repository import REPOSITORY
-from command_line.documentation.markdown import pages
 from observation.export.columns import TABLES, page
+from tests.documentation.markdown import pages
 from tests.in_process import acrc
 
 PAGE = "docs/tables.md"

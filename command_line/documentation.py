@@ -1,20 +1,59 @@
-"""The reference of the command line, made from the command line itself: docs/reference/commands.md."""
+"""`acrc docs`: the documentation as a site, and its page of all commands, made from the command line."""
 
 import re
 from collections.abc import Iterator
-from typing import Any, Final
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import typer
-
-from command_line.app import app
 
 _HEAD: Final = (
     "# Commands\n\n`acrc COMMAND --help` says the same. `acrc docs` makes this page from the command line."
 )
 
 
+def docs(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pages.")] = Path("build/docs"),
+    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
+) -> None:
+    """Build the documentation as a site of plain files.
+
+    It needs no network and no server.
+    """
+    from actors.installation.repository import clone
+
+    home = build(clone("docs") / "docs", out)
+    print(home)
+    if show:
+        import webbrowser
+
+        webbrowser.open(home.as_uri())
+
+
+def build(pages: Path, out: Path) -> Path:
+    """Write the site of the folder `pages` into the folder `out` and return its home page.
+
+    Raises AcrcError where Sphinx warns of anything; it prints its warnings.
+    """
+    from sphinx.cmd.build import build_main
+
+    from actors.processes.scratch import scratch_folder
+    from actors.runtime.errors import AcrcError
+
+    reference = pages / "reference" / "commands.md"
+    if reference.read_text() != (page := as_markdown()):
+        reference.write_text(page)
+    with scratch_folder() as trees:
+        options = ("--fail-on-warning", "--keep-going", "--quiet", "--fresh-env", "-d", str(trees))
+        if build_main([*options, str(pages), str(out)]):
+            raise AcrcError(f"docs: {pages} has faults, see above")
+    return (out / "index.html").resolve()
+
+
 def tree() -> dict[str, Any]:
-    """Every command and group that `--help` shows, by the words that call it, the root by "acrc"."""
+    """Return every visible command and group by the words that call it, the root by "acrc"."""
+    from command_line.app import app
+
     found: dict[str, Any] = {}
     todo: list[tuple[str, Any]] = [("acrc", typer.main.get_command(app))]
     while todo:
@@ -25,7 +64,7 @@ def tree() -> dict[str, Any]:
 
 
 def _below(command: Any) -> list[tuple[str, Any]]:
-    """The commands of a group, by name, in its order."""
+    """Return the visible commands of a group, in its order."""
     if not hasattr(command, "list_commands"):
         return []
     named = [(name, command.get_command(None, name)) for name in command.list_commands(None)]
@@ -33,7 +72,7 @@ def _below(command: Any) -> list[tuple[str, Any]]:
 
 
 def as_markdown() -> str:
-    """The page: a section for each, with its words, what it does, and a table of what it takes."""
+    """Return the page: a section per command with its usage, its help and a table of its parameters."""
     sections = [_section(words, command) for words, command in tree().items()]
     return "\n\n".join([_HEAD, *sections]) + "\n"
 
@@ -63,7 +102,7 @@ def _rows(command: Any, context: Any) -> Iterator[str]:
 
 
 def _escaped(text: str) -> str:
-    """Plain text as Markdown: what is in backticks stays code, nothing else means anything."""
+    """Return plain text as Markdown, in which only backticks have a meaning."""
     pieces = re.split(r"(`[^`\n]+`)", " ".join(text.split()))
     return "".join(
         piece.replace("|", r"\|") if number % 2 else re.sub(r"([\\*_<>\[\]|#])", r"\\\1", piece)

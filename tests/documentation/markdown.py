@@ -1,7 +1,6 @@
 """What the pages hold, as CommonMark has it: headings, links, code in the text, and blocks of code."""
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -27,10 +26,9 @@ class Block:
 
 @dataclass(frozen=True)
 class PageLink:
-    """A link or picture; `target` is as written, `heading` the nearest one of the second level above it."""
+    """A link or picture; `target` is as written."""
 
     target: str
-    heading: str
 
     @property
     def is_local(self) -> bool:
@@ -60,16 +58,9 @@ class MarkdownPage:
 
     def links(self) -> list[PageLink]:
         """Links and pictures, in order."""
-        return list(self._links())
-
-    def _links(self) -> Iterator[PageLink]:
-        heading = ""
-        for before, token in zip([None, *self._tokens], self._tokens, strict=False):
-            if before is not None and before.type == "heading_open" and before.tag == "h2":
-                heading = token.content
-            for part in token.children or ():
-                if target := part.attrGet("href") or part.attrGet("src"):
-                    yield PageLink(str(target), heading)
+        parts = (part for token in self._tokens for part in token.children or ())
+        targets = (part.attrGet("href") or part.attrGet("src") for part in parts)
+        return [PageLink(str(target)) for target in targets if target]
 
     def codes(self) -> list[str]:
         """What stands in backticks within the text, in order, each on one line."""

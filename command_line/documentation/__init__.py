@@ -1,1 +1,0 @@
-"""The pages of docs/ as a site, with a reference made from the code."""
