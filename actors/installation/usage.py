@@ -14,6 +14,7 @@ _LONGEST = 60
 _EXTRAS: Final = {
     "cryptography": "hardware",
     "distributed": "cluster",
+    "jinja2": "pictures",
     "matplotlib": "pictures",
     "pyarrow": "experiments",
     "pymunk": "sim",

@@ -1,4 +1,4 @@
-"""What the report says in sentences: what was asked, what was found, what failed."""
+"""Sentences and tables of a report: what was asked and found, what failed, and warnings."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,11 +9,62 @@ from experiments.comparison.comparison import Comparison, PairedSample
 from experiments.comparison.family import ComparedMetric, PairVerdict
 from experiments.comparison.judgement import CampaignJudgement
 from experiments.comparison.metrics import named
+from experiments.report import quantities
 from experiments.report.cases import REAL, CaseSource
-from experiments.report.numbers import Cell, NumberTable
-from experiments.report.section import label
-from experiments.report.verdict_table import counted, verdict_table
+from experiments.report.quantities import Cell, NumberTable
+from experiments.report.section import UPPER_BOUNDS, Group, ReportView, label
+from experiments.report.time_sections import deadlocks
+from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import FIRST_TUNING_SEED, Study, Variant
+from observation.field_trial.trial_result import TrialResult
+from observation.results.result import RunResult
+
+_TOLD = ("better", "worse", "as good", "not told apart")
+
+
+def verdict_table(name: str, verdicts: Sequence[PairVerdict]) -> NumberTable:
+    """A row for each verdict, with the estimates of the metric by which it came about."""
+    return NumberTable(
+        f"verdicts_{name}",
+        "What each declared comparison came to, by the test of the metric that decided it, or that left it "
+        "undecided. As good: within the margin, by every test. Intervals are of 95 %.",
+        (
+            *("first", "second", "condition", "the first is", "by", "first has", "second has"),
+            *("difference", "better on", "worse on", "A12", "p after Holm"),
+        ),
+        tuple(_row(one) for one in verdicts),
+    )
+
+
+def counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
+    """For each pair in how many conditions the first is better, worse, as good, or not told apart."""
+    pairs = dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts)
+    for pair in pairs:
+        words = [_word(one) for one in verdicts if (one.sample.one, one.sample.other) == pair]
+        parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
+        yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
+
+
+def _word(one: PairVerdict) -> str:
+    if one.deciding is not None:
+        return "better" if one.deciding.test.direction > 0 else "worse"
+    return "as good" if one.equivalent else "not told apart"
+
+
+def _asked_last(one: PairVerdict) -> ComparedMetric:
+    return one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
+
+
+def _row(one: PairVerdict) -> tuple[Cell, ...]:
+    sample, step = one.sample, _asked_last(one)
+    found = step.estimated()
+    estimates: tuple[Cell, ...] = (None,) * 6
+    if found is not None:
+        estimates = (found.ones, found.others, found.difference, found.better, found.worse, found.effect)
+    condition = ", ".join(f"{key} = {value}" for key, value in sample.variant)
+    p = step.adjusted if step.tested else None
+    return (sample.one, sample.other, condition, _word(one), named(step.metric).says, *estimates, p)
+
 
 _MOST_TOLD: Final = 8
 """Verdicts that are told in a sentence each."""
@@ -205,3 +256,156 @@ def failures(sources: Sequence[CaseSource]) -> NumberTable | None:
 
 def _some(seeds: Sequence[str]) -> str:
     return ", ".join(seeds[:12]) + (", …" if len(seeds) > 12 else "")
+
+
+_CEILING: Final = 0.5
+"""Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
+
+_MOST_NAMES: Final = 4
+"""Groups of runs that are named where one thing holds for many."""
+
+
+def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: ReportView) -> list[str]:
+    """One sentence or two each, the gravest first."""
+    return [
+        *_unfit(sources),
+        *_told_by_robots(sources),
+        *(line for one in findings for line in one.judgement.too_few),
+        *_alone(sources, findings),
+        *_incomplete(sources),
+        *_bounds(view),
+        *_limits(view),
+        *_deadlocked(view),
+        *(line for group in view.groups for line in _unsound(view, group)),
+        *_software(sources),
+    ]
+
+
+def _unfit(sources: Sequence[CaseSource]) -> Iterator[str]:
+    for one in sources:
+        if one.study is not None and one.study.tuning:
+            yield (
+                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged "
+                "by others."
+            )
+    if any(not quantities.is_watched(case.outcome) for one in sources for case in one.cases if case.outcome):
+        yield (
+            "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
+            "localisation, where time went and CPU time are unknown; completion is when the last report was "
+            "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
+        )
+
+
+def _told_by_robots(sources: Sequence[CaseSource]) -> Iterator[str]:
+    """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
+    for one in sources:
+        for case in one.cases:
+            if isinstance(case.outcome, RunResult):
+                told = (f"{case.strategy}, seed {case.seed}: {said}" for said in case.outcome.refused_reports)
+                yield from (f"{one.name}: {said}." for said in told)
+            if isinstance(case.outcome, TrialResult):
+                yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
+
+
+def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Iterator[str]:
+    singles = sum(one.study is None for one in sources)
+    if singles:
+        yield (
+            f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
+            f"a comparison needs at least {LEAST_PAIRS} pairs of runs from one campaign."
+        )
+    campaigns = len(findings)
+    if campaigns > 1:
+        yield (
+            f"The {campaigns} campaigns are compared within each of them only, and p-values are adjusted "
+            "within each only."
+        )
+
+
+def _incomplete(sources: Sequence[CaseSource]) -> Iterator[str]:
+    for one in sources:
+        failed = sum(case.failure is not None for case in one.cases)
+        if one.pending:
+            yield (
+                f"{one.name}: {one.pending} of {one.pending + len(one.cases)} runs are still to be made; "
+                "what is said may change with them."
+            )
+        if failed:
+            yield (
+                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture, so a strategy "
+                "that fails where it would do badly looks better there than it is. Their causes stand below."
+            )
+
+
+def _bounds(view: ReportView) -> Iterator[str]:
+    names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
+    for name in names:
+        yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
+
+
+def _limits(view: ReportView) -> Iterator[str]:
+    """Metrics that cannot tell good from better, or bad from worse."""
+    full = [
+        f"{view.row_name(group)} ({done} of {len(group.outcomes)})"
+        for group in view.groups
+        if len(group.outcomes) > 1 and (done := _all_done(group)) >= _CEILING * len(group.outcomes)
+    ]
+    if full:
+        yield (
+            f"Half of the runs or more did all places: {_groups(full)}. The number of places is at its "
+            "ceiling there and hides differences; more robots or less time would show them."
+        )
+    never = [
+        view.row_name(group)
+        for group in view.groups
+        if not any(quantities.completion(one).done for one in group.outcomes)
+    ]
+    if never:
+        yield (
+            f"No run was complete by its end: {_groups(never)}. The restricted mean is the runs' length "
+            "there and says only that it takes longer."
+        )
+
+
+def _all_done(group: Group) -> int:
+    return sum(quantities.places(one) == one.places_total for one in group.outcomes)
+
+
+def _groups(names: Sequence[str]) -> str:
+    """The first of them, and how many more; all of them if these are few."""
+    if len(names) <= _MOST_NAMES:
+        return "; ".join(names)
+    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} groups more"
+
+
+def _deadlocked(view: ReportView) -> Iterator[str]:
+    """How often robots waited for one another in a ring: it decides many runs."""
+    told = [
+        f"{view.row_name(group)} {sum(run.pairs for run in runs) / len(runs):.2g} "
+        f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} came free)"
+        for group in view.groups
+        if (runs := deadlocks(group))
+    ]
+    if told:
+        yield f"Pairs in a deadlock, in a run on average: {_groups(told)}."
+    elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
+        yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
+
+
+def _unsound(view: ReportView, group: Group) -> Iterator[str]:
+    untrue = sum(
+        one.places_claimed - one.places_done for one in group.outcomes if one.places_done is not None
+    )
+    if untrue:
+        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
+    lost = sum(one.undelivered > 0 for one in group.outcomes if isinstance(one, RunResult))
+    if lost:
+        yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
+
+
+def _software(sources: Sequence[CaseSource]) -> Iterator[str]:
+    commits = dict.fromkeys(one.commit for one in sources if one.commit)
+    if len(commits) > 1:
+        yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."
+    if any(commit.endswith("+") for commit in commits):
+        yield "The software had been changed since its last commit, so nobody else can make these runs again."

@@ -6,10 +6,10 @@ from typing import Final, NamedTuple, TypeVar
 
 from matplotlib.figure import Figure
 
-from experiments.report import style
+from experiments.report import charts
 from experiments.report.cases import Case, Outcome
-from experiments.report.numbers import BoxSpread, Cell, NumberTable
-from experiments.report.style import Look
+from experiments.report.charts import Look
+from experiments.report.quantities import BoxSpread, Cell, NumberTable
 
 T = TypeVar("T")
 UPPER_BOUNDS: Final = frozenset({"oracle"})
@@ -81,7 +81,7 @@ class ReportView:
             for strategy in strategies
             if (condition, strategy) in found
         )
-        self._looks = {name: style.look(place) for place, name in enumerate(strategies)}
+        self._looks = {name: charts.look(place) for place, name in enumerate(strategies)}
         self.has_conditions = len(conditions) > 1
 
     def look(self, group: Group) -> Look:

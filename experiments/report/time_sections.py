@@ -9,7 +9,7 @@ from actors.observer.colours import hexadecimal
 from actors.observer.glyphs import SEEN_STATES
 from experiments.report import charts
 from experiments.report.charts import Bar
-from experiments.report.numbers import Cell
+from experiments.report.quantities import Cell
 from experiments.report.section import Group, Picture, ReportView, Section
 from observation.accounting.time_spent import Cause, DeadlockCount, DecisionEvent, TimeSpent
 

@@ -1,1 +1,1 @@
-"""Pages of HTML that need nothing beside themselves, light or dark as the reader's screen is."""
+"""HTML pages of runs and reports that need no other files, light or dark as the reader's screen is."""

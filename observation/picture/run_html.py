@@ -1,4 +1,4 @@
-"""A run on one HTML page: what came of it in sentences, the picture, and tables of what is behind it."""
+"""A run on one HTML page: its result in sentences, the picture, and tables of the numbers behind it."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,8 @@ from observation.evidence.recorded import outcomes
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_decisions import SaidDecision, adaptation
 from observation.evidence.things_over_time import ordered
-from observation.page import markup
+from observation.page import rendering
+from observation.page.rendering import PagePicture, PageSection, PageTable
 from observation.picture import floor_picture, look, run_page, style
 from observation.recordings.writers import goes_on
 from observation.replay.run_recordings import recordings
@@ -37,24 +38,25 @@ def write(run: RunEvidence, path: Path) -> None:
 
 
 def html(run: RunEvidence, drawn: bytes) -> str:
-    """The page; `drawn`: the run's picture as an SVG."""
+    """Return the page; `drawn`: the run's picture as an SVG."""
+    return rendering.html(style.short_title(run), sections(run, drawn))
+
+
+def sections(run: RunEvidence, drawn: bytes) -> list[PageSection]:
+    """Return the sections about a run that have any content."""
     doing = spells(run)
-    chapters: list[tuple[str, list[str]]] = [
-        ("What came of it", [markup.paragraph(one) for one in _words(run)]),
-        ("What happened", [markup.picture(drawn, _ALT, _CAPTION)]),
-        ("What each robot did", [_deeds(run, doing)]),
-        ("Where robots stood before others", [_meetings(doing)]),
-        ("What was put into the world", [_put(run, doing)]),
-        ("What was decided", [_decided(run)]),
-        ("Places", [_places(run.places)]),
-        ("Radio", [_radio(run)]),
-        ("How to make it again", [markup.paragraph(one) for one in _origin(run)]),
+    every = [
+        PageSection("What came of it", list(_words(run))),
+        PageSection("What happened", picture=PagePicture(drawn, _ALT, _CAPTION)),
+        PageSection("What each robot did", tables=[_deeds(run, doing)]),
+        PageSection("Where robots stood before others", tables=[_meetings(doing)]),
+        PageSection("What was put into the world", tables=[_put(run, doing)]),
+        PageSection("What was decided", tables=[_decided(run)]),
+        PageSection("Places", tables=[_places(run.places)]),
+        PageSection("Radio", tables=[_radio(run)]),
+        PageSection("How to make it again", list(_origin(run))),
     ]
-    told = [(title, parts) for title, parts in chapters if any(parts)]
-    body = [markup.navigation(title for title, _ in told)]
-    for number, (title, parts) in enumerate(told, start=1):
-        body += [markup.heading(number, title), *parts]
-    return markup.page(style.short_title(run), body)
+    return [one for one in every if not one.is_empty]
 
 
 def _words(run: RunEvidence) -> Iterator[str]:
@@ -65,7 +67,7 @@ def _words(run: RunEvidence) -> Iterator[str]:
         yield from summary.sentences(run.result)
 
 
-def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> str:
+def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> PageTable:
     """Seconds by what a robot did, and what it did with places."""
     lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
     for one in doing:
@@ -86,7 +88,7 @@ def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> str:
     return _table("Seconds by what each robot did, and how many places it reported.", columns, rows, 1)
 
 
-def _meetings(doing: Sequence[Spell]) -> str:
+def _meetings(doing: Sequence[Spell]) -> PageTable:
     rows = [
         [f"{x:.2f}", f"{y:.2f}", f"{lasted:.1f}"]
         for x, y, lasted in sorted(floor_picture.meetings(doing), key=lambda one: -one[2])
@@ -94,7 +96,7 @@ def _meetings(doing: Sequence[Spell]) -> str:
     return _table("Where, m, and how long in all.", ["x", "y", "s"], rows, 0)
 
 
-def _put(run: RunEvidence, doing: Sequence[Spell]) -> str:
+def _put(run: RunEvidence, doing: Sequence[Spell]) -> PageTable:
     """What was ordered, and which robots were frozen or off."""
     stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
     told = [(one.second, one.robot, one.words) for one in ordered(run)]
@@ -103,7 +105,7 @@ def _put(run: RunEvidence, doing: Sequence[Spell]) -> str:
     return _table("By the scenario's events, and by orders.", ["s", "robot", "what"], rows, -1, numbers=(0,))
 
 
-def _decided(run: RunEvidence) -> str:
+def _decided(run: RunEvidence) -> PageTable:
     """What the robots' adaptations have said in their last records."""
     said: list[tuple[SaidDecision, str]] = []
     for actor, path in recordings(run.out).items():
@@ -119,7 +121,7 @@ def _decided(run: RunEvidence) -> str:
     return _table(caption, columns, rows, -1, numbers=(0, 5))
 
 
-def _places(places: Sequence[PlaceOutcome]) -> str:
+def _places(places: Sequence[PlaceOutcome]) -> PageTable:
     def second(instant: int | None) -> str:
         return "" if instant is None else f"{instant / 1e6:.1f}"
 
@@ -134,7 +136,7 @@ def _places(places: Sequence[PlaceOutcome]) -> str:
     return _table("Every place.", columns, rows, -1, numbers=(1, 2, 5, 6))
 
 
-def _radio(run: RunEvidence) -> str:
+def _radio(run: RunEvidence) -> PageTable:
     counts = {} if run.result is None else run.result.frames
     rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
     return _table("What became of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
@@ -156,7 +158,7 @@ def _table(
     rows: Sequence[Sequence[str]],
     first: int,
     numbers: Sequence[int] = (),
-) -> str:
+) -> PageTable:
     """A table whose columns from `first` on hold numbers, or, if that is negative, those in `numbers`."""
     numeric = [place >= first if first >= 0 else place in numbers for place in range(len(columns))]
-    return markup.table(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)
+    return PageTable(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)

@@ -12,7 +12,7 @@ from experiments.campaign.store import Store
 from experiments.campaign.trial_order import MOST_BYTES, left, received
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.campaign.trust import IN_MEMORY, ISOLATED, differing, protection
-from experiments.report import style
+from experiments.report import charts
 from experiments.report.cases import read
 from experiments.report.report import compose
 from experiments.study.study import Study, Trial
@@ -103,7 +103,7 @@ def test_compare_and_report_name_it_first(cheated: Store) -> None:
     assert out.splitlines()[0] == IN_MEMORY
     assert out.splitlines()[1].startswith("2 of 4 runs were repeated as processes (")
     assert f"acrc: {differing(cheated)[0]}" in err
-    with style.applied():
+    with charts.applied():
         page = compose(read([cheated.folder]))
     assert IN_MEMORY in page.asked
     assert page.found[0].startswith("out: cheat:quiet with seed 1")

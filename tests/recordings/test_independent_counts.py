@@ -21,7 +21,7 @@ from actors.robot.behaviour.foreign import Permit
 from experiments.comparison.metrics import judged, named
 from experiments.report import quantities
 from experiments.report.cases import Case
-from experiments.report.cost_sections import COSTS
+from experiments.report.sections import COSTS
 from observation.accounting.account import account
 from observation.accounting.time_spent import TimeSpent
 from observation.evidence.recorded import outcomes, taken

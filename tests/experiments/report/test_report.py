@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.judgement import judge
-from experiments.report import report, style
+from experiments.report import charts, report
 from experiments.report.cases import read
 from experiments.report.findings import Findings
 from experiments.report.section import Section
@@ -68,7 +68,7 @@ def records(folder: Path) -> dict[str, list[TrialRecord]]:
 
 @pytest.fixture(scope="module")
 def sections(folder: Path) -> Iterator[dict[str, Section]]:
-    with style.applied():
+    with charts.applied():
         yield {one.title: one for one in report.compose(read([folder])).sections}
 
 
@@ -319,7 +319,7 @@ def test_the_same_campaign_gives_the_same_bytes(folder: Path, written: Path, tmp
 
 def caution(plain: RunResult, where: Path, study: Study, **options: Any) -> str:
     campaign(where, plain, study, options.pop("drawn", drawn), **options)
-    with style.applied():
+    with charts.applied():
         return " ".join(report.compose(read([where])).cautions)
 
 
@@ -342,7 +342,7 @@ def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> 
     study = Study("part", "/s.toml", ("none",), 3)
     campaign(tmp_path / "part", plain, study, drawn)
     store.load(tmp_path / "part").path(next(iter(study.trials()))).unlink()
-    with style.applied():
+    with charts.applied():
         told = report.compose(read([tmp_path / "part"])).cautions
     assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
 
