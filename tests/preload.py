@@ -6,7 +6,7 @@ from pathlib import Path
 
 from actors.installation.repository import REPOSITORY
 
-LATER = ("command_line.documentation.", "command_line.experiments.", "deploy.clusters.", "deploy.hosts.") + (
+LATER = ("command_line.experiments.", "deploy.clusters.", "deploy.hosts.") + (
     () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
 )
 
