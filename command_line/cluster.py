@@ -32,7 +32,7 @@ def start(address: Address) -> None:
 
     It listens at the address, by which others reach this computer.
     """
-    from deploy.clusters.address import host_and_port, plain
+    from deploy.clusters.connection import host_and_port, plain
 
     place = plain(address, "ADDRESS")
     host, port = host_and_port(place)
@@ -53,9 +53,7 @@ def join(
     The first time it installs and compiles what that needs.
     """
     from actors.processes.kernels import compile_kernels
-    from deploy.clusters.address import plain
-    from deploy.clusters.connection import PATIENCE_S
-    from deploy.clusters.tls import security
+    from deploy.clusters.connection import PATIENCE_S, plain, security
 
     place = plain(address, "ADDRESS")
     if place.startswith("tls://"):
@@ -76,7 +74,7 @@ def fetch(
     json: Json = False,
 ) -> None:
     """Bring what a run has left on other computers, and remove it there."""
-    from deploy.clusters.address import plain
+    from deploy.clusters.connection import plain
     from deploy.hosts.fetching import fetch
     from observation.recordings.writers import goes_on
 

@@ -1,13 +1,126 @@
-"""A Dask cluster as whoever starts a run or a campaign sees it: who is there, and whether that is safe."""
+"""Connection to a Dask cluster: address, TLS, answers of its workers."""
 
+import ipaddress
 import logging
+import re
+import socket
+import ssl
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
-from distributed import CancelledError, Client, Future, wait
+from distributed import CancelledError, Client, Future, Security, wait
 
-from deploy.clusters.address import PAGE, ClusterError, host_and_port, is_safe
-from deploy.clusters.tls import security
+from actors.installation.usage import OptionError, wrong_value
+from actors.runtime.errors import AcrcError
+
+_ADDRESS: Final = re.compile(
+    r"(?P<how>tls|tcp|dask\+tls|dask)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})"
+)
+PAGE: Final = "docs/clusters.md"
+
+
+class ClusterError(AcrcError):
+    """A cluster that is not there, or not of use."""
+
+
+def check(address: str, named: str = "--on") -> None:
+    """Raise OptionError for what is no scheduler's address, or one that anybody could give work to.
+
+    `named`: the option or argument that it was.
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None or not 0 < int(found["port"]) < 65536:
+        raise wrong_value(named, address, "the address of a scheduler, such as tls://192.168.1.5:8786")
+    if not is_safe(address):
+        raise OptionError(
+            f"{named}: {address}; must be tls:// anywhere but on this computer, for without TLS a cluster "
+            f"runs whatever comes from whoever reaches it ({PAGE})"
+        )
+
+
+def plain(address: str, named: str = "--on") -> str:
+    """A person's address as Dask spells it: dask+tls:// is tls://, and dask:// is tcp://.
+
+    Raises OptionError, see `check`.
+    """
+    check(address, named)
+    how, _, place = address.partition("://")
+    return f"{'tls' if how.endswith('tls') else 'tcp'}://{place}"
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Both of an address that `check` lets pass."""
+    host, _, port = address.partition("://")[2].rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+def is_safe(address: str) -> bool:
+    """True if it has TLS, or can be reached from this computer only."""
+    how, _, place = address.partition("://")
+    host = place.rpartition(":")[0].strip("[]")
+    if how in {"tls", "dask+tls", "inproc"} or host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+_KEYS: Final = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
+"""What has to be configured, by Dask's name for it below distributed.comm.tls."""
+
+
+def security(address: str, patience_s: float, named: str = "--on") -> Security:
+    """What a client presents at a tls:// address, tried once, so that a refusal has its reason.
+
+    `named`: the option or argument that gave the address. Raises ClusterError where something is not
+    configured, or one of the two does not take the other's certificate.
+    """
+    given = Security(require_encryption=True)
+    files = given.get_tls_config_for_role("client")
+    context = _context(given, files, address, named)
+    try:
+        with (
+            socket.create_connection(host_and_port(address), timeout=patience_s) as plain,
+            context.wrap_socket(plain) as encrypted,
+        ):
+            encrypted.recv(1)  # a scheduler speaks first; one that refuses says why
+    except ssl.SSLCertVerificationError as error:
+        raise ClusterError(
+            f"{named} {address}: the scheduler's certificate is not accepted: {error.verify_message}; must "
+            f"be signed by the ca-file {files['ca_file']}, and valid now ({PAGE})"
+        ) from None
+    except ssl.SSLError as error:
+        raise ClusterError(
+            f"{named} {address}: the scheduler does not accept the certificate {files['cert']}, or has "
+            f"no TLS: {(error.reason or 'connection closed').lower().replace('_', ' ')} ({PAGE})"
+        ) from None
+    except OSError as error:
+        raise ClusterError(
+            f"{named} {address}: no Dask scheduler answers there: {error.strerror or error}"
+        ) from None
+    return given
+
+
+def _context(given: Security, files: Mapping[str, str | None], address: str, named: str) -> ssl.SSLContext:
+    for name, key in _KEYS.items():
+        path = files[name]
+        where = f"distributed.comm.tls.{key} in Dask's configuration"
+        if not path:
+            raise ClusterError(f"{named} {address}: there is no {where}; must name a file in PEM ({PAGE})")
+        if not Path(path).is_file():
+            raise ClusterError(f"{named} {address}: {where} is {path}; must be a file in PEM ({PAGE})")
+    try:
+        context: ssl.SSLContext = given.get_connection_args("client")["ssl_context"]
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"{named} {address}: {', '.join(str(path) for path in files.values() if path)}: cannot be used "
+            f"as authority, certificate and its key: {error}"
+        ) from None
+    return context
+
 
 PATIENCE_S: Final = 10.0
 _LOOK_S: Final = 5.0

@@ -1,19 +1,59 @@
-"""What the page is sent of the floor, once."""
+"""Floor, colours and recent orders as the map page receives them."""
 
 import base64
 import io
+from collections import deque
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final
 
+import msgspec
 import numpy as np
 from PIL import Image
 
 from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.observer import colours
+from actors.observer.colours import WHITE, Colour, contrast, hexadecimal
+from actors.observer.glyphs import MARKS, OWN_STATES, Mark
 from actors.robot_model import load_model
 from actors.world.world_setup import WorldSetup
-from deploy.control.appearance import legend, state_colours
-from deploy.control.wire import Floor, Line, Place
+from deploy.control.wire import Ask, Floor, LegendEntry, Line, OrderLine, Place
+
+STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
+"""What a robot may be, seen from outside. "standing": it means to visit places, and stays where it is;
+"blocked": the same with another robot near it; "idle": it stays, and means to visit none."""
+_BLACK: Final[Colour] = (0, 0, 0)
+_MARKS: Final[Mapping[str, Mark]] = MappingProxyType({
+    **{name: MARKS[name] for name in ("open", "given")},
+    "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
+    "given up": MARKS["given up"]._replace(says="place given up"),
+    "off": MARKS["off"]._replace(says="robot off"),
+    "frozen": MARKS["frozen"]._replace(says="robot frozen"),
+    "blocked": Mark("blocked", OWN_STATES["blocked"].colour, "robot blocked: it stays, and by whom"),
+    "destination": Mark("dashes", None, "the place that a robot says it visits next"),
+    "trail": Mark("trail", None, "where a robot was in the last 20 s"),
+    "link": Mark("link", None, "one robot heard the other in the last 3 s"),
+    **{name: MARKS[name] for name in ("door", "closed door", "wall", "obstacle", "jammer")},
+})  # fmt: skip
+
+
+def state_colours() -> dict[str, tuple[str, str]]:
+    """The colour of each state, and that of letters on it: white or black, whichever is read better."""
+    grounds = {state: OWN_STATES[state].colour for state in STATES}
+    return {
+        state: (hexadecimal(ground), hexadecimal(max(WHITE, _BLACK, key=lambda ink: contrast(ink, ground))))
+        for state, ground in grounds.items()
+    }
+
+
+def legend() -> tuple[LegendEntry, ...]:
+    """Every mark that the page draws."""
+    return tuple(
+        LegendEntry(name, mark.shape, hexadecimal(mark.colour) if mark.colour else "", mark.says)
+        for name, mark in _MARKS.items()
+    )
+
 
 _HALF: Final = 40
 """How opaque is what nobody knows, of 255."""
@@ -62,3 +102,60 @@ def _png(grid: OccupancyGrid) -> str:
     file = io.BytesIO()
     Image.merge("LA", (Image.new("L", (grid.columns, grid.rows)), Image.fromarray(alpha))).save(file, "PNG")
     return base64.b64encode(file.getvalue()).decode()
+
+
+KEPT: Final = 100
+"""Lines; older ones are forgotten."""
+
+
+class OrderLines:
+    """The last lines, oldest first. Equal orders in a row are one line, and so are those of one series."""
+
+    def __init__(self) -> None:
+        self._lines: deque[OrderLine] = deque(maxlen=KEPT)
+        self._series = 0
+        """Of the newest line."""
+        self._begun = 0
+        self._fresh: dict[int, OrderLine] = {}
+
+    def begin(self, wish: Ask) -> int:
+        """Take in an order that waits for its answer; the number of its line."""
+        last = self._lines[-1] if self._lines else None
+        together = last is not None and (
+            wish.order == last.order or (wish.series != 0 and wish.series == self._series)
+        )
+        self._series = wish.series
+        if last is not None and together:
+            line = msgspec.structs.replace(
+                last, order=wish.order, times=last.times + 1, waiting=last.waiting + 1
+            )
+            self._lines[-1] = line
+        else:
+            self._begun += 1
+            line = OrderLine(self._begun, wish.order, waiting=1)
+            self._lines.append(line)
+        self._fresh[line.number] = line
+        return line.number
+
+    def end(self, number: int, refusal: str) -> None:
+        """Note what became of an order of this line; an empty refusal: it was carried out."""
+        place = number - self._begun - 1
+        if -place > len(self._lines):
+            return
+        line = self._lines[place]
+        self._lines[place] = self._fresh[number] = msgspec.structs.replace(
+            line,
+            waiting=line.waiting - 1,
+            refused=line.refused + bool(refusal),
+            refusal=refusal or line.refusal,
+        )
+
+    def kept(self) -> tuple[OrderLine, ...]:
+        """All lines, oldest first."""
+        return tuple(self._lines)
+
+    def fresh(self) -> tuple[OrderLine, ...]:
+        """The lines that have changed since this was asked last."""
+        fresh = tuple(self._fresh.values())
+        self._fresh.clear()
+        return fresh

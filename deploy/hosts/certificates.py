@@ -7,6 +7,7 @@ import ipaddress
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Final
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -16,6 +17,8 @@ from cryptography.hazmat.primitives.asymmetric.ec import (
     generate_private_key,
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
+
+from deploy.hosts.channel import PemKeys
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
 """Purpose of a robot: it may be connected to. It may not connect, so its key opens no other robot."""
@@ -134,3 +137,31 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
+
+
+_DAYS: Final = 30
+"""Longer than any run; whoever finds the keys of an ended run finds nobody who would take them."""
+
+
+@dataclass(frozen=True)
+class RunKeys:
+    """Everybody's keys for one run."""
+
+    world: PemKeys
+    """Of the computer on which the run was started."""
+    hosts: dict[str, PemKeys]
+    issuer: Pair
+    """The authority: whoever drew the keys may sign more, and forgets it then."""
+
+
+def draw(hosts: Sequence[str], address: str) -> RunKeys:
+    """New keys. `hosts`: their common names. `address`: where the first computer is connected to."""
+    now = datetime.now(UTC)
+    issuer = authority("run", now, _DAYS)
+    world = machine(issuer, "world", [SERVER], [address], now, _DAYS)
+    made = {name: machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
+    return RunKeys(_keys(issuer, world), {name: _keys(issuer, pair) for name, pair in made.items()}, issuer)
+
+
+def _keys(issuer: Pair, pair: Pair) -> PemKeys:
+    return PemKeys(issuer.certificate_pem, pair.certificate_pem, pair.private_pem)

@@ -1,23 +1,98 @@
-"""Brings here what has stayed on the hosts of a run that is over."""
+"""Files that a run left on its hosts: list, fetch and remove them."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, Final
 
 import msgspec
 from distributed import Client
 
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
-from deploy.clusters.address import PAGE, ClusterError, host_and_port
-from deploy.clusters.connection import PATIENCE_S, answer, connect, machines
-from deploy.hosts import left_files
-from deploy.hosts.left_files import MOST, PIECE, Listed
+from deploy.clusters.connection import (
+    PAGE,
+    PATIENCE_S,
+    ClusterError,
+    answer,
+    connect,
+    host_and_port,
+    machines,
+)
+from deploy.hosts.channel import PART, FilePart
+from deploy.hosts.host_program import ERRAND, FOLDER, RUN, HostErrand
 from observation.results import hosts_file
-from observation.results.hosts_file import HostPart, HostsFile, LeftFile
+from observation.results.hosts_file import HostPart, HostsFile, LeftFile, Size, Sum
+
+PIECE: Final = 4 << 20
+"""Bytes of a file that are read at once."""
+MOST: Final = 10_000
+"""Files of one host."""
+_NAME: Final = re.compile(r"(?P<robot>[A-Za-z0-9_-]{1,32})/(?P=robot)(\.[0-9]{1,9})?\.(mcap|log)")
+
+
+class Listed(msgspec.Struct, frozen=True):
+    """One file."""
+
+    name: str
+    """Below the run's folder: a recording, or the log beside it."""
+    bytes: Size
+    sha256: Sum
+
+
+def listed(folder: str, run: str) -> bytes:
+    """The files there, as JSON; none where the folder is gone. Raises AcrcError."""
+    found: list[Listed] = []
+    if (place := _place(folder, run)) is None:
+        return msgspec.json.encode(found)
+    for path in sorted(place.glob("*/*")):
+        name = path.relative_to(place).as_posix()
+        if is_name(name) and path.is_file() and not path.is_symlink():
+            found.append(Listed(name, *regular_file.summed(path)))
+    if len(found) > MOST:
+        raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MOST} are fetched")
+    return msgspec.json.encode(found)
+
+
+def piece(folder: str, run: str, name: str, begin: int) -> bytes:
+    """What stands in one of them from byte `begin` on, PIECE bytes at most. Raises AcrcError."""
+    place = _place(folder, run)
+    if place is None or not is_name(name):
+        raise AcrcError(f"{name[:200]!r} is no recording")
+    with regular_file.opened(place / name, links=False) as file:
+        file.seek(begin)
+        return file.read(PIECE)
+
+
+def remove(folder: str, run: str) -> None:
+    """Remove all that has stayed there, if anything has. Raises AcrcError."""
+    if place := _place(folder, run):
+        shutil.rmtree(place.parent)
+
+
+def is_name(name: str) -> bool:
+    """True for the name of a recording or a log below a run's folder."""
+    return _NAME.fullmatch(name) is not None
+
+
+def _place(folder: str, run: str) -> Path | None:
+    """The part of the run in the folder; None if it is gone. Raises AcrcError where it is not that run's."""
+    path, ours = Path(folder), Path(tempfile.gettempdir())
+    if path.parent.resolve() != ours.resolve() or not path.name.startswith(FOLDER):
+        raise AcrcError(
+            f"{path} is no folder of a run; it would be {ours / FOLDER}…, by this worker's TMPDIR"
+        )
+    if path.is_symlink() or not path.is_dir():
+        return None
+    if typed_json.read(path / ERRAND, HostErrand, "errand of a run's host").run != run:
+        raise AcrcError(f"{path} is another run's")
+    return path / RUN
 
 
 @dataclass(frozen=True)
@@ -73,14 +148,14 @@ class _Host:
 
     def listed(self) -> Iterable[Listed]:
         """What it has of its own robots. Raises ClusterError."""
-        answer = self._ask(left_files.listed)
+        answer = self._ask(listed)
         try:
             files = msgspec.json.decode(answer, type=list[Listed])
         except (msgspec.MsgspecError, TypeError) as error:
             raise self._lie(f"no list of files: {error}") from None
         for one in files:
             robot = one.name.partition("/")[0]
-            if not left_files.is_name(one.name) or robot not in self._part.robots or len(files) > MOST:
+            if not is_name(one.name) or robot not in self._part.robots or len(files) > MOST:
                 raise self._lie(f"a file {one.name[:100]!r}, which is none of its own")
             known = self._told.left.get(one.name)
             if known is not None and (known.bytes, known.sha256) != (one.bytes, one.sha256):
@@ -98,7 +173,7 @@ class _Host:
             with regular_file.replaced(path) as part, part.open("wb") as file:
                 done, digest = 0, hashlib.sha256()
                 while done < one.bytes:
-                    data = self._ask(left_files.piece, one.name, done)
+                    data = self._ask(piece, one.name, done)
                     if not isinstance(data, bytes) or not 0 < len(data) <= min(PIECE, one.bytes - done):
                         raise self._lie(f"another piece of {one.name} than it was asked for")
                     file.write(data)
@@ -121,7 +196,7 @@ class _Host:
 
     def remove(self) -> None:
         """Have it removed there. Raises ClusterError."""
-        self._ask(left_files.remove)
+        self._ask(remove)
 
     def _ask(self, function: Callable[..., Any], *words: str | int) -> Any:
         """What the function says there. Raises ClusterError."""
@@ -140,3 +215,79 @@ class _Host:
 
     def _lie(self, what: str) -> ClusterError:
         return ClusterError(printable(f"{self._on}: host {self.name} has sent {what}"))
+
+
+_ODD: Final = frozenset({"", ".", ".."})
+
+
+class FilePartError(AcrcError):
+    """A part of a file that cannot be taken."""
+
+
+class Incoming:
+    """Writes what comes in, in those folders below `folder` that are allowed, up to `most` bytes."""
+
+    def __init__(self, folder: Path, allows: Callable[[str], bool], most: int) -> None:
+        """`folder`: without links. `allows`: tells by a folder's name."""
+        self._folder = folder
+        self._allows = allows
+        self._left = most
+
+    def take(self, part: FilePart) -> None:
+        """Write it behind what has come of its file. Raises FilePartError, and OSError."""
+        words = part.path.split("/")
+        if len(words) < 2 or not self._allows(words[0]) or _ODD & {*words} or "\0" in part.path:
+            raise FilePartError(f"a file {part.path[:200]!r}, which is none of its own")
+        self._left -= len(part.data)
+        if self._left < 0:
+            raise FilePartError("more than its robots may write")
+        path = self._folder.joinpath(*words)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._check(path)
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(path, flags, 0o644), "ab") as file:
+            file.write(part.data)
+
+    def _check(self, path: Path) -> None:
+        """Raise FilePartError where a link leads elsewhere."""
+        if path.parent.resolve() != path.parent or not path.parent.is_relative_to(self._folder):
+            raise FilePartError(f"a file {path}, to which a link leads")
+
+
+class GrowingFile:
+    """One file that is sent while it grows, from its beginning."""
+
+    def __init__(self, folder: Path, path: Path) -> None:
+        self._name = path.relative_to(folder).as_posix()
+        self._path = path
+        self._file: BinaryIO | None = None
+        self._begun = False
+
+    def part(self) -> FilePart | None:
+        """What comes next in it; None if nothing has been written since. Of an empty file one, empty."""
+        if self._file is None:
+            try:
+                self._file = regular_file.opened(self._path, links=False)
+            except OSError:
+                return None
+        data = self._file.read(PART)
+        if not data and self._begun:
+            return None
+        self._begun = True
+        return FilePart(self._name, data)
+
+    def close(self) -> None:
+        """Close it."""
+        if self._file is not None:
+            self._file.close()
+
+
+def parts(folder: Path, below: Path) -> Iterator[FilePart]:
+    """All regular files below a folder in `folder`, in order; links are left out."""
+    for path in sorted(below.rglob("*")):
+        if path.is_symlink() or not path.is_file():
+            continue
+        file = GrowingFile(folder, path)
+        while (part := file.part()) is not None:
+            yield part
+        file.close()

@@ -1,9 +1,11 @@
 """One host, as the computer sees it on which the run was started."""
 
 import math
+import select
 import signal
+import ssl
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,9 +14,11 @@ from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.silence import OUT_OF_SIGHT
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
-from deploy.hosts.channel import Channel, ChannelClosedError
-from deploy.hosts.host_messages import (
+from deploy.hosts import channel
+from deploy.hosts.channel import (
     AskPulse,
+    Channel,
+    ChannelClosedError,
     Done,
     EndedProcess,
     Fault,
@@ -29,9 +33,11 @@ from deploy.hosts.host_messages import (
     StartRobot,
     ToHost,
     Unlinked,
+    listening,
+    to_host,
 )
-from deploy.hosts.load_meter import LoadMeter
-from deploy.hosts.run_files import FilePartError, Incoming
+from deploy.hosts.fetching import FilePartError, Incoming
+from deploy.hosts.host_program import LoadMeter
 from observation.results.hosts_file import HostLoad
 
 SUSPICIOUS_S: Final = 3.0
@@ -261,3 +267,43 @@ class HostLink:
 def below(folder: Path, robots: tuple[str, ...], most: int) -> Incoming:
     """Takes what these robots have written into their folders of a run's."""
     return Incoming(folder.resolve(), frozenset(robots).__contains__, most)
+
+
+_HANDSHAKE_S: Final = 3.0
+"""Somebody who comes and says nothing keeps those out so long who come behind."""
+
+
+class HostReception:
+    """Listens until it is closed."""
+
+    def __init__(self, address: str, port: int, keys: Path) -> None:
+        """`port`: 0: any. `keys`: folder with this computer's. Raises AcrcError."""
+        self._context = channel.server_context(keys)
+        self._server = listening(address, port)
+
+    @property
+    def port(self) -> int:
+        """At which it listens."""
+        return int(self._server.getsockname()[1])
+
+    def admit(self, links: Sequence[HostLink], timeout_s: float) -> None:
+        """Wait so long for somebody, and connect the link whose host it is, if it is any that is missing."""
+        if not select.select([self._server], [], [], timeout_s)[0]:
+            return
+        plain, _ = self._server.accept()
+        plain.settimeout(_HANDSHAKE_S)
+        try:
+            encrypted: ssl.SSLSocket = self._context.wrap_socket(plain, server_side=True)
+        except (OSError, ValueError):
+            plain.close()
+            return
+        name = channel.common_name(encrypted)
+        link = next((link for link in links if link.name == name and not link.connected), None)
+        if link is None:
+            encrypted.close()
+        else:
+            link.connect(to_host(encrypted))
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        self._server.close()

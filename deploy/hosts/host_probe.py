@@ -14,7 +14,7 @@ from actors.robot import assembly
 from actors.runtime.errors import printable
 from actors.runtime.fingerprint import few, otherwise
 from actors.runtime.isolation import sandbox
-from deploy.hosts.host_messages import Words
+from deploy.hosts.channel import Words
 from observation.results.origin import versions
 
 

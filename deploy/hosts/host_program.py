@@ -5,11 +5,14 @@ through which they reach the world, and ends with the connection. In the folder 
 what it is sent comes there, too, and so does what the robots record.
 """
 
+import math
 import os
 import select
 import shutil
 import signal
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
@@ -18,6 +21,7 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.repository import REPOSITORY
 from actors.processes.launch import Launcher, launcher
 from actors.runtime.access import credentials, hosts, router_file
 from actors.runtime.access.credentials import Credentials, reveal
@@ -26,23 +30,28 @@ from actors.runtime.bus.host_router import HostRouter, open_host_router
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import own_folder
 from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
-from deploy.hosts.channel import Channel, ChannelClosedError, from_host
-from deploy.hosts.host_messages import (
+from deploy.hosts.channel import (
     AskPulse,
     Begin,
+    Channel,
+    ChannelClosedError,
     Done,
     Fault,
     FilePart,
     Finish,
+    Glimpse,
     Joined,
+    PemKeys,
     Signal,
     StartRobot,
     ToHost,
     Unlinked,
+    connect,
+    from_host,
 )
+from deploy.hosts.fetching import Incoming
 from deploy.hosts.host_robots import HostRobots
-from deploy.hosts.run_files import Incoming
-from deploy.hosts.run_tls import connect
+from observation.results.hosts_file import HostLoad
 
 ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
@@ -239,3 +248,88 @@ def _failed(channel: Channel[ToHost], error: Exception) -> int:
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))
+
+
+FOLDER: Final = "acrc-"
+"""So begins the name of a folder for one run, among the computer's temporary ones."""
+_MOST_SAID: Final = 4000
+_COMPILING_S: Final = 900.0
+"""How long a computer may take to describe itself, which compiles the kernels if they are not."""
+
+
+def describe() -> tuple[int, str, str]:
+    """The exit code, output and last words of `host_probe` on the worker's computer."""
+    words = [sys.executable, "-P", "-m", "deploy.hosts.host_probe"]
+    try:
+        done = subprocess.run(
+            words, cwd=REPOSITORY, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            timeout=_COMPILING_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return 1, "", f"took longer than {_COMPILING_S:g} s"
+    return done.returncode, done.stdout, done.stderr[-_MOST_SAID:]
+
+
+def serve(errand: bytes, keys: tuple[bytes, bytes, bytes]) -> tuple[int, str]:
+    """Be a host until its run has ended; exit code and last words of its process.
+
+    `keys`: as of PemKeys. Recordings stay in its folder where they are to, or nobody could be sent them.
+    """
+    folder = Path(tempfile.mkdtemp(prefix=FOLDER))
+    (folder / ERRAND).write_bytes(errand)
+    PemKeys(*keys).write(folder / KEYS)
+    words = [sys.executable, "-P", "-m", "deploy.hosts.host_program", str(folder)]
+    done = subprocess.run(
+        words, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    useless = folder / KEYS if done.returncode == RECORDED else folder
+    shutil.rmtree(useless, ignore_errors=True)
+    return done.returncode, done.stderr[-_MOST_SAID:]
+
+
+class LoadMeter:
+    """Adds up what its processes did between two answers, and how long answers took."""
+
+    def __init__(self) -> None:
+        self._asked_s = self._seen_s = math.nan
+        self._before: dict[int, Glimpse] = {}
+        self._watched_s = self._worked_s = self._waited_s = 0.0
+        self._answers, self._answer_s, self._slowest_s = 0, 0.0, 0.0
+
+    def asked(self) -> None:
+        """It was asked now; while an answer is out, only the first time counts."""
+        if math.isnan(self._asked_s):
+            self._asked_s = time.monotonic()
+
+    def answered(self, processes: Sequence[Glimpse]) -> None:
+        """It has told of its processes now."""
+        now = time.monotonic()
+        if not math.isnan(self._asked_s):
+            self._answers += 1
+            self._answer_s += now - self._asked_s
+            self._slowest_s = max(self._slowest_s, now - self._asked_s)
+            self._asked_s = math.nan
+        both = [(self._before[one.pid], one) for one in processes if one.pid in self._before]
+        if both:
+            self._watched_s += now - self._seen_s
+            self._worked_s += math.fsum(max(one.cpu_s - before.cpu_s, 0.0) for before, one in both)
+            self._waited_s += math.fsum(_waited_s(before, one) for before, one in both)
+        self._before, self._seen_s = {one.pid: one for one in processes}, now
+
+    @property
+    def load(self) -> HostLoad:
+        """So far."""
+        watched_s, answers = self._watched_s or math.inf, self._answers or 1
+        return HostLoad(
+            worked=round(self._worked_s / watched_s, 3),
+            waited=round(self._waited_s / watched_s, 3),
+            answer_s=round(self._answer_s / answers, 4),
+            slowest_s=round(self._slowest_s, 4),
+        )
+
+
+def _waited_s(before: Glimpse, now: Glimpse) -> float:
+    if before.queued_s is None or now.queued_s is None:
+        return 0.0
+    return max(now.queued_s - before.queued_s, 0.0)

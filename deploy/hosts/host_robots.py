@@ -19,9 +19,9 @@ from actors.runtime.isolation.sandbox import FOLDER, Names, code_places
 from actors.runtime.lifecycle import process_table
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
-from deploy.hosts.channel import Channel
-from deploy.hosts.host_messages import (
+from deploy.hosts.channel import (
     Begin,
+    Channel,
     EndedProcess,
     Fault,
     FilePart,
@@ -34,7 +34,7 @@ from deploy.hosts.host_messages import (
     StartRobot,
     ToHost,
 )
-from deploy.hosts.run_files import GrowingFile, parts
+from deploy.hosts.fetching import GrowingFile, parts
 
 _ENDS: Final = ("final", "failure")
 """What a process notes of its end."""

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import code_entries, unseen
-from deploy.hosts.listening import place_of
+from deploy.hosts.channel import place_of
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan, in_common
 
 if TYPE_CHECKING:  # what finds a cluster needs an extra that a run on one computer does not
-    from deploy.hosts.recruits import Recruits
-    from deploy.hosts.run_hosts import RunHosts
+    from deploy.hosts.run_hosts import Recruits, RunHosts
 
 _KEYS: Final = "keys"
 """Folder with this computer's keys of the run, in the world's."""
@@ -27,7 +26,7 @@ def recruits(options: RunOptions) -> Iterator["Recruits | None"]:
     if not options.on:
         yield None
         return
-    from deploy.hosts.recruits import recruited  # noqa: PLC0415
+    from deploy.hosts.run_hosts import recruited  # noqa: PLC0415
 
     with recruited(options.on, place_of(options.listen) if options.listen else None) as found:
         yield found
@@ -39,8 +38,11 @@ def hosts(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"
     if found is None:
         yield None
         return
-    from deploy.hosts.recruits import shares  # noqa: PLC0415
-    from deploy.hosts.run_hosts import RunHosts, SharedErrand  # noqa: PLC0415
+    from deploy.hosts.run_hosts import (  # noqa: PLC0415
+        RunHosts,
+        SharedErrand,
+        shares,
+    )
 
     robots = [robot.id for robot in plan.world.robots]
     placed = shares(robots, {name: offer.cores for name, offer in found.offers.items()})

@@ -19,7 +19,7 @@ from actors.runtime.lifecycle.failure import FailureNote, in_words
 from actors.runtime.lifecycle.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded
 from actors.topic import Message, Topic
-from deploy.hosts.hosted_launcher import HostedLauncher
+from deploy.hosts.run_hosts import HostedLauncher
 from deploy.run.vigil import Vigil, on_host
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)

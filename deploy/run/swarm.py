@@ -60,8 +60,7 @@ from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
 
 if TYPE_CHECKING:
-    from deploy.hosts.recruits import Recruits
-    from deploy.hosts.run_hosts import RunHosts
+    from deploy.hosts.run_hosts import Recruits, RunHosts
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""

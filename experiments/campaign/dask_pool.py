@@ -10,8 +10,7 @@ from distributed import Future, KilledWorker
 from distributed import wait as wait_for
 
 from actors.installation.repository import REPOSITORY
-from deploy.clusters.address import ClusterError
-from deploy.clusters.connection import PATIENCE_S, connect
+from deploy.clusters.connection import PATIENCE_S, ClusterError, connect
 from experiments.campaign import remote
 from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store

@@ -7,7 +7,7 @@ PROGRAM = """
 import sys, threading, time
 from distributed import Client, Event
 from deploy.clusters import connection
-from deploy.clusters.address import ClusterError
+from deploy.clusters.connection import ClusterError
 from deploy.clusters.connection import answer
 
 def late():

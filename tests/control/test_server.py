@@ -16,12 +16,12 @@ from actors.orders import (
     Move,
 )
 from actors.runtime.codec import encode
-from deploy.control.order_lines import OrderLines
+from deploy.control.page_floor import OrderLines
 from deploy.control.wire import ASK_BYTES, JunkError, ask
 from tests.control.stage import TRUTH_OF_R1, Mesh, scene, truth_of
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
-run_link = pytest.importorskip("deploy.control.run_link")
+run_link = pytest.importorskip("deploy.control.wire")
 client = pytest.importorskip("websockets.asyncio.client")
 exceptions = pytest.importorskip("websockets.exceptions")
 

@@ -24,9 +24,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from actors.installation.usage import OptionError
-from deploy.clusters.address import ClusterError, check, is_safe
-from deploy.clusters.connection import refuse_open
-from deploy.clusters.tls import security
+from deploy.clusters.connection import ClusterError, check, is_safe, refuse_open, security
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.remote import RemoteOutcome, checked

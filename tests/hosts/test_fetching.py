@@ -11,10 +11,9 @@ import msgspec
 import pytest
 
 from actors.runtime.errors import AcrcError
-from deploy.hosts import fetching, left_files
-from deploy.hosts.fetching import Fetched, fetch
+from deploy.hosts import fetching
+from deploy.hosts.fetching import Fetched, Listed, fetch
 from deploy.hosts.host_program import ERRAND, HostErrand
-from deploy.hosts.left_files import Listed
 from observation.results import hosts_file
 from observation.results.hosts_file import HostPart, HostsFile, LeftFile
 
@@ -84,7 +83,7 @@ def test_what_is_gone_there_and_not_here_is_said(there: Path, out: Path) -> None
     with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
         fetch(out, "", quiet)
     assert (there / "run" / "r2" / "r2.mcap").is_file()  # nothing is removed
-    left_files.remove(str(there), RUN)
+    fetching.remove(str(there), RUN)
     with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
         fetch(out, "", quiet)
 
@@ -92,7 +91,7 @@ def test_what_is_gone_there_and_not_here_is_said(there: Path, out: Path) -> None
 def test_more_files_than_are_fetched_are_not_removed(
     there: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(left_files, "MOST", 3)
+    monkeypatch.setattr(fetching, "MOST", 3)
     with pytest.raises(AcrcError, match="has 4 recordings and logs; at most 3 are fetched"):
         fetch(out, "", quiet)
     assert there.exists()
@@ -100,7 +99,7 @@ def test_more_files_than_are_fetched_are_not_removed(
 
 @pytest.mark.parametrize("folder", ["/etc", "acrc-y/../../acrc-x"])
 def test_a_worker_gives_nothing_of_another_folder(there: Path, tmp_path: Path, folder: str) -> None:
-    for ask in (left_files.listed, left_files.remove):
+    for ask in (fetching.listed, fetching.remove):
         with pytest.raises(AcrcError, match="is no folder of a run"):
             ask(str(tmp_path / folder), RUN)
     assert there.exists()
@@ -108,19 +107,19 @@ def test_a_worker_gives_nothing_of_another_folder(there: Path, tmp_path: Path, f
 
 def test_a_worker_gives_nothing_of_another_run_or_through_a_link(there: Path, tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="is another run's"):
-        left_files.remove(str(there), "fedcba9876543210")
+        fetching.remove(str(there), "fedcba9876543210")
     (tmp_path / "acrc-link").symlink_to(there)
-    left_files.remove(str(tmp_path / "acrc-link"), RUN)
+    fetching.remove(str(tmp_path / "acrc-link"), RUN)
     assert there.exists()
     (there / "run" / "r1" / "r1.2.mcap").symlink_to("/etc/passwd")
     with pytest.raises(OSError):
-        left_files.piece(str(there), RUN, "r1/r1.2.mcap", 0)
+        fetching.piece(str(there), RUN, "r1/r1.2.mcap", 0)
 
 
 @pytest.mark.parametrize("name", ["r1/setup.json", "r1/../../x", ".router/passwords"])
 def test_a_worker_gives_recordings_and_logs_only(there: Path, name: str) -> None:
     with pytest.raises(AcrcError, match="is no recording"):
-        left_files.piece(str(there), RUN, name, 0)
+        fetching.piece(str(there), RUN, name, 0)
 
 
 SUM = hashlib.sha256(FILES["r1/r1.mcap"]).hexdigest()
@@ -151,7 +150,7 @@ def test_a_piece_that_cannot_be_is_refused_and_what_was_here_stays(
     (out / "r1").mkdir()
     (out / "r1" / "r1.mcap").write_bytes(b"begun")
     answers(
-        monkeypatch, lambda f, *words: lie if f is left_files.piece and "r1.mcap" in words[2] else f(*words)
+        monkeypatch, lambda f, *words: lie if f is fetching.piece and "r1.mcap" in words[2] else f(*words)
     )
     with pytest.raises(AcrcError, match=r"host h has sent"):
         fetch(out, "", quiet)

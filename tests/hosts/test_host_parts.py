@@ -13,15 +13,27 @@ from hypothesis import strategies as st
 
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
-from deploy.clusters.address import plain
-from deploy.hosts import load_meter, run_keys, run_tls
-from deploy.hosts.channel import LONGEST, Channel, ChannelClosedError, from_host, to_host
-from deploy.hosts.host_messages import AskPulse, FilePart, FromHost, Glimpse, Joined, ToHost
+from deploy.clusters.connection import plain
+from deploy.hosts import certificates, channel, host_program
+from deploy.hosts.channel import (
+    LONGEST,
+    AskPulse,
+    Channel,
+    ChannelClosedError,
+    FilePart,
+    FromHost,
+    Glimpse,
+    Joined,
+    ToHost,
+    bound,
+    from_host,
+    place_of,
+    to_host,
+)
+from deploy.hosts.fetching import FilePartError, GrowingFile, Incoming, parts
 from deploy.hosts.host_probe import HostOffer, unfit
-from deploy.hosts.listening import bound, place_of
-from deploy.hosts.load_meter import LoadMeter
-from deploy.hosts.recruits import shares
-from deploy.hosts.run_files import FilePartError, GrowingFile, Incoming, parts
+from deploy.hosts.host_program import LoadMeter
+from deploy.hosts.run_hosts import shares
 from observation.results import hosts_file
 from observation.results.hosts_file import HostLoad, HostPart, HostsFile, LeftFile
 
@@ -160,7 +172,7 @@ Ends = tuple[Channel[FromHost], Channel[ToHost], ssl.SSLSocket]
 @pytest.fixture
 def ends(tmp_path: Path) -> Iterator[Ends]:
     """The two ends of a channel; the host's socket as well."""
-    keys = run_keys.draw(["h1"], HERE)
+    keys = certificates.draw(["h1"], HERE)
     keys.world.write(tmp_path / "world")
     keys.hosts["h1"].write(tmp_path / "h1")
     with ExitStack() as stack:
@@ -169,10 +181,10 @@ def ends(tmp_path: Path) -> Iterator[Ends]:
         ours, _ = server.accept()
         ours.setblocking(False)
         plain_socket.setblocking(False)
-        one = run_tls.server_context(tmp_path / "world").wrap_socket(
+        one = channel.server_context(tmp_path / "world").wrap_socket(
             ours, server_side=True, do_handshake_on_connect=False
         )
-        other = run_tls.client_context(tmp_path / "h1").wrap_socket(
+        other = channel.client_context(tmp_path / "h1").wrap_socket(
             plain_socket, server_hostname=HERE, do_handshake_on_connect=False
         )
         waiting = [one, other]
@@ -183,7 +195,7 @@ def ends(tmp_path: Path) -> Iterator[Ends]:
                     waiting.remove(end)
                 except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
                     continue
-        assert run_tls.common_name(one) == "h1"
+        assert channel.common_name(one) == "h1"
         stack.enter_context(one)
         stack.enter_context(other)
         yield to_host(one), from_host(other), other
@@ -248,7 +260,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     made = Clock()
-    monkeypatch.setattr(load_meter, "time", made)
+    monkeypatch.setattr(host_program, "time", made)
     return made
 
 

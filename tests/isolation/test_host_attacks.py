@@ -20,9 +20,8 @@ from actors.runtime.access.session_config import session_config, set_value
 from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.bus.zenoh_bus import open_session
 from actors.runtime.errors import AcrcError
-from deploy.hosts import run_keys, run_tls
-from deploy.hosts.listening import free_port
-from deploy.hosts.run_tls import PemKeys
+from deploy.hosts import certificates, channel
+from deploy.hosts.channel import PemKeys, free_port
 
 pytestmark = [pytest.mark.claim("attacks"), pytest.mark.nightly]
 HERE = "127.0.0.1"
@@ -36,7 +35,7 @@ class AttackedHosts:
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._stack, self._folder, self._marks = stack, folder, 0
-        self._keys = run_keys.draw(list(ROBOTS), HERE)
+        self._keys = certificates.draw(list(ROBOTS), HERE)
         self._endpoint = f"tls/{HERE}:{free_port(HERE)}"
         self._heard: dict[str, list[str]] = {"world": [], "r1": [], "r2": []}
         issued = credentials.issue({}, self._made("world"))
@@ -62,7 +61,7 @@ class AttackedHosts:
 
     def foreign_keys(self) -> Keys:
         """Keys of h1 in another run, with this run's authority."""
-        other = run_keys.draw(["h1"], HERE).hosts["h1"]
+        other = certificates.draw(["h1"], HERE).hosts["h1"]
         mixed = PemKeys(self._keys.world.authority, other.certificate, other.private_key)
         return load_keys(self._written("foreign", mixed))
 
@@ -83,7 +82,7 @@ class AttackedHosts:
         client.load_verify_locations(self._folder / "keys" / "authority.pem")
         if keys is not None:
             client.load_cert_chain(keys.certificate, keys.private_key)
-        return _handshake(run_tls.server_context(self._folder / "keys"), client)
+        return _handshake(channel.server_context(self._folder / "keys"), client)
 
     def hears(self, actor: str, token: str) -> bool:
         """Return whether an actor has received the token, once everything sent before has arrived."""
