@@ -171,39 +171,17 @@ def test_keys_without_default_are_needed(tmp_path: Path, key: str) -> None:
         ({"mode": "scaled"}, "mode is 'scaled', but must be trinary, scale or raw."),
         ({"image": "[a, b]"}, "image is ['a', 'b'], but must be the name of a file."),
         ({"resolution": "fine"}, "resolution is 'fine', but must be a number below 1e9."),
-        ({"resolution": ".inf"}, "resolution is '.inf', but must be a number below 1e9."),
         ({"resolution": "nan"}, "resolution is 'nan', but must be a number below 1e9."),
-        ({"resolution": "true"}, "resolution is 'true', but must be a number below 1e9."),
-        ({"resolution": "0.05 m"}, "resolution is '0.05 m', but must be a number below 1e9."),
         ({"resolution": "0"}, "resolution is 0, but a cell must be longer than 0 m."),
-        ({"resolution": "-0.05"}, "resolution is -0.05, but a cell must be longer than 0 m."),
         ({"negate": "2"}, "negate is '2', but must be 0, 1, true or false."),
         (
             {"origin": "[0, 0]"},
             "origin is ['0', '0'], but must be three numbers below 1e9: x, y in m, yaw in rad.",
         ),
         (
-            {"origin": "[0, .nan, 0]"},
-            "origin is ['0', '.nan', '0'], but must be three numbers below 1e9: x, y in m, yaw in rad.",
-        ),
-        (
-            {"origin": "{x: 1}"},
-            "origin is '…', but must be three numbers below 1e9: x, y in m, yaw in rad.",
-        ),
-        (
             {"free_thresh": "0.7"},
             "free_thresh 0.7 and occupied_thresh 0.65 are out of order;"
             " right is 0 ≤ free_thresh ≤ occupied_thresh ≤ 1.",
-        ),
-        (
-            {"occupied_thresh": "65"},
-            "free_thresh 0.196 and occupied_thresh 65 are out of order;"
-            " right is 0 ≤ free_thresh ≤ occupied_thresh ≤ 1.",
-        ),
-        (
-            {"origin": "[388096.0, 3948996.0, 0]"},
-            "origin (388096, 3948996) is too far from 0: coordinates of the map must be within ±100000 m; set"
-            " origin to [0, 0, 0] and subtract (388096, 3948996) from coordinates that you give.",
         ),
         (
             {"origin": "[99999.9, 0, 0]"},
@@ -220,11 +198,6 @@ def test_a_wrong_value_is_named_with_what_would_be_right(
     tmp_path: Path, changes: dict[str, str], sentence: str
 ) -> None:
     assert refusal(written(tmp_path, **changes)) == f"plan.yaml: {sentence}"
-
-
-def test_an_integer_beyond_any_float_is_no_number(tmp_path: Path) -> None:
-    path = written(tmp_path, resolution="1" + "0" * 400)
-    assert refusal(path).endswith(", but must be a number below 1e9.")
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:
@@ -249,13 +222,6 @@ def test_yaml_that_is_none(tmp_path: Path, content: bytes, sentence: str) -> Non
     path = tmp_path / "plan.yaml"
     path.write_bytes(content)
     assert refusal(path) == f"plan.yaml: {sentence}"
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"[" * 60_000, b"\x00", b"%YAML:1.0\nimage: m.pgm"])
-def test_bytes_at_random_are_refused_too(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "plan.yaml"
-    path.write_bytes(content)
-    assert refusal(path).startswith("plan.yaml: this is not YAML: ")
 
 
 scalars = st.one_of(st.floats().map(str), st.integers().map(str), st.text(max_size=8), st.just("[1, 2, 3]"))

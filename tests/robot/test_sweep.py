@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from actors.geometry import Pose
 from actors.instant import Instant
@@ -10,6 +11,7 @@ from actors.messages import Scan
 from actors.robot.sweep import Sweeps
 from actors.runtime.errors import AcrcError
 from tests.robot.base import model
+from tests.robot.rig import Robot, refusal
 
 KIND = model(rays=8)
 RANGES = bytes(range(16))
@@ -57,3 +59,15 @@ def test_an_earlier_scan_of_the_step_gets_its_own_pose() -> None:
     latest = sweeps.take(Instant(200), _odometry(2.0), Scan(200, RANGES))
     assert latest is not None and latest.pose.x == 2.0
     assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
+
+
+@pytest.mark.parametrize("wild", [float("nan"), float("inf"), -1e200])
+@pytest.mark.parametrize("field", ["x", "y", "heading", "vx", "vy", "omega"])
+def test_odometry_that_cannot_be_is_refused(field: str, wild: float) -> None:
+    robot = Robot()
+    senses = robot.base.senses(0)
+    senses = replace(senses, odometry=replace(senses.odometry, **{field: wild}))
+    told = refusal(robot, senses=senses)
+    assert told.startswith("step 0: r1 got the odometry (") and f"{wild:g}" in told
+    assert told.endswith("; each should be at most 100000")
+    assert robot.behaviour.views == []

@@ -67,9 +67,7 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("mass = 22.0", "mass = -1.0", f"mass is -1.0, {MASS}"),
         ("mass = 22.0", "mass = nan", f"mass is NaN, {MASS}"),
-        ("mass = 22.0", "mass = '22'", f'mass is "22", {MASS}'),
         ("mass = 22.0", "", f"mass is missing, {MASS}"),
         (
             "mass = 22.0",
@@ -77,17 +75,7 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
             "colour is not known; known are name, mass, friction, odometry, default_sensor, "
             "footprint, drive, bumper, sensors",
         ),
-        (
-            '"omnidirectional"',
-            '"legs"',
-            'drive.kind is "legs", but must be "differential" or "omnidirectional"',
-        ),
-        (
-            "watchdog",
-            "watch_dog",
-            "drive.watch_dog is not known; did you mean drive.watchdog?",
-        ),
-        ("rays = 360", "rays = 1", "sensors.lidar.rays is 1, but must be a whole number from 2 to 10000"),
+        ("watchdog", "watch_dog", "drive.watch_dog is not known; did you mean drive.watchdog?"),
         (
             "range_max = 8.0",
             "range_max = 0.1",
@@ -102,11 +90,6 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
             '"stage"',
             '"kobuki"',
             "the file must have a differential drive where odometry is 'kobuki', which reads two wheels",
-        ),
-        (
-            '"stage"',
-            '"gps"',
-            'odometry is "gps", but must be "exact", "stage" or "kobuki"',
         ),
         (
             'default_sensor = "kinect"',
@@ -125,12 +108,6 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
             "outward at (0, 0.15)",
         ),
         (
-            "    [-0.25, 0.13],\n    [-0.25, -0.13],\n    [-0.19, -0.19],\n",
-            "    [0.1, 0.0],\n",
-            "footprint must hold the vertices of a convex polygon round (0, 0), but it does not bend "
-            "outward at (0.1, 0)",
-        ),
-        (
             "[0.19, 0.19]",
             "[0.19, true]",
             "footprint.vertices[2] is [0.19, true], but must be a point [x, y] in m",
@@ -140,14 +117,8 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
             "[sensors]\nlidar = 3\n[sensors.other]",
             "sensors.lidar is 3, but must be a table [sensors.lidar]",
         ),
-        ("[bumper]", "[bumpers]", "bumpers is not known; did you mean bumper?"),
-        (
-            "[footprint]",
-            "[footprint",
-            "this is no TOML: Expected ']' at the end of a table declaration (at line 9, column 12)",
-        ),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     said = refusal(tmp_path, old, new)
     assert said == f"broken.toml: {sentence}"
