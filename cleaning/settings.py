@@ -1,12 +1,10 @@
 """A strategy's parameters out of a scenario's table [strategy]."""
 
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
@@ -30,28 +28,6 @@ class SettingsError(AcrcError):
     """Settings that a strategy does not have, or that make no sense in it."""
 
 
-class MadeSettings(NamedTuple):
-    """What has become of settings."""
-
-    names: frozenset[str]
-    """Of the settings that were given."""
-    parameters: object
-
-
-_made_so_far: ContextVar[list[MadeSettings] | None] = ContextVar("_made_so_far", default=None)
-
-
-@contextmanager
-def made_meanwhile() -> Iterator[list[MadeSettings]]:
-    """All that `from_settings` gives for as long as this lasts, in order."""
-    made: list[MadeSettings] = []
-    token = _made_so_far.set(made)
-    try:
-        yield made
-    finally:
-        _made_so_far.reset(token)
-
-
 def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
     """The frozen dataclass `kind` with the fields that `settings` names, the others as it has them.
 
@@ -71,11 +47,7 @@ def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
     for name in required:
         if name not in values:
             raise SettingsError(f"{_TABLE}.{name} is missing, but must be {_right(kinds.get(name))}")
-    parameters = _made(kind, values, settings, required)
-    made = _made_so_far.get()
-    if made is not None:
-        made.append(MadeSettings(frozenset(settings), parameters))
-    return parameters
+    return _made(kind, values, settings, required)
 
 
 def _settable(kind: type[Any]) -> dict[str, Any]:

@@ -123,28 +123,16 @@ def causes(
     folder: Annotated[
         Path, typer.Argument(metavar="OUT", show_default=False, help="A simulated run's folder.")
     ],
-    what_if: Annotated[
-        bool,
-        typer.Option(
-            "--what-if", help="Say how many more places were done without what was ordered and kept robots."
-        ),
-    ] = False,
     json: Json = False,
-    modules: Modules = None,
-    trust: Trust = False,
 ) -> None:
     """Say where the robots' time went, by cause.
 
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
-
-    With --what-if it makes the run again without each dead robot, jam, closed door and thing behind that.
     """
-    from actors.robot.behaviour.foreign import permit_of
     from command_line.experiments import causes_command
 
-    permit = permit_of(modules, trust=trust)
-    causes_command.run(folder, asks=what_if, permit=permit, json_output=json)
+    causes_command.run(folder, json_output=json)
 
 
 def compare(

@@ -9,7 +9,6 @@ import msgspec
 from rich.table import Table
 
 from actors.console import print_table, screen
-from actors.robot.behaviour.foreign import Permit
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, TimeSpent
 
@@ -17,16 +16,9 @@ _MOST: Final = 20
 """Blockings and decisions that are shown one by one; --json has all."""
 
 
-def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
-    """Account for the run in the folder, and print what came of it; `asks`: and what without what kept it."""
-    spent, more = account(folder), 0
-    if asks:
-        from deploy.branches.what_if import MOST, omissions, what_if
-
-        omitted = omissions(folder, spent)
-        more = max(len(omitted) - MOST, 0)
-        told = what_if(folder, omitted[:MOST], permit) if omitted else ()
-        spent = msgspec.structs.replace(spent, what_if=tuple(told))
+def run(folder: Path, *, json_output: bool) -> None:
+    """Account for the time of the run in the folder, and print it."""
+    spent = account(folder)
     if json_output:
         sys.stdout.write(msgspec.json.encode(spent).decode() + "\n")
         return
@@ -37,15 +29,6 @@ def run(folder: Path, *, asks: bool, permit: Permit, json_output: bool) -> None:
             print_table(console, table)
     for sentence in _sentences(spent):
         console.print(sentence)
-    if asks and not spent.what_if:
-        console.print("nothing that was ordered kept the robots, so there is nothing to leave out")
-    for one in spent.what_if:
-        console.print(
-            f"without {one.without}: {'+' if one.places >= 0 else '-'} {abs(one.places)} places "
-            "(by the end of the run)"
-        )
-    if more:
-        console.print(f"not tried: {more} more orders")
 
 
 def _times(spent: TimeSpent) -> Table:

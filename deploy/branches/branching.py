@@ -14,13 +14,11 @@ from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
-from deploy.branches import settings_changed
-from deploy.branches.change import Change, boundary, with_events, without
+from deploy.branches.change import Change, boundary, changed, control_of, with_events
 from deploy.branches.divergence import Divergence, divergence
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.scenario import events
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 from observation.replay.record_check import check
@@ -53,8 +51,6 @@ class Branched:
     """A sentence for each event that the world refused, or that came behind the end."""
     control: BranchedControl | None = None
     """None: no setting was changed, or another strategy took over."""
-    unchanged: bool = False
-    """True: strategy and settings were asked for as they were, so nothing was made anew."""
 
 
 def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> Branched:
@@ -78,24 +74,18 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         raise AcrcError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
-    gone = () if change.without is None else change.without.orders
-    scenario = events.without(scenario, gone, step_us)
     chosen = change.strategy is not None or bool(change.settings)
-    changed = settings_changed.changed(scenario, change) if chosen else scenario
-    modules = admitted(origin / SCENARIO, entry(changed.run.strategy), module_folders(changed), permit)
+    branched = changed(scenario, change) if chosen else scenario
+    modules = admitted(origin / SCENARIO, entry(branched.run.strategy), module_folders(branched), permit)
     options = replace(options, modules=modules)
-    anew = settings_changed.control(scenario, change) if chosen else None
-    unchanged = anew is not None and settings_changed.same(changed, anew, modules)
-    if unchanged:
-        changed, anew = scenario, None
+    anew = control_of(scenario, change) if chosen else None
 
     def carry_out(of: Scenario, into: RunOptions, watch: _StepWatch) -> RunResult:
-        recorded = without(recorded_orders(files["world"]), gone)
-        orders = OrderBus(with_events(recorded, change.events, step_us))
+        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
         return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
 
     watch = _StepWatch(first)
-    result = carry_out(changed, options, watch)
+    result = carry_out(branched, options, watch)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
         raise AcrcError(
@@ -113,7 +103,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         str(origin.absolute()),
         told.digest,
         change.at_s,
-        change.events_words if unchanged else change.words,
+        change.words,
         "" if parted is None else parted.words,
         "" if control is None else control.digest,
         "" if control is None or control.divergence is None else control.divergence.words,
@@ -121,7 +111,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     result = _with_origin(result, about, options.out)
     seal(options.out)
     undone = _undone(change, step_us, result, done)
-    return Branched(result, parted, watch.again_s, undone, control, unchanged)
+    return Branched(result, parted, watch.again_s, undone, control)
 
 
 class _StepWatch:

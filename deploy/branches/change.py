@@ -1,21 +1,34 @@
-"""What is changed where a branch leaves its run: read from the command line, and brought among the orders."""
+"""Change at which a branch leaves its run: strategy, settings and events from the command line.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+Another value of a setting means a behaviour that is made anew, without the state of the one before. So a
+branch with a changed value is also compared with its control: the same strategy made anew at the same instant,
+with the values that it had.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, Final
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import CONTROL, Control
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import Setting, succession
+from actors.robot.behaviour.succession import Turn
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
+from cleaning.strategies import entry
 from deploy.run import orders
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import Scenario
 from observation.replay.recorded_orders import TimedControl
+
+_STRATEGY: Final = "strategy."
 
 
 @dataclass(frozen=True)
@@ -29,16 +42,6 @@ class BranchEvent:
 
 
 @dataclass(frozen=True)
-class Omission:
-    """Something that was ordered in the run, and is not ordered in the branch."""
-
-    words: str
-    """What there is not then, as in `r2 dead`."""
-    orders: tuple[tuple[int, Order], ...]
-    """By the steps at whose beginning they were taken, the first one first; those that undo it included."""
-
-
-@dataclass(frozen=True)
 class Change:
     """Where a branch leaves its run, and how."""
 
@@ -49,7 +52,6 @@ class Change:
     """Of the strategy from there on: where they differ from what they were, or another one has."""
     events: tuple[BranchEvent, ...] = ()
     """In the order in which they were given."""
-    without: Omission | None = None
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -57,13 +59,8 @@ class Change:
         from_then = f"from {self.at_s:g} s on"
         changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
         settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
-        return (*changed, *settings, *self.events_words)
-
-    @property
-    def events_words(self) -> tuple[str, ...]:
-        """The same of what is ordered alone."""
-        omitted = () if self.without is None else (f"without {self.without.words}",)
-        return (*omitted, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
+        events = (f"{event.words} at {event.at_s:g} s" for event in self.events)
+        return (*changed, *settings, *events)
 
 
 def place(text: str) -> tuple[Path, float]:
@@ -121,15 +118,6 @@ def with_events(
     return given
 
 
-def without(recorded: Iterable[TimedControl], gone: Sequence[tuple[int, Order]]) -> Iterator[TimedControl]:
-    """The orders that a run was given, but for some."""
-    for taken in recorded:
-        told = decode(at(CONTROL).topic, CONTROL.key(), taken.payload)
-        assert isinstance(told, Control)
-        kept = tuple(order for order in told.orders if (taken.step, order) not in gone)
-        yield taken if kept == told.orders else TimedControl(taken.step, _encoded(kept, told.ticket))
-
-
 @dataclass(frozen=True)
 class _Boundary:
     step: int
@@ -148,3 +136,55 @@ def _by_step(events: Sequence[BranchEvent], step_us: int) -> list[_Boundary]:
 
 def _encoded(given: tuple[Order, ...], ticket: str = "") -> bytes:
     return encode(Control(0, given, ticket), CONTROL.key())
+
+
+def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[str, Setting]:
+    """The strategy's settings that a command line sets, by name.
+
+    Every other key must have the value that the run had, as its scenario in `file` says.
+    Raises OptionError, and AcrcError for what no scenario can hold.
+    """
+    found: dict[str, Setting] = {}
+    for key, value in given:
+        if key.startswith(_STRATEGY) and key != _STRATEGY:
+            found[key.removeprefix(_STRATEGY)] = value
+        elif _told(load_scenario(file, Overrides(settings=((key, value),)))) != _told(load_scenario(file)):
+            raise wrong_value(
+                "--set",
+                key,
+                "strategy.NAME with --from, or the value that the run had; with another one it is no branch",
+            )
+    return found
+
+
+def _told(scenario: Scenario) -> tuple[object, ...]:
+    """All that the actors of a run are told of it."""
+    settled = resolve(scenario)
+    return settled.world, settled.radio, settled.behaviour, settled.adaptation, settled.stack
+
+
+def changed(scenario: Scenario, change: Change) -> Scenario:
+    """The scenario beside the branch: with the other strategy, or other settings, from the instant on."""
+    present = _present(scenario, change)
+    settings = change.settings if change.strategy else {**present.settings, **change.settings}
+    return _from(scenario, Turn(change.at_s, change.strategy or present.name, settings))
+
+
+def control_of(scenario: Scenario, change: Change) -> Scenario | None:
+    """The scenario with the strategy made anew there, with its own values; None if another one takes over."""
+    present = _present(scenario, change)
+    if change.strategy is not None and entry(change.strategy) != entry(present.name):
+        return None
+    return _from(scenario, Turn(change.at_s, present.name, present.settings))
+
+
+def _present(scenario: Scenario, change: Change) -> Turn:
+    """Whose turn it is where the branch leaves the run."""
+    first, turns = succession.split(scenario.run.strategy)
+    return [Turn(0.0, first, scenario.strategy), *(one for one in turns if one.at_s < change.at_s)][-1]
+
+
+def _from(scenario: Scenario, turn: Turn) -> Scenario:
+    first, turns = succession.split(scenario.run.strategy)
+    strategy = succession.joined(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
+    return scenario.model_copy(update={"run": scenario.run.model_copy(update={"strategy": strategy})})

@@ -13,10 +13,9 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
 from deploy.branches.branching import Branched, branch
-from deploy.branches.change import Change, event
+from deploy.branches.change import Change, event, strategy_settings
 from deploy.branches.change import place as place_of
 from deploy.branches.divergence import Divergence
-from deploy.branches.settings_changed import strategy_settings
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked, folder_name
@@ -52,7 +51,7 @@ def continue_run(
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
     console = screen(stderr=True)
-    changes = "; ".join(change.events_words if branched.unchanged else change.words) or "nothing changed"
+    changes = "; ".join(change.words) or "nothing changed"
     console.print(
         f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
     )
@@ -68,11 +67,7 @@ def continue_run(
 
 
 def _print_control(console: Console, branched: Branched, at_s: float) -> None:
-    """What of the difference is the new values' doing, and what the strategy's, which was made anew."""
-    if branched.unchanged:
-        console.print(
-            "the strategy and its settings are those it had: it goes on as it was, and is not made anew"
-        )
+    """Print whether the new values make a difference to the same strategy made anew."""
     control = branched.control
     if control is None:
         return

@@ -1,7 +1,7 @@
 """The events of a scenario: whether they make sense one after the other, and the orders they stand for."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from actors import orders
@@ -42,13 +42,6 @@ def fault(scenario: Scenario) -> str | None:
 def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
     """The orders in order of their instants; those of one instant in the order of the file."""
     return tuple(_timed(scenario.event[index]) for index in _by_instant(scenario))
-
-
-def without(scenario: Scenario, gone: Sequence[tuple[int, Order]], step_us: int) -> Scenario:
-    """The scenario without the events that give these orders at the beginning of these steps."""
-    timed = [(event, _timed(event)) for event in scenario.event]
-    kept = tuple(event for event, one in timed if (one.step(step_us), one.order) not in gone)
-    return scenario.model_copy(update={"event": kept})
 
 
 def _timed(event: EventTable) -> TimedOrder:

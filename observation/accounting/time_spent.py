@@ -151,15 +151,6 @@ class Blame(msgspec.Struct, frozen=True):
     """Of all that waited, together."""
 
 
-class WhatIf(msgspec.Struct, frozen=True):
-    """What had come of the run without one thing that kept robots from getting on."""
-
-    without: str
-    """As in `r2 dead`."""
-    places: int
-    """So many more were done by the end of the run; negative: fewer."""
-
-
 class TimeSpent(msgspec.Struct, frozen=True):
     """Where the time of one run went, by ground truth."""
 
@@ -176,5 +167,3 @@ class TimeSpent(msgspec.Struct, frozen=True):
     """None in records from before they were counted."""
     blames: tuple[Blame, ...] = ()
     """In the order of the scenario's robots; a deadlock has none."""
-    what_if: tuple[WhatIf, ...] = ()
-    """Of the orders behind it, each left out; empty unless somebody asked."""

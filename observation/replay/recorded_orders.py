@@ -2,18 +2,16 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
+from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Truth
 from actors.orders import Order
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.recording import Note, read_recording
-from actors.world.world_setup import TimedOrder
 
 
 class TimedControl(NamedTuple):
@@ -65,13 +63,3 @@ def recorded_orders(world: Path) -> Iterator[TimedControl]:
         elif item.key == CONTROL.pattern:
             assert item.payload is not None, "the receiver of a message keeps it in full"
             yield TimedControl(boundary, item.payload)
-
-
-def given_orders(events: Iterable[TimedOrder], step_us: int, world: Path) -> list[GivenOrder]:
-    """All that a run was given, the scenario's `events` and those from outside, as the world took them."""
-    given = [GivenOrder(one.step(step_us), one.order) for one in events]
-    for step, payload in recorded_orders(world):
-        told = decode(at(CONTROL).topic, CONTROL.key(), payload)
-        assert isinstance(told, Control)
-        given += [GivenOrder(step, order) for order in told.orders]
-    return sorted(given, key=attrgetter("step"))

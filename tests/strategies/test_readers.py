@@ -19,7 +19,7 @@ READERS = (
     "view {out} --png --html --svg", "view {out} --json", "replay {out} --modules .",
     "replay {out} --robot r2 --modules . --no-isolate", "export {out} --modules .",
     "export {out} --mcap ros2 --modules .",
-    "report {out}", "causes {out} --what-if --modules .", "record echo {out} r1/drive",
+    "report {out}", "causes {out}", "record echo {out} r1/drive",
     "record plot {out} r1/drive vx --out {out}/vx.png",
 )  # fmt: skip
 SHIPPED_FILES = {
