@@ -29,7 +29,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
-from benchmarks.statistics.measured import Measured
+from benchmarks.measured import Measured
 from deploy.hosts import certificates
 
 HERE: Final = "10.77.0.1"

@@ -29,7 +29,7 @@ from actors.robot.navigation.navfn import NavfnPlanner, global_costs
 from actors.robot.navigation.planning import PLANNER_PRESETS
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.measured import Measured
+from benchmarks.measured import Measured
 
 PRESET: Final = "chapter"
 CATEGORIES: Final = ("free", "near_goal", "turning")

@@ -6,7 +6,7 @@ from typing import Final
 from rich.table import Table
 
 from benchmarks.hardware import beeclick, kobuki
-from benchmarks.statistics.measured import Measured
+from benchmarks.measured import Measured
 
 _LEAST_SHARE: Final = 0.95
 """Of what line or air can carry."""

@@ -12,7 +12,7 @@ from rich.table import Table
 from actors.installation.repository import SHIPPED
 from actors.processes.launch import Launcher
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.measured import Measured
+from benchmarks.measured import Measured
 from deploy.laboratory import hardware_in_the_loop
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

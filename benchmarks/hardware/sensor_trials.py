@@ -17,8 +17,8 @@ from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import FLOORS, SITUATIONS, accusations, starts_on
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.runs import in_order
+from benchmarks.measured import Measured
+from tests.parallel import in_order
 
 SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""

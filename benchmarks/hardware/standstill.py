@@ -17,7 +17,7 @@ from rich.table import Table
 
 from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, held, killed, stopped
-from benchmarks.statistics.measured import Measured, table_of
+from benchmarks.measured import Measured, table_of
 from firmware_bridge.device_lines import RADIO, RANGE
 
 PROCESSES: Final = {

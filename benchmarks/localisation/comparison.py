@@ -27,7 +27,7 @@ from benchmarks.localisation.tracking import (
     localisation,
     replay,
 )
-from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.measured import Measured, proportion
 
 _RESAMPLES: Final = 2000
 

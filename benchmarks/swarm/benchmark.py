@@ -13,7 +13,7 @@ from rich.table import Table
 
 from actors.console import screen
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.measured import Measured, SpeedGoal, at_least, at_most, table_of
+from benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
 from benchmarks.swarm.over_mesh import Memory, MeshFigures, mesh_ms, over_mesh
 from benchmarks.swarm.runs import KINDS, MemoryFigures, Range, SwarmTask, in_memory, memory_ms
 

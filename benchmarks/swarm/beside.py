@@ -20,8 +20,8 @@ from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.commands import spent
-from benchmarks.statistics.measured import ConfidenceInterval, Measured, average
+from benchmarks.commands import spent
+from benchmarks.measured import ConfidenceInterval, Measured, average
 from deploy.run.options import Bus
 
 HERE: Final = "here"

@@ -9,7 +9,7 @@ from rich.table import Table
 from actors.console import screen
 from actors.installation.repository import clone
 from actors.installation.usage import OptionError, wrong_value
-from benchmarks.statistics.measured import Measured
+from benchmarks.measured import Measured
 from benchmarks.swarm import counts
 from benchmarks.swarm.counts import ROBOTS, SECONDS, CountedSteps, MeshCounts, StepCounts
 from deploy.run.options import Bus

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.bus.memory_bus import MemoryBus
-from benchmarks.statistics.commands import ACRC, spent
+from benchmarks.commands import ACRC, spent
 from benchmarks.swarm.profiles import by_room, counted_blocks, entries, name_of
 from benchmarks.swarm.runs import SwarmTask, planned, profiled, recorded_bytes
 from deploy.run import swarm

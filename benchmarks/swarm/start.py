@@ -18,8 +18,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import read_notes
-from benchmarks.statistics.commands import spent
-from benchmarks.statistics.measured import Measured, SpeedGoal, at_most, table_of
+from benchmarks.commands import spent
+from benchmarks.measured import Measured, SpeedGoal, at_most, table_of
 
 ROBOTS: Final = (4, 20, 100)
 _STEP_S: Final = 2.5

@@ -48,7 +48,7 @@ BENCHMARKS: Final = {
         "benchmarks.radio.benchmark", "the medium; with --out the figures of docs/radio.md",
         ("out", "data", "map_file"),
     ),
-    "world": Benchmark("benchmarks.world.world", "physics and scans beside other simulators", ("map_file",)),
+    "world": Benchmark("benchmarks.world", "physics and scans beside other simulators", ("map_file",)),
 }  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def bench(
 ) -> None:
     """Measure time and memory; without NAME, list the benchmarks."""
     from actors.installation.usage import wrong_value
-    from benchmarks.statistics.measured import tell
+    from benchmarks.measured import tell
 
     if name is None:
         for known, one in BENCHMARKS.items():

@@ -127,11 +127,11 @@ def verify(
 
 def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) -> int:
     """Compare with the user's data; the exit code. Raises OptionError, AcrcError."""
-    from benchmarks.statistics.measured import tell
+    from benchmarks.measured import tell
 
     name = _compared(names, given)
     if name == "radio":
-        from benchmarks.radio.truth import check as radio
+        from benchmarks.radio.comparison import check as radio
 
         found = radio(given["data"], given.get("runs", 10))
     elif name == "localisation":
@@ -255,6 +255,6 @@ def _show(results: Sequence[ClaimResult], *, json_output: bool) -> None:
 
 
 def _print(figures: Any, table: Table, *, json_output: bool) -> None:
-    from benchmarks.statistics.measured import Measured, tell
+    from benchmarks.measured import Measured, tell
 
     tell(Measured(figures, (table,)), json_output=json_output)

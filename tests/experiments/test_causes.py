@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from actors.randomness import generator
-from benchmarks.statistics.runs import in_memory, in_order
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, DeadlockCount, TimeSpent
 from observation.evidence.run_reader import read_run
 from tests.experiments.situations import NECKS, PLANTED, Plant, Robot, Situation, quiet
+from tests.parallel import in_memory, in_order
 
 Record = Callable[[str, object], None]
 LEAST_S = 3.0

@@ -11,8 +11,7 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import seconds
-from benchmarks.statistics.measured import average, proportion
-from benchmarks.statistics.runs import in_memory, in_order
+from benchmarks.measured import average, proportion
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting.account import judge
 from observation.accounting.episodes import STANDARD, Episode, lost, runs, standing
@@ -21,6 +20,7 @@ from observation.accounting.said import ABORTED
 from observation.accounting.tracks import Tracks
 from observation.evidence.run_reader import read_run
 from observation.results.navigation_result import GivenGoal
+from tests.parallel import in_memory, in_order
 
 WINDOW = 10
 ALWAYS = np.ones(60, np.bool_)

@@ -3,18 +3,20 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+import pytest
 from PIL import Image
 
 from actors.installation.repository import REPOSITORY
-from benchmarks.radio import plots
-from benchmarks.radio.plots import PlotTask
+from benchmarks.radio import benchmark
+from benchmarks.radio.benchmark import MEASURED_LINKS, PlotTask
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
 def test_the_figures_are_drawn(tmp_path: Path) -> None:
     task = PlotTask(frames=10, places=50, seeds=1, senders=(2,))
-    found = plots.draw(tmp_path, REPOSITORY / "maps" / "corridor.yaml", task=task)
+    found = benchmark.draw(tmp_path, REPOSITORY / "maps" / "corridor.yaml", task=task)
     names = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]
     assert found.figures == {"written": [str(tmp_path / name) for name in names], "reference": False}
     assert found.shown[-1] == "Without the dots of ns-3, whose figures --data gives."
@@ -39,3 +41,13 @@ def test_the_page_shows_every_figure_of_the_command() -> None:
         "corridor.png",
     ):
         assert f"(radio/{name})" in page and (REPOSITORY / "docs" / "radio" / name).is_file()
+
+
+@pytest.mark.claim("links")
+def test_shadowing_of_6_db_makes_links_as_measured_ones() -> None:
+    (series,) = [one for one in benchmark._grey_zone(PlotTask()).series if one.name == "shadowing 6 dB"]
+    own = {power: float(np.interp(power, series.x, series.y)) for power in MEASURED_LINKS}
+    above = [power for power, measured in MEASURED_LINKS.items() if measured >= 0.7]
+    assert [own[power] for power in above] == pytest.approx([MEASURED_LINKS[p] for p in above], abs=0.06)
+    below = [power for power in MEASURED_LINKS if power not in above]
+    assert all(own[power] > MEASURED_LINKS[power] for power in below)  # measured links end 2.5 dB sooner

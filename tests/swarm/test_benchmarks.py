@@ -19,7 +19,7 @@ from actors.geometry import Pose, Twist
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.commands import spent
+from benchmarks.commands import spent
 from benchmarks.swarm import benchmark, beside, budget, counts, profiles
 from benchmarks.swarm.beside import PairedCase, ProjectState, other
 from benchmarks.swarm.counts import CountedSteps, StepCounts

@@ -3,14 +3,14 @@
 from pathlib import Path
 from unittest.mock import patch
 
-from benchmarks.world import plain_swarm, scan, world
+from benchmarks import world
 
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
 def test_scans_agree_with_pymunk_on_the_corridor() -> None:
-    task = scan.ScanTask(rays=(64, 640), robots=10, repeats=1, peer_repeats=1)
-    found = scan.measure(CORRIDOR, task)
+    task = world.ScanTask(rays=(64, 640), robots=10, repeats=1, peer_repeats=1)
+    found = world.measure_scans(CORRIDOR, task)
     for speed in found.figures["speeds"]:
         assert speed["median_difference_mm"] <= 0.5 and speed["disagreements"] < 0.002
     assert str(found.shown[-1]).startswith("goal, mm from pymunk with 640 rays, at most 5: ")
@@ -18,13 +18,13 @@ def test_scans_agree_with_pymunk_on_the_corridor() -> None:
 
 def test_the_world_is_measured_beside_what_is_known_of_stage() -> None:
     task = world.WorldTask(robots=(4, 20), rays=(60,), seconds_long=2, repeats=1)
-    small = scan.ScanTask(rays=(64,), robots=2, repeats=1, peer_repeats=1)
-    with patch.object(scan, "ScanTask", lambda: small):
+    small = world.ScanTask(rays=(64,), robots=2, repeats=1, peer_repeats=1)
+    with patch.object(world, "ScanTask", lambda: small):
         found = world.measure(CORRIDOR, task)
     speeds, said = found.figures["speeds"], [str(one) for one in found.shown]
     assert [(speed["robots"], speed["stage"]) for speed in speeds] == [(4, 422.0), (20, 61.0)]
     assert all(speed["speed"] > 0 and speed["ratio"] > 0 for speed in speeds)
-    missing = plain_swarm.version() is None
+    missing = world.navground_version() is None
     assert ("navground is not installed: it was NOT measured." in said) == missing
     assert any(one.startswith("goal, times Stage everywhere, at least 1:") for one in said)
     assert any(one.startswith("goal, times navground everywhere, at least 1:") for one in said) != missing

@@ -1,4 +1,4 @@
-"""What a benchmark or a check found: figures, tables, goals, intervals, and a verdict."""
+"""Result of a benchmark or a comparison: figures, tables, goals, intervals, and a verdict."""
 
 import json
 import math

@@ -1,9 +1,8 @@
-"""Runs in memory, independent ones on all processors; CPU time of a piece of work."""
+"""Runs in memory, and independent work on all processors."""
 
 import multiprocessing
 import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -44,21 +43,3 @@ def in_order(
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("forkserver")) as pool:
         yield from pool.map(work, tasks)
-
-
-T = TypeVar("T")
-
-
-def best(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) -> float:
-    """CPU seconds of the fastest of several repeats of `work`, after one that does not count.
-
-    Each gets a new result of `prepare`, whose own time is left out.
-    """
-    work(prepare())
-    times = []
-    for _ in range(repeats):
-        thing = prepare()
-        begun = time.process_time()
-        work(thing)
-        times.append(time.process_time() - begun)
-    return min(times)

@@ -1,1 +1,0 @@
-"""The world alone: physics and scans, beside other simulators."""
