@@ -1,4 +1,4 @@
-"""Control channel between a run and one of its hosts: TLS, message types, and non-blocking send and receive."""
+"""Control channel between a run and one of its hosts: TLS, message types, non-blocking send and receive."""
 
 import errno
 import os
