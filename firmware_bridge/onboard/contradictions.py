@@ -40,15 +40,6 @@ _NEAR_SHARE: Final = 0.008
 """... so much of its range more: noise, and what a degree leaves open."""
 
 
-class ScanReading(NamedTuple):
-    """How a sweep is read: as it says, or as if the sensor were mounted or timed otherwise."""
-
-    turned: float = 0.0
-    """rad, counter-clockwise."""
-    mirrored: bool = False
-    late_us: int = 0
-
-
 class Points(NamedTuple):
     """A sweep in the frame of a track."""
 
@@ -63,6 +54,17 @@ def load_kernels() -> None:
     for function in (arrays.cos, arrays.sin):
         function(np.zeros(1))
     arrays.hypot(np.zeros(1), np.zeros(1))
+
+
+class Hypothesis(NamedTuple):
+    """A fault, and how scans are to be placed if it is there."""
+
+    cause: HoldCause | None = None
+    liar: Liar = Liar.NOBODY
+    turned: float = 0.0
+    """How the sensor is turned on its mount, rad, counter-clockwise."""
+    mirrored: bool = False
+    late_us: int = 0
 
 
 def of_the_room(sweep: SensorSweep) -> SensorSweep:
@@ -89,13 +91,13 @@ def _extents(axis: NDArray[np.float64], things: NDArray[np.int64]) -> NDArray[np
     return extents
 
 
-def placed(sweep: SensorSweep, mount: Pose, track: PoseTrack, reading: ScanReading) -> Points:
+def placed(sweep: SensorSweep, mount: Pose, track: PoseTrack, hypothesis: Hypothesis) -> Points:
     """The points of a sweep's echoes where the hypothesis has them; `mount`: of the sensor on the body."""
     seen = np.isfinite(sweep.ranges)
-    ranges, angles = sweep.ranges[seen], sweep.angles[seen] + reading.turned
-    angles = mount.heading + (-angles if reading.mirrored else angles)
+    ranges, angles = sweep.ranges[seen], sweep.angles[seen] + hypothesis.turned
+    angles = mount.heading + (-angles if hypothesis.mirrored else angles)
     body_x, body_y = mount.x + ranges * arrays.cos(angles), mount.y + ranges * arrays.sin(angles)
-    poses = track.at(sweep.stamps[seen] - reading.late_us)
+    poses = track.at(sweep.stamps[seen] - hypothesis.late_us)
     c, s = arrays.cos(poses.heading), arrays.sin(poses.heading)
     xy = np.column_stack((poses.x + c * body_x - s * body_y, poses.y + s * body_x + c * body_y))
     return Points(xy, _NEAR + _NEAR_SHARE * ranges)
@@ -168,55 +170,28 @@ _SECTORS: Final = 3
 _IN_A_ROW: Final = 2
 _TOUCHES: Final = 0.3
 """What is so near to the body's middle, m, may be touched: its radius, and a decimetre. Own choice."""
-_TURNED: Final = headings(15)
-_LATE_US: Final = (250_000, 500_000, 750_000, 1_000_000)
-
-
-class Hypothesis(NamedTuple):
-    """Who lies, and how."""
-
-    cause: HoldCause
-    liar: Liar = Liar.NOBODY
-    reading: ScanReading = ScanReading()
-
-
-TRUTH: Final = ScanReading()
-_MOTION: Final = (
-    Hypothesis(HoldCause.LEFT_WHEEL, Liar.LEFT),
-    Hypothesis(HoldCause.RIGHT_WHEEL, Liar.RIGHT),
+_STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
+_HYPOTHESES: Final = (
     Hypothesis(HoldCause.WHEELS, Liar.WHEELS),
     Hypothesis(HoldCause.GYRO, Liar.GYRO),
-)
-_SENSOR: Final = (
-    *(Hypothesis(HoldCause.SCAN_TURNED, reading=ScanReading(turned)) for turned in _TURNED),
-    *(
-        Hypothesis(HoldCause.SCAN_MIRRORED, reading=ScanReading(turned, True))
-        for turned in (0.0, *headings(90))
-    ),
-    *(Hypothesis(HoldCause.SCAN_LATE, reading=ScanReading(late_us=late)) for late in _LATE_US),
+    *(Hypothesis(HoldCause.SCAN_TURNED, turned=turned) for turned in headings(15)),
+    *(Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True) for turned in (0.0, *headings(90))),
+    *(Hypothesis(HoldCause.SCAN_LATE, late_us=late) for late in (250_000, 500_000, 750_000, 1_000_000)),
 )
 
 
-class Votes(NamedTuple):
-    """What a hypothesis makes of the points."""
+def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> int:
+    """How many points more fit if that cause holds; 0 if it does not explain the misfit.
 
-    cause: HoldCause
-    gained: int
-    lost: int
-    off: int
-    """How many were out of the room."""
-    points: int
-    sectors: int
-
-    @property
-    def convincing(self) -> bool:
-        """True if it explains what the truth of all sensors does not."""
-        share = _STILL_VOTES if self.cause is HoldCause.SCAN_STILL else _VOTES
-        return (
-            self.gained >= max(share * self.points, _EXPLAINED * self.off)
-            and self.lost <= _DISSENT * self.gained
-            and self.sectors >= _SECTORS
-        )
+    `told`, `instead`: (n,) misfits of what the sensors told, and under the hypothesis.
+    """
+    gained = (told > _OFF) & (instead <= 1.0)
+    lost = (told <= 1.0) & (instead > _OFF)
+    won, missed, off = (int(np.count_nonzero(chosen)) for chosen in (gained, lost, told > _OFF))
+    share = _STILL_VOTES if cause is HoldCause.SCAN_STILL else _VOTES
+    if won < max(share * told.size, _EXPLAINED * off) or missed > _DISSENT * won:
+        return 0
+    return won - missed if sectors(gained) >= _SECTORS else 0
 
 
 class ScanChecks:
@@ -260,16 +235,15 @@ class ScanChecks:
         return bool(old.stamps[0] >= begin and new.stamps[-1] - old.stamps[0] <= _OLDEST)
 
     def _judge(self, motion: MotionTrack) -> HoldCause | None:
-        """Who has to be taken for a liar so that the last sweeps fit; None: nobody, or it cannot be told."""
-        tracks = motion.tracks((Liar.NOBODY, Liar.WHEELS, Liar.GYRO))
+        """The fault that makes the last scans consistent; None: there is none, or it cannot be told."""
+        tracks = motion.tracks()
         for way, turn in zip(_WAYS, _TURNS, strict=True):
             pair = self._pair(tuple(tracks.values()), way, turn)
             if pair is None:
                 return None
-            told = self._misfit(pair, tracks[Liar.NOBODY], TRUTH)
+            told = self._misfit(pair, tracks[Liar.NOBODY], Hypothesis())
             if told.size >= _FEWEST and np.count_nonzero(told > _OFF) >= _ODD_SHARE * told.size:
-                liars = (Liar.LEFT, Liar.RIGHT)
-                cause = self._best(pair, tracks | motion.tracks(liars), told)
+                cause = self._best(pair, tracks, told)
                 if cause is not None:
                     return cause
         return None
@@ -278,18 +252,18 @@ class ScanChecks:
         self, pair: tuple[SensorSweep, SensorSweep], tracks: dict[Liar, PoseTrack], told: NDArray[np.float64]
     ) -> HoldCause | None:
         """The hypothesis that explains most, if any does."""
-        known = pair[0].stamps[0] - tracks[Liar.NOBODY].instants[0]
-        found = [
-            votes(one.cause, told, self._misfit(pair, tracks[one.liar], one.reading))
-            for one in (*_MOTION, *_SENSOR)
-            if one.reading.late_us <= known
+        track = tracks[Liar.NOBODY]
+        known = pair[0].stamps[0] - track.instants[0]
+        found = {
+            one: self._misfit(pair, tracks[one.liar], one) for one in _HYPOTHESES if one.late_us <= known
+        }
+        if not stands_before_something(pair, self._mount, track):
+            found[_STILL] = self._misfit(pair, _nowhere(track), _STILL)
+        points = [
+            (explains(one.cause, told, misfit), one.cause) for one, misfit in found.items() if one.cause
         ]
-        told_track = tracks[Liar.NOBODY]
-        if not stands_before_something(pair, self._mount, told_track):
-            still = self._misfit(pair, _nowhere(told_track), TRUTH)
-            found.append(votes(HoldCause.SCAN_STILL, told, still))
-        convincing = [one for one in found if one.convincing]
-        return max(convincing, key=lambda one: one.gained - one.lost).cause if convincing else None
+        most, cause = max(points, key=lambda one: one[0])
+        return cause if most > 0 else None
 
     def _pair(
         self, tracks: tuple[PoseTrack, ...], way: float, turned: float
@@ -306,21 +280,13 @@ class ScanChecks:
         return None
 
     def _misfit(
-        self, pair: tuple[SensorSweep, SensorSweep], track: PoseTrack, reading: ScanReading
+        self, pair: tuple[SensorSweep, SensorSweep], track: PoseTrack, hypothesis: Hypothesis
     ) -> NDArray[np.float64]:
-        earlier = placed(pair[0], self._mount, track, reading)
-        later = placed(of_the_room(pair[1]), self._mount, track, reading)
+        earlier = placed(pair[0], self._mount, track, hypothesis)
+        later = placed(of_the_room(pair[1]), self._mount, track, hypothesis)
         if len(earlier.xy) < _FEWEST:
             return np.empty(0)
         return misfit(thinned(later), earlier)
-
-
-def votes(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> Votes:
-    """What becomes of the points if that cause holds: (n,) misfits of what the sensors told, and instead."""
-    gained = (told > _OFF) & (instead <= 1.0)
-    lost = (told <= 1.0) & (instead > _OFF)
-    won, missed, off = (int(np.count_nonzero(chosen)) for chosen in (gained, lost, told > _OFF))
-    return Votes(cause, won, missed, off, told.size, sectors(gained))
 
 
 def stands_before_something(pair: tuple[SensorSweep, SensorSweep], mount: Pose, track: PoseTrack) -> bool:

@@ -1,8 +1,8 @@
 """Consistency checks that need no scan: wheels, gyro, command, the base's clock and its bumper.
 
 Judged only while the base is commanded to move: a standing robot may be pushed, turned and carried. A motion
-track integrates the last feedbacks under the hypothesis that one sensor is faulty: with one wheel and the
-gyro there is still a distance and a heading, without wheels there is the command.
+track integrates the last feedbacks under the hypothesis that wheels or gyro are faulty: without wheels there
+is the command for the distance, without the gyro there are the wheels for the heading.
 """
 
 import itertools
@@ -28,8 +28,6 @@ class Liar(Enum):
     """Who is held to say what is not so."""
 
     NOBODY = auto()
-    LEFT = auto()
-    RIGHT = auto()
     WHEELS = auto()
     GYRO = auto()
 
@@ -92,23 +90,16 @@ class MotionTrack:
         """Until when there is one."""
         return self._moves[-1].instant if self._moves else None
 
-    def tracks(self, liars: tuple[Liar, ...]) -> dict[Liar, PoseTrack]:
-        """The track if that one lies, for each."""
+    def tracks(self) -> dict[Liar, PoseTrack]:
+        """The track under each hypothesis."""
         rows = np.array(self._moves, np.float64).reshape(-1, len(Moved._fields))
-        return {liar: _track(rows, liar) for liar in liars}
+        return {liar: _track(rows, liar) for liar in Liar}
 
 
 def _track(rows: NDArray[np.float64], liar: Liar) -> PoseTrack:
     instants, left, right, turn, v, _ = rows.T
     times = np.diff(instants, prepend=instants[:1]) * 1e-6
-    if liar is Liar.LEFT:
-        forward = right - turn * TRACK / 2
-    elif liar is Liar.RIGHT:
-        forward = left + turn * TRACK / 2
-    elif liar is Liar.WHEELS:
-        forward = v * times
-    else:
-        forward = (left + right) / 2
+    forward = v * times if liar is Liar.WHEELS else (left + right) / 2
     if liar is Liar.GYRO:
         turn = (right - left) / TRACK
     heading = np.cumsum(turn)

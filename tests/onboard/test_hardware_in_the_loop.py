@@ -74,7 +74,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     assert all(part["frames_handed"] >= part["frames_sent"] > 0 for part in frames.values())
     jammed = (result["frames"]["copies_lost_disturbed"], frames["r2"]["frames_access_failure"])
     assert min(jammed) > 0, jammed  # four seconds, in which r2 neither hears nor finds the channel clear
-    assert sum(result["frames"][name] for name in COPIES) == result["frames"]["frames_sent"]
+    assert sum(result["frames"][name] for name in COPIES) == 2 * result["frames"]["frames_sent"]
     assert result == json.loads((out / "result" / "run.json").read_text())
     with (out / "result" / "places.csv").open() as table:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
