@@ -15,7 +15,7 @@ from command_line import exporting, look, replaying, run, streams, usage_errors
 from command_line.development import commands as development
 from command_line.fleet import app as fleet
 from command_line.groups import FOR_DEVELOPERS, Root
-from command_line.lists.commands import app as listing
+from command_line.lists import app as listing
 from command_line.record import app as record
 
 app = typer.Typer(

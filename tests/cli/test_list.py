@@ -12,7 +12,7 @@ from actors.radio.radio_model import PRESETS as RADIO
 from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model
-from command_line.lists.rows import head_comment, said_of
+from command_line.lists import head_comment, preset_summary
 from tests.cli.test_cli import acrc
 
 
@@ -73,4 +73,8 @@ def test_what_a_comment_or_a_docstring_says() -> None:
     assert head_comment("# One\n# and more.\nmap = 1") == "One and more."
     assert head_comment("map = 1") == ""
     doc = "`a`, the default: one (x: y), two. More. `b`: three; four."
-    assert said_of("a", doc) == "one, two" and said_of("b", doc) == "three" and said_of("c", doc) == ""
+    assert (
+        preset_summary("a", doc) == "one, two"
+        and preset_summary("b", doc) == "three"
+        and preset_summary("c", doc) == ""
+    )

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 PROGRAM = """
 import sys, threading, time
 from distributed import Client, Event
@@ -43,6 +45,7 @@ with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_addres
 """A process of its own: a cluster within one leaves threads behind, and tests fork."""
 
 
+@pytest.mark.nightly
 def test_a_worker_is_waited_for_while_it_is_there_and_whoever_waits_is_told_once() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
     worker, answered, raised, left, lost = done.stdout.splitlines()

@@ -12,6 +12,7 @@ from distributed import Client
 
 from actors.runtime.lifecycle import process_table
 from tests.hosts.test_hosted_runs import eventually
+from tests.in_process import acrc
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,6 +61,5 @@ def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None
     ],
 )
 def test_what_is_no_address_of_use_is_a_sentence(words: tuple[str, ...], said: str) -> None:
-    command = [sys.executable, "-P", "-m", "command_line", "cluster", *words]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    done = acrc("cluster", *words)
     assert (done.returncode, done.stderr.strip()) == (2, said)

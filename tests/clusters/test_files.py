@@ -82,6 +82,7 @@ def security_of(keys: Path) -> Security:
     return Security(tls_ca_file=pem, tls_client_cert=pem, tls_client_key=key, require_encryption=True)
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_over_ssh_each_host_has_workers_and_all_ends_with_the_script(tmp_path: Path) -> None:
     port = free_port()
@@ -99,7 +100,7 @@ def test_over_ssh_each_host_has_workers_and_all_ends_with_the_script(tmp_path: P
         assert left == []
 
 
-@pytest.mark.parametrize("words", [[], ["192.168.1.5:8786"], ["lab1", "lab2"]])
+@pytest.mark.parametrize("words", [["192.168.1.5:8786"], ["lab1", "lab2"]])
 def test_ssh_without_an_address_and_hosts_is_one_sentence(words: list[str]) -> None:
     done = subprocess.run([FILES / "ssh.sh", *words], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
@@ -108,6 +109,7 @@ def test_ssh_without_an_address_and_hosts_is_one_sentence(words: list[str]) -> N
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_a_job_of_slurm_makes_the_campaign_on_all_its_nodes_and_leaves_nothing(tmp_path: Path) -> None:
     campaign = (
@@ -143,6 +145,7 @@ def pods() -> dict[str, dict[str, Any]]:
     return spec
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["scheduler", "worker"])
 def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(name: str) -> None:
     image, part = (FILES.parent / "container" / "Dockerfile").read_text(), pods()[name]

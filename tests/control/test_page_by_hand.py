@@ -14,7 +14,10 @@ from tests.swarm.command import begin
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
 client = pytest.importorskip("websockets.sync.client")
-pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine"),
+]
 
 
 _CROWD = """(() => {
@@ -360,8 +363,7 @@ def test_wheel_keys_and_the_middle_button_change_the_view(page: Any) -> None:
     assert page.value("fit() || scale") == pytest.approx(fit)
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
 def test_axe_finds_nothing_wrong(page: Any, width: int, scheme: str) -> None:
     axe = pytest.importorskip("axe_core_python", reason="axe-core-python comes with the extra dev")
     page.size(width, 844, mobile=width < 500)

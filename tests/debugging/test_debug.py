@@ -82,7 +82,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> str:
     return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None).digest
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=pytest.mark.nightly)])
 def test_a_breakpoint_stops_the_world_past_every_timeout_and_changes_nothing(
     bus: str, undisturbed: str, tmp_path: Path, terminals: list[Terminal]
 ) -> None:
@@ -105,7 +105,7 @@ def test_a_breakpoint_stops_the_world_past_every_timeout_and_changes_nothing(
 
 
 def test_who_leaves_the_debugger_ends_the_run_and_is_told(tmp_path: Path, terminals: list[Terminal]) -> None:
-    terminal = Terminal(*WORDS, "--debug", "r2", "--out", tmp_path / "out")
+    terminal = Terminal(*WORDS, "--debug", "r2", "--bus", "memory", "--out", tmp_path / "out")
     terminals.append(terminal)
     terminal.until("(Pdb) ")
     terminal.type("q")

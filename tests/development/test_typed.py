@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from actors.installation.repository import PACKAGES, REPOSITORY
 
 MISTAKEN = """
@@ -31,6 +33,7 @@ def mypy(folder: Path, *files: str) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.nightly
 def test_a_strategy_is_checked_wherever_it_lies(tmp_path: Path) -> None:
     shutil.copy(REPOSITORY / "examples" / "courteous.py", tmp_path / "mine.py")
     (tmp_path / "mistaken.py").write_text(MISTAKEN)
@@ -48,13 +51,3 @@ def test_a_strategy_is_checked_wherever_it_lies(tmp_path: Path) -> None:
 
 def test_every_package_says_that_it_is_typed() -> None:
     assert {path.parent.name for path in REPOSITORY.glob("*/py.typed")} == PACKAGES
-
-
-def test_python_finds_the_packages_in_the_clone_and_nothing_beside_them() -> None:
-    """The links are for type checkers: a traceback names the file that one edits."""
-    program = "import actors, importlib.util as u; print(actors.__file__); print(u.find_spec('examples'))"
-    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", program], cwd="/", env=env, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == f"{REPOSITORY / 'actors' / '__init__.py'}\nNone\n"

@@ -85,6 +85,7 @@ def test_the_wheel_has_every_file_of_the_packages_and_the_data(wheel: Path) -> N
         assert content == (REPOSITORY / name.removeprefix(f"{SHIPPED}/")).read_bytes(), name
 
 
+@pytest.mark.nightly
 def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tmp_path: Path) -> None:
     listed = json.loads(acrc(python, tmp_path, "list", "scenarios", "--json").stdout)
     assert {row["name"] for row in listed} == {path.stem for path in (REPOSITORY / "scenarios").iterdir()}
@@ -96,6 +97,7 @@ def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tm
         assert done.stderr == f"acrc: {command}: requires a clone of the repository (got a wheel in {site})\n"
 
 
+@pytest.mark.nightly
 def test_an_extra_that_is_missing_is_named(python: Path, tmp_path: Path) -> None:
     (tmp_path / "absent").mkdir()
     (tmp_path / "absent" / "sitecustomize.py").write_text("import sys\nsys.modules['scipy.stats'] = None\n")

@@ -18,7 +18,7 @@ from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from observation.export import rows
-from tests import warm
+from tests import in_process
 from tests.documentation.markdown import MarkdownPage
 
 PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
@@ -92,7 +92,7 @@ def test_a_run_is_that_of_the_command_line(told: dict[str, object], tmp_path: Pa
         str(told["seconds"]),
         "--json",
     )
-    done = warm.run((*words, "--bus", "memory"), tmp_path, os.environ, 100.0, finds_cwd=False)
+    done = in_process.acrc(*words, "--bus", "memory", cwd=tmp_path)
     assert isinstance(told["digests"], list)
     assert json.loads(done.stdout)["digest"] == told["digests"][1]
 

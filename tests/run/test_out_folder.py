@@ -16,7 +16,8 @@ from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked, folder_name
 from deploy.run.out_folder import claim, make_folder, writing
-from tests.swarm.command import ACRC, ROOT, acrc, processes_of
+from tests import in_process
+from tests.swarm.command import ACRC, ROOT, processes_of
 
 APART = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
 NEW = "must be a folder that is new or empty"
@@ -63,7 +64,8 @@ def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path
     (tmp_path / "far").mkdir()
     (tmp_path / "link").symlink_to("far")
     for number, way in enumerate(("link", "far/../link", "link/../far")):
-        done = acrc("run", "--robots", 1, "--duration", 1, "--out", tmp_path / way / str(number))
+        words = ("--robots", 1, "--duration", 1, "--bus", "memory")
+        done = in_process.acrc("run", *words, "--out", tmp_path / way / str(number))
         assert done.returncode == 0, done.stderr
         assert f"\nrecorded in {tmp_path}/far/{number}\n" in done.stdout
     assert claim(tmp_path / "link", "one") == tmp_path / "far" / "one"
@@ -106,7 +108,7 @@ def test_what_can_be_no_folder_is_refused_before_anything_starts(
 
 def test_a_folder_below_a_file_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    done = acrc("run", "--duration", 1, "--bus", "memory", "--out", tmp_path / "file" / "x" / "y")
+    done = in_process.acrc("run", "--duration", 1, "--bus", "memory", "--out", tmp_path / "file" / "x" / "y")
     assert (done.returncode, done.stdout, done.stderr) == (
         1, "", f"acrc: --out: {tmp_path}/file/x/y cannot be made: not a directory; choose another place\n"
     )  # fmt: skip

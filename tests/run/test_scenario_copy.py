@@ -7,9 +7,11 @@ import subprocess
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from actors.installation.version import software
-from tests.swarm.command import ROOT, run
+from tests.in_process import acrc
+from tests.swarm.command import ROOT
 
 STUDY = """
 from tests.swarm.witness import behaviour as plain
@@ -17,6 +19,14 @@ from tests.swarm.witness import behaviour as plain
 def behaviour(start):
     return plain(start)
 """
+
+
+def run(out: Path, *words: object) -> dict[str, Any]:
+    """Return the result of `acrc run WORDS… --out OUT`, called in process."""
+    done = acrc("run", *words, "--out", out, "--json")
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
 
 
 def scenario_file(folder: Path) -> Path:

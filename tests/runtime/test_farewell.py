@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import pytest
+
 PROGRAM = """
 import sys
 import zenoh
@@ -50,6 +52,7 @@ def tell(process: subprocess.Popen[str], text: str) -> None:
     process.stdin.flush()
 
 
+@pytest.mark.nightly
 def test_a_router_ends_though_a_link_of_it_takes_nothing_and_others_have_broken(tmp_path: Path) -> None:
     socket = f"unixsock-stream/{tmp_path}/s"
     with ExitStack() as stack:

@@ -74,6 +74,7 @@ def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(packag
     assert python(package, CALL) == "8 0", "the state before is kept"
 
 
+@pytest.mark.nightly
 def test_a_kernel_is_compiled_with_a_way_in_from_python_once_python_calls_it(package: Path) -> None:
     imports = "from actors.kernels import njit\nfrom actors.deep.kernel import twice\n\n\n"
     calls = "@njit(cache=True)\ndef four_times(x):\n    return twice(twice(x))\n"
@@ -85,6 +86,7 @@ def test_a_kernel_is_compiled_with_a_way_in_from_python_once_python_calls_it(pac
     assert sorted(file.name.split(".")[-3] for file in kept.rglob("*.nbc")) == ["part", "whole", "whole"]
 
 
+@pytest.mark.nightly
 def test_a_file_that_is_no_kernel_is_compiled_anew(package: Path) -> None:
     python(package, CALL)
     (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")
@@ -93,6 +95,7 @@ def test_a_file_that_is_no_kernel_is_compiled_anew(package: Path) -> None:
     assert python(package, CALL) == "8 0"
 
 
+@pytest.mark.nightly
 def test_where_nothing_can_be_written_beside_the_sources_kernels_are_kept_in_the_user_s_cache(
     package: Path,
 ) -> None:
@@ -103,6 +106,7 @@ def test_where_nothing_can_be_written_beside_the_sources_kernels_are_kept_in_the
     assert len(list((package.parent / "home").rglob("*.nbc"))) == 1
 
 
+@pytest.mark.nightly
 def test_old_states_are_removed_but_for_the_one_before(package: Path) -> None:
     folder = package / "__pycache__" / "kernels"
     old = package / "__pycache__" / "kernels-0123456789abcdef"

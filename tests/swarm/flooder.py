@@ -4,7 +4,7 @@ import sys
 from typing import Any
 
 from actors.instant import Instant, seconds
-from actors.messages import READY, TRANSMIT
+from actors.messages import TRANSMIT
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 from actors.runtime.bus.zenoh_bus import ZenohBus
 from actors.topic import Topic
@@ -39,11 +39,6 @@ def _bus() -> ZenohBus:
     return bus
 
 
-def ready(start: Start) -> Behaviour:
-    """Entry `tests.swarm.flooder:ready`: the world has read it, and does so again after a restart only."""
-    return Floods(start, READY)
-
-
 def transmit(start: Start) -> Behaviour:
-    """Entry `tests.swarm.flooder:transmit`: the radio waits for the world's word instead."""
+    """Entry `tests.swarm.flooder:transmit`."""
     return Floods(start, TRANSMIT)

