@@ -1,8 +1,8 @@
 """Change at which a branch leaves its run: strategy, settings and events from the command line.
 
 Another value of a setting means a behaviour that is made anew, without the state of the one before. So a
-branch with a changed value is also compared with its control: the same strategy made anew at the same instant,
-with the values that it had.
+branch with a changed value is also compared with its control: the same strategy made anew at the same
+instant, with the values that it had.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -27,6 +27,25 @@ Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 """Of a process that was asked for, counted over the run."""
 Seconds = Annotated[float, msgspec.Meta(ge=0)]
 Words = Annotated[str, msgspec.Meta(max_length=2000)]
+ERRAND: Final = "errand.json"
+RUN: Final = "run"
+"""Folder of the run on a host."""
+FOLDER: Final = "acrc-"
+"""Prefix of the folder of one run in the temporary folder of a host."""
+
+
+class HostErrand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a host is started with."""
+
+    address: str
+    """Where the run was started."""
+    port: int
+    silence_s: float
+    """After so much silence from there it holds itself to be alone, and ends."""
+    run: str
+    """What the run is known by, drawn for it."""
+
+
 PART: Final = 1 << 16
 """Bytes of a file that travel together at most."""
 

@@ -25,8 +25,7 @@ from deploy.clusters.connection import (
     host_and_port,
     machines,
 )
-from deploy.hosts.channel import PART, FilePart
-from deploy.hosts.host_program import ERRAND, FOLDER, RUN, HostErrand
+from deploy.hosts.channel import ERRAND, FOLDER, PART, RUN, FilePart, HostErrand
 from observation.results import hosts_file
 from observation.results.hosts_file import HostPart, HostsFile, LeftFile, Size, Sum
 

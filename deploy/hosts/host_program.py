@@ -31,6 +31,9 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import own_folder
 from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
 from deploy.hosts.channel import (
+    ERRAND,
+    FOLDER,
+    RUN,
     AskPulse,
     Begin,
     Channel,
@@ -40,6 +43,7 @@ from deploy.hosts.channel import (
     FilePart,
     Finish,
     Glimpse,
+    HostErrand,
     Joined,
     PemKeys,
     Signal,
@@ -53,12 +57,9 @@ from deploy.hosts.fetching import Incoming
 from deploy.hosts.host_robots import HostRobots
 from observation.results.hosts_file import HostLoad
 
-ERRAND: Final = "errand.json"
 KEYS: Final = "keys"
 RECORDED: Final = 3
 """Exit code: what robots have recorded is left in the folder, as wanted, or as the connection ended first."""
-RUN: Final = "run"
-"""The folder of the run on this computer, as everywhere."""
 CODE: Final = "code"
 _INFRA: Final = ".router"
 """Folder of the router, in that of the run; no robot can be called so."""
@@ -67,18 +68,6 @@ _LAID_OUT: Final = 1 << 30
 _PATIENCE_S: Final = 30.0
 _GRACE_S: Final = 3.0
 _TURN_S: Final = 0.05
-
-
-class HostErrand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a host is started with."""
-
-    address: str
-    """Where the run was started."""
-    port: int
-    silence_s: float
-    """After so much silence from there it holds itself to be alone, and ends."""
-    run: str
-    """What the run is known by, drawn for it."""
 
 
 class HostProgram:
@@ -250,8 +239,6 @@ if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))
 
 
-FOLDER: Final = "acrc-"
-"""So begins the name of a folder for one run, among the computer's temporary ones."""
 _MOST_SAID: Final = 4000
 _COMPILING_S: Final = 900.0
 """How long a computer may take to describe itself, which compiles the kernels if they are not."""

@@ -33,9 +33,11 @@ from deploy.clusters.connection import (
 from deploy.hosts import certificates, host_probe, host_program
 from deploy.hosts.channel import (
     PART,
+    RUN,
     Begin,
     FilePart,
     Finish,
+    HostErrand,
     PemKeys,
     bound,
     bracketed,
@@ -44,7 +46,7 @@ from deploy.hosts.channel import (
 )
 from deploy.hosts.host_link import HostLink, HostReception, below
 from deploy.hosts.host_probe import HostOffer
-from deploy.hosts.host_program import CODE, RUN, HostErrand
+from deploy.hosts.host_program import CODE
 from observation.results import hosts_file
 from observation.results.hosts_file import HostPart, HostsFile, LeftFile
 

@@ -12,8 +12,8 @@ import pytest
 
 from actors.runtime.errors import AcrcError
 from deploy.hosts import fetching
+from deploy.hosts.channel import ERRAND, HostErrand
 from deploy.hosts.fetching import Fetched, Listed, fetch
-from deploy.hosts.host_program import ERRAND, HostErrand
 from observation.results import hosts_file
 from observation.results.hosts_file import HostPart, HostsFile, LeftFile
 
