@@ -120,7 +120,7 @@ def run(
     from deploy.run import out_folder, swarm
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
-    from observation.recordings.writers import Standing, standing
+    from observation.recordings.topics import Standing, standing
 
     file = file_of("scenarios", scenario)
     own = tuple((settings or {}).items())

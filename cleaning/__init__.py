@@ -4,9 +4,8 @@ Strategies that build on it need these names, and those of a shipped strategy if
 """
 
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
-from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
 from cleaning.place import Assignment, Takeover, assignments, since
 from cleaning.robot import CleaningRobot

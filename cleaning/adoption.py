@@ -19,9 +19,47 @@ Others may hold the place beside R, because of old messages. They drop it when t
 A robot that is restarted forgets what it had adopted; its own places it takes anew (`place.assignments`).
 """
 
-from cleaning.adaptive import AdaptiveCleaningRobot
+from actors.robot.behaviour import FloorPlan
+from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
 from cleaning.cleaner import Cleaner
-from deeco import Duration, Instant, ensemble, seconds
+from deeco import Duration, Instant, ensemble, milliseconds, seconds
+
+
+@ensemble(every=seconds(3), max_age=seconds(5))
+class MakingWay:
+    """A robot that wants nowhere goes somewhere else when another one near it is blocked."""
+
+    max_distance: float
+    """From nearer than this, m."""
+
+    def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
+        """The coordinator is blocked, the member has nothing to do, and they are near each other."""
+        apart = coordinator.position.distance_to(member.position)
+        return coordinator.is_blocked() and member.target is None and apart < self.max_distance
+
+    def at_member(
+        self, coordinator: Cleaner, member: AdaptiveCleaningRobot, floor: FloorPlan
+    ) -> AdaptiveCleaningRobot:
+        """The member goes."""
+        return member.sent_to(floor.random_place())
+
+
+@ensemble(every=milliseconds(500), max_age=seconds(2))
+class PeerMask:
+    """A robot notes where those are that its range sensor may see."""
+
+    max_distance: float
+    """From nearer than this, m."""
+
+    def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
+        """They are near each other."""
+        return coordinator.position.distance_to(member.position) < self.max_distance
+
+    def at_member(
+        self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
+    ) -> AdaptiveCleaningRobot:
+        """The member knows where the coordinator is."""
+        return member.with_peer(HeardPeer(coordinator.id, coordinator.position, now))
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))

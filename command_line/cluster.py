@@ -76,7 +76,7 @@ def fetch(
     """Bring what a run has left on other computers, and remove it there."""
     from deploy.clusters.connection import plain
     from deploy.hosts.fetching import fetch
-    from observation.recordings.writers import goes_on
+    from observation.recordings.topics import goes_on
 
     address = plain(on) if on else ""
     if not (out / "run.json").is_file() and goes_on(out):

@@ -171,7 +171,7 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
 
 def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
     """Name the files that were written, and with `json` how the run stands."""
-    from observation.recordings.writers import standing
+    from observation.recordings.topics import standing
 
     told = {"out": out, "stands": standing(out).value, "files": files} if json else None
     answer(map(str, files), told, json=json)
@@ -253,7 +253,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
     from deploy.run import out_folder
     from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
-    from observation.recordings.writers import drawn_until
+    from observation.recordings.topics import drawn_until
 
     if movie is not None:
         moving.check(movie)

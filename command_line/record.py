@@ -12,7 +12,7 @@ from actors.installation.usage import OptionError, output_file
 from command_line.options import Json, answer
 
 if TYPE_CHECKING:
-    from observation.recordings.rates import Rate
+    from observation.recordings.info import Rate
     from observation.recordings.topics import Recorded
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -75,14 +75,14 @@ def echo(
     json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each line.")] = False,
 ) -> None:
     """Print messages, or lines of a log, with their time."""
-    from observation.recordings import lines, printed
+    from observation.recordings import lines
 
     if csv and json:
         raise OptionError("--csv, --json: must be one of them")
     form = lines.LineForm.CSV if csv else lines.LineForm.JSON if json else lines.LineForm.TEXT
-    if all(printed.is_log(key) for key in keys):
-        told = printed.read(out, keys, begin, end, follow=follow)
-        texts = printed.shown(told, form, named=len(keys) > 1 or "*" in keys[0])
+    if all(lines.is_log(key) for key in keys):
+        told = lines.read_logs(out, keys, begin, end, follow=follow)
+        texts = lines.shown_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
     else:
         texts = lines.shown(_messages(out, keys, begin, end, follow), form)
     for text in texts:
@@ -148,7 +148,7 @@ def _messages(
 
 def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> None:
     """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
-    from observation.recordings.rates import Rate
+    from observation.recordings.info import Rate
 
     found: dict[str, Rate] = {}
     due = time.monotonic() + _EVERY_S
@@ -161,12 +161,12 @@ def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> N
 
 
 def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
-    from observation.recordings import rates
+    from observation.recordings import info
     from observation.recordings.topics import short
 
     by_key = sorted(found.items(), key=lambda item: short(item[0]))
     if json:
-        print(json_.dumps([rates.as_json(key, rate) for key, rate in by_key]), flush=True)
+        print(json_.dumps([info.rate_as_json(key, rate) for key, rate in by_key]), flush=True)
         return
     for key, rate in by_key:
-        print("\n".join(rates.sentences(key, rate)), flush=True)
+        print("\n".join(info.rate_sentences(key, rate)), flush=True)

@@ -237,7 +237,8 @@ def run(
             from deploy.run import swarm
 
             result = swarm.run(chosen, options, launched)
-    from observation.results import deliveries, summary
+    from observation.results import summary
+    from observation.results.result import demand_all
 
     summary.print_result(result, json=json)
     if not json:
@@ -245,7 +246,7 @@ def run(
         summary.print_next(options.out, options.modules, [*_baseline(sys.argv[1:], out)] if adapted else ())
     if view:
         summary.print_view(options.out)
-    deliveries.demand_all(result.undelivered, result.not_delivered)
+    demand_all(result.undelivered, result.not_delivered)
     if check:
         _check_again(options.out, options.modules)
 

@@ -13,10 +13,8 @@ from typing import Final
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View, host
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
-from cleaning.making_way import MakingWay
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.peer_mask import PeerMask
 from cleaning.place import assignments
 from cleaning.settings import from_settings
 

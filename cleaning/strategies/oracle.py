@@ -12,9 +12,9 @@ from typing import Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from actors.runtime.errors import AcrcError
-from cleaning.bidding import Auction, BiddingParameters, BiddingRobot, Outbid
 from cleaning.place import assignments
 from cleaning.settings import from_settings
+from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, Outbid
 from cleaning.strategies.chapter import Mute
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds

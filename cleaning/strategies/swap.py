@@ -18,7 +18,7 @@ from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings
-from cleaning.tours import Ways
+from cleaning.strategies.tour import Ways
 from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 

@@ -5,17 +5,112 @@ by the length of ways on the robot's map; everything else as `chapter`. Limits: 
 places, so two that have places in each other's office still meet at the doors. Settings: `TourParameters`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
+from actors.geometry import Point
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import assignments
+from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings
-from cleaning.tours import Ways
 from deeco import adaptation, component, periodic, replace, seconds
+
+FAR: Final = 1000.0
+"""What a way counts for that does not exist, m: more than any real tour of a few places."""
+_PASSES: Final = 20
+"""So often 2-opt goes through a tour at most; it is done after two or three."""
+_GAIN: Final = 1e-6
+"""Less than this is no gain, m: sums of lengths in another order differ by as much."""
+
+
+class Ways:
+    """Costs of ways, m: their length, and a charge for each door that they go through."""
+
+    def __init__(self, floor: FloorPlan, door_charge: float = 0.0) -> None:
+        self._floor = floor
+        self._charge = door_charge
+        self._known: dict[tuple[Point, Point], float] = {}
+
+    def cost(self, start: Point, goal: Point) -> float:
+        """From anywhere to a place, m."""
+        known = self._known.get((start, goal))
+        if known is None:
+            known = self._known[start, goal] = self._cost(start, goal)
+        return known
+
+    def tour(self, start: Point, route: Sequence[Assignment]) -> float:
+        """From `start` along all places in their order, m."""
+        cost, here = 0.0, start
+        for place in route:
+            cost += self.cost(here, place.point)
+            here = place.point
+        return cost
+
+    def saving(self, start: Point, route: Sequence[Assignment], index: int) -> float:
+        """What the tour would be shorter by without one of its places, m; never negative."""
+        here = route[index].point
+        before = route[index - 1].point if index else start
+        if index + 1 == len(route):
+            return self.cost(before, here)
+        after = route[index + 1].point
+        return max(0.0, self.cost(before, here) + self.cost(here, after) - self.cost(before, after))
+
+    def insertion(self, start: Point, route: Sequence[Assignment], point: Point) -> tuple[float, int]:
+        """What one more place adds to the tour at least, m, and its index there; the first of equals."""
+        best, where = self.cost(route[-1].point if route else start, point), len(route)
+        before = start
+        for index, place in enumerate(route):
+            after = place.point
+            added = self.cost(before, point) + self.cost(point, after) - self.cost(before, after)
+            if added < best - _GAIN or (index == 0 and added <= best):
+                best, where = added, index
+            before = after
+        return max(0.0, best), where
+
+    def shortened(self, start: Point, route: Sequence[Assignment], fixed: int = 0) -> tuple[Assignment, ...]:
+        """The places in an order that no reversal of a part makes shorter (2-opt, Croes 1958).
+
+        An open tour from `start`; its first `fixed` places stay where they are. Begins from the better of the
+        order given and nearest first.
+        """
+        best = list(route[:fixed])
+        left, here = list(route[fixed:]), best[-1].point if best else start
+        while left:
+            nearest = min(range(len(left)), key=lambda index: self.cost(here, left[index].point))
+            here = left[nearest].point
+            best.append(left.pop(nearest))
+        if self.tour(start, route) <= self.tour(start, best):
+            best = list(route)
+        for _ in range(_PASSES):
+            if not self._reverse_parts(start, best, fixed):
+                break
+        return tuple(best)
+
+    def _reverse_parts(self, start: Point, tour: list[Assignment], fixed: int) -> bool:
+        """Reverse whatever part shortens the tour; True if one did."""
+        changed = False
+        for first in range(fixed, len(tour) - 1):
+            for last in range(first + 1, len(tour)):
+                before = tour[first - 1].point if first else start
+                gain = self.cost(before, tour[first].point) - self.cost(before, tour[last].point)
+                if last + 1 < len(tour):
+                    after = tour[last + 1].point
+                    gain += self.cost(tour[last].point, after) - self.cost(tour[first].point, after)
+                if gain > _GAIN:
+                    tour[first : last + 1] = reversed(tour[first : last + 1])
+                    changed = True
+        return changed
+
+    def _cost(self, start: Point, goal: Point) -> float:
+        length = self._floor.length(start, goal)
+        if length is None:
+            return FAR
+        if not self._charge:
+            return length
+        return length + self._charge * len(self._floor.doors_between(start, goal) or ())
 
 
 @dataclass(frozen=True)

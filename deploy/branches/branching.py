@@ -24,8 +24,7 @@ from deploy.scenario.tables import Scenario
 from observation.replay.record_check import check
 from observation.replay.recorded_orders import OrderBus, recorded_orders
 from observation.replay.run_recordings import all_recordings
-from observation.results.origin import BranchOrigin
-from observation.results.result import RunResult
+from observation.results.result import BranchOrigin, RunResult
 from observation.results.seal import seal
 
 

@@ -13,9 +13,8 @@ from PIL import Image
 
 from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
-from actors.observer import colours
-from actors.observer.colours import WHITE, Colour, contrast, hexadecimal
-from actors.observer.glyphs import MARKS, OWN_STATES, Mark
+from actors.observer import glyphs
+from actors.observer.glyphs import MARKS, OWN_STATES, WHITE, Colour, Mark, contrast, hexadecimal
 from actors.robot_model import load_model
 from actors.world.world_setup import WorldSetup
 from deploy.control.wire import Ask, Floor, LegendEntry, Line, OrderLine, Place
@@ -87,7 +86,7 @@ class PageFloor:
             height=grid.rows * grid.resolution,
             radii=self.radii,
             colours={
-                robot: colours.hexadecimal(colours.robot(index)) for index, robot in enumerate(self.radii)
+                robot: glyphs.hexadecimal(glyphs.robot(index)) for index, robot in enumerate(self.radii)
             },
             places=tuple(Place(robot.id, *place) for robot in setup.robots for place in robot.places),
             doors=tuple(self._leaves.values()),

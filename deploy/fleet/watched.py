@@ -15,18 +15,18 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.messages import BOARD, DRIVE, PROGRESS, RECEIVED, Board, Drive, Heard, Progress, Received
 from actors.observer import viewer
-from actors.observer.colours import FATES, GREY
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.drawing.words import DrawnEvent
+from actors.observer.glyphs import FATES, GREY
 from actors.observer.sheet import Sheet
 from actors.processes.scratch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
-from observation.evidence.said_places import Deed, Route, SaidPlaces
+from observation.evidence.recorded import Deed, Route, SaidPlaces
 from observation.field_trial.robot_log import FRAME_OUTCOMES
 from observation.view.drawn import say_at_once
 from observation.view.painting import Painting

@@ -15,7 +15,7 @@ from actors.runtime.errors import printable
 from actors.runtime.fingerprint import few, otherwise
 from actors.runtime.isolation import sandbox
 from deploy.hosts.channel import Words
-from observation.results.origin import versions
+from observation.results.result import versions
 
 
 class HostOffer(msgspec.Struct, frozen=True):

@@ -14,7 +14,7 @@ from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.stack_tables import presets_of
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml
-from observation.results.origin import UNKNOWN, Origin, versions
+from observation.results.result import UNKNOWN, Origin, versions
 
 MAP: Final = "map"
 """Folder of the map, in the run's folder."""

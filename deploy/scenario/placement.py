@@ -10,7 +10,7 @@ from actors.geometry import Point, wrap
 from actors.randomness import generator
 from actors.robot_model import OdometryKind
 from actors.runtime.errors import AcrcError
-from cleaning.places import GOLDEN
+from cleaning.place import GOLDEN
 from deploy.scenario import areas
 from deploy.scenario.tables import RobotTable, Scenario
 

@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from actors.observer.colours import hexadecimal
-from actors.observer.glyphs import SEEN_STATES
+from actors.observer.glyphs import SEEN_STATES, hexadecimal
 from experiments.report import charts
 from experiments.report.charts import Bar
 from experiments.report.quantities import Cell

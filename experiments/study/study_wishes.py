@@ -10,7 +10,7 @@ import msgspec
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
-from cleaning.places import GOLDEN
+from cleaning.place import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.kinds import is_scenario
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings

@@ -6,21 +6,68 @@ last one of the chain says what all of its time went into; where there is no las
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observation.accounting import waiting
-from observation.accounting.chains import Roots, behind, roots
+from observation.accounting import robot_states
 from observation.accounting.episodes import STANDARD, EpisodeParameters
-from observation.accounting.passage import Passages
-from observation.accounting.robot_states import Flags, RobotStates, in_wall
-from observation.accounting.said import Said
+from observation.accounting.robot_states import NOBODY, Flags, RobotStates, in_wall
 from observation.accounting.time_spent import Cause
-from observation.accounting.tracks import Tracks
-from observation.accounting.true_floor import TrueFloor
-from observation.accounting.waiting import NOBODY
+from observation.accounting.tracks import Said, Tracks
+from observation.accounting.true_floor import Passages, TrueFloor
+
+
+class Roots(NamedTuple):
+    """Where the chains of all robots end."""
+
+    root: NDArray[np.int32]
+    """(steps, robots): where its chain ends, itself if it waits for nobody; NOBODY: in a ring."""
+    ring: NDArray[np.bool_]
+    """(steps, robots): it is in a ring itself."""
+    at_door: NDArray[np.bool_]
+    """(steps, robots): its chain leads through a door, or up to one."""
+
+
+def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
+    """Both (steps, robots): `before`: for whom each waits, NOBODY: for none; `at_door`: it does so at one."""
+    root = np.where(before == NOBODY, np.arange(before.shape[1], dtype=np.int32), np.int32(NOBODY))
+    doors = at_door & (before != NOBODY)
+    while True:
+        rows, robots = np.nonzero(root == NOBODY)
+        fronts = before[rows, robots]
+        joined = root[rows, fronts] != NOBODY
+        if not joined.any():
+            break
+        rows, robots, fronts = rows[joined], robots[joined], fronts[joined]
+        root[rows, robots] = root[rows, fronts]
+        doors[rows, robots] |= doors[rows, fronts]
+    return Roots(root, _rings(root == NOBODY, before), doors)
+
+
+def behind(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(steps, robots): those that are marked, and all whose chain leads to one of them."""
+    whole = marked.copy()
+    while True:
+        rows, robots = np.nonzero(~whole & (before != NOBODY))
+        joins = whole[rows, before[rows, robots]]
+        if not joins.any():
+            return whole
+        whole[rows[joins], robots[joins]] = True
+
+
+def _rings(left: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """What is left once nobody waits for nobody: of chains into a ring the ring alone."""
+    ring = left.copy()
+    while True:
+        rows, robots = np.nonzero(ring)
+        awaited = np.zeros_like(ring)
+        awaited[rows, before[rows, robots]] = True
+        if (ring == (ring & awaited)).all():
+            return ring
+        ring &= awaited
+
 
 CAUSES: Final = tuple(Cause)
 _NONE: Final = 255
@@ -59,10 +106,10 @@ def classify(
     states = RobotStates(tracks, said, floor.stages(tracks.true), parameters)
     own = _own(states, in_wall(tracks, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
-    before = waiting.ahead(states, stuck, floor.passages, parameters)
+    before = robot_states.ahead(states, stuck, floor.passages, parameters)
     barred = _barred(states, stuck, before, parameters)
     alone = stuck & states.waits & (before == NOBODY) & (barred == _NONE)
-    near = waiting.beside(states, alone, floor.passages, parameters)
+    near = robot_states.beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
     causes, found = _followed(states, own, before, barred, _doors(tracks, before, floor.passages, parameters))
     stood = ((states.waits & (before != NOBODY)) | states.long_waits) & ~states.paused

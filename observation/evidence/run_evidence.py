@@ -19,8 +19,7 @@ from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
-from observation.evidence.recorded import outcome
-from observation.evidence.said_places import Deed, Route
+from observation.evidence.recorded import Deed, Route, outcome
 from observation.replay.recorded_orders import GivenOrder
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings

@@ -30,6 +30,7 @@ from actors.messages import (
 from actors.order_limits import OrderLimits, fault
 from actors.radio.radio_model import RadioSetup
 from actors.topic import Topic
+from observation.evidence.recorded import SaidPlaces
 from observation.evidence.run_evidence import (
     EvidenceError,
     HeardCopy,
@@ -38,7 +39,6 @@ from observation.evidence.run_evidence import (
     result,
     world_setup,
 )
-from observation.evidence.said_places import SaidPlaces
 from observation.recordings.topics import Growing, Recorded
 from observation.replay.recorded_orders import GivenOrder
 from observation.replay.recorded_setup import setup_of

@@ -1,18 +1,122 @@
-"""The causes of one decision as a chain, each link with its instant: newest first, causes below effects."""
+"""The chain of causes of one decision: newest first, causes below their effects."""
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import msgspec
 
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour.goal import GoalStatus
 from observation.explanation.air import Air, Frame, FrameLoss
-from observation.explanation.causes import ChangeRun, is_routine, runs
-from observation.explanation.decisions import Made
-from observation.trace.orders import AGAIN
-from observation.trace.rows import GoalChange, Order, ReplicaRead, Trace
+from observation.trace.orders import AGAIN, GIVES_UP
+from observation.trace.rows import GoalChange, KnowledgeChange, Order, ReplicaRead, Trace
 from observation.trace.words import seconds
+
+_CONSTANT: Final = "parameters"
+_OFTEN: Final = 0.3
+"""A point that changes more often than this, per second, is where the robot is, and not what it wants."""
+_FEW: Final = 5
+"""So many changes are not often."""
+
+Changes = Sequence[KnowledgeChange]
+
+
+class ChangeRun(NamedTuple):
+    """A field of knowledge that one process or exchange has changed; a count, several times in a row."""
+
+    field: str
+    numbers: tuple[int, ...]
+    """Those changes."""
+
+    @property
+    def last(self) -> int:
+        """The newest of them."""
+        return self.numbers[-1]
+
+
+def runs(changes: Changes, number: int) -> list[ChangeRun]:
+    """How each field that a change depended on had come to be what it was before, the newest first."""
+    own = changes[number].own
+    found = [
+        run for field in own if field != _CONSTANT and (run := _last_run(changes, field, number)) is not None
+    ]
+    return sorted(found, key=lambda run: -run.last)
+
+
+def is_routine(changes: Changes, number: int) -> bool:
+    """True if whatever made a change changes something all the time."""
+    by = changes[number].by
+    return _is_frequent(changes, [other for other, one in enumerate(changes) if one.by == by])
+
+
+def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
+    """A field's last changes before a change; None if it never changed, or only says where the robot is."""
+    numbers = list(_changes_of(changes, field, before))
+    if not numbers:
+        return None
+    if changes[numbers[-1]].fields[field].is_place and _is_frequent(changes, numbers):
+        return None
+    return ChangeRun(field, tuple(_one_way(changes, field, numbers)))
+
+
+def _one_way(changes: Changes, field: str, numbers: list[int]) -> list[int]:
+    """The last change; of a count, those too by which it had gone the same way."""
+    newest = numbers[-1]
+    direction, found = changes[newest].fields[field].direction, [newest]
+    for number in reversed(numbers[:-1]):
+        same = changes[number].by == changes[newest].by
+        if not direction or not same or changes[number].fields[field].direction != direction:
+            break
+        found.append(number)
+    return found[::-1]
+
+
+def _changes_of(changes: Changes, field: str, before: int) -> Iterator[int]:
+    component = changes[before].component
+    for number, change in enumerate(changes[:before]):
+        if change.component == component and field in change.fields:
+            yield number
+
+
+def _is_frequent(changes: Changes, numbers: list[int]) -> bool:
+    lasted = in_seconds(changes[-1].instant - changes[0].instant)
+    return len(numbers) > max(_FEW, _OFTEN * lasted)
+
+
+class Made(NamedTuple):
+    """A decision."""
+
+    step: int
+    instant: Instant
+    words: str
+    by: str
+    """The process or the exchange that changed the knowledge; "behaviour" for what it told the robot."""
+    change: int | None
+    """Its number among the changes of knowledge ..."""
+    order: int | None
+    """... or among the orders."""
+
+
+def decisions(trace: Trace) -> list[Made]:
+    """In the order in which they were made."""
+    made = [*_of_knowledge(trace), *_of_orders(trace)]
+    return sorted(made, key=lambda one: (one.step, one.change is None))
+
+
+def _of_knowledge(trace: Trace) -> Iterator[Made]:
+    """Changes of which the component itself says that they are decisions."""
+    for number, change in enumerate(trace.changes):
+        if change.decision is not None:
+            yield Made(change.step, change.instant, change.decision.words, change.by, number, None)
+
+
+def _of_orders(trace: Trace) -> Iterator[Made]:
+    """Orders but for those that say again what a change of knowledge of the same step says."""
+    said = {change.step for change in trace.changes if change.adaptation}
+    for number, order in enumerate(trace.orders):
+        if order.verb != GIVES_UP or order.step not in said:
+            yield Made(order.step, order.instant, order.words, "behaviour", None, number)
+
 
 _WIDEST: Final = 4
 """Own fields that one change depended on, the newest of which are told."""

@@ -12,8 +12,7 @@ from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
 from observation.explanation.air import Air
-from observation.explanation.chain import Chain, Link, Second
-from observation.explanation.decisions import Made, decisions
+from observation.explanation.chain import Chain, Link, Made, Second, decisions
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError

@@ -1,8 +1,10 @@
-"""The rows of an export's tables: from the recordings, and from the traces of radio and robots."""
+"""Rows of the exported tables, from recordings and from traces of radio and robots."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, Final
 
+from actors.instant import in_seconds
 from actors.messages import TRUTH
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit
@@ -10,13 +12,80 @@ from actors.runtime.errors import AcrcError, printable
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
-from observation.export.robot_rows import TRACED, Row, Tables, robot_rows
 from observation.replay.recorded_setup import run_of, setup_of
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError
 from observation.trace.frame_fates import FrameFate, frame_fates
+from observation.trace.rows import KnowledgeChange, Trace
 from observation.trace.traces import BOUNDS, traces
+
+Row = tuple[Any, ...]
+"""Its cells."""
+Tables = dict[str, list[Row]]
+TRACED: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
+"""The tables that come of it."""
+
+
+def robot_rows(trace: Trace, step_us: int) -> Tables:
+    """Its rows by table."""
+    return {
+        "estimates": list(_estimates(trace, step_us)),
+        "goals": list(_goals(trace, step_us)),
+        "knowledge": list(_knowledge(trace)),
+        "exchanges": list(_exchanges(trace)),
+        "decisions": list(_decisions(trace)),
+    }
+
+
+def _begun(step: int, step_us: int) -> Row:
+    """The first cells of what is so from a step's beginning."""
+    return (step, step * step_us / 1e6)
+
+
+def _estimates(trace: Trace, step_us: int) -> Iterator[Row]:
+    held = trace.held
+    columns = (held.steps, held.poses, held.located, held.variances, held.lost)
+    for step, pose, located, variances, lost in zip(*(one.tolist() for one in columns), strict=True):
+        yield (*_begun(step, step_us), *pose, located, *variances, lost, None)
+
+
+def _goals(trace: Trace, step_us: int) -> Iterator[Row]:
+    for one in trace.goals:
+        yield (*_begun(one.step, step_us), *(one.point or (None, None)), one.status, one.reason, one.phase)
+
+
+def _head(change: KnowledgeChange) -> Row:
+    return (change.step, change.instant / 1e6)
+
+
+def _knowledge(trace: Trace) -> Iterator[Row]:
+    for number, one in enumerate(trace.changes):
+        head = (*_head(one), one.component, number, one.by, one.adaptation)
+        for part in one.changed:
+            yield (*head, part.path, part.before, part.after)
+
+
+def _exchanges(trace: Trace) -> Iterator[Row]:
+    for number, one in enumerate(trace.changes):
+        if not one.peer:
+            continue
+        head = (*_head(one), one.component, number, one.by, one.peer)
+        read = one.read
+        if read is None:
+            yield (*head, None, None, None, None, None, None, None)
+        else:
+            via = None if read.arrival is None else read.arrival.sender
+            when = (in_seconds(read.heard), in_seconds(read.age))
+            yield (*head, read.epoch, read.publication, *when, read.hops, read.rssi_dbm, via)
+
+
+def _decisions(trace: Trace) -> Iterator[Row]:
+    """As the robot's last record has them, but of runs that were cut off, too."""
+    for number, one in enumerate(trace.changes):
+        if (decision := one.decision) is not None:
+            head = (*_head(one), number, one.by, decision.words, one.peer or one.component)
+            yield (*head, *(decision.old or (None, None)), *(decision.new or (None, None)))
 
 
 class ExportError(AcrcError):

@@ -18,14 +18,14 @@ from observation.field_trial.aligned_clocks import AlignedClocks, ClockReport
 from observation.field_trial.recordings import FieldTrial, FieldTrialError
 from observation.field_trial.reported_places import ReportedPlaces
 from observation.field_trial.robot_log import FRAME_OUTCOMES, RobotLog
-from observation.results.deeco_result import (
+from observation.results.outcome import (
     DeecoResult,
     NodeOutcome,
+    OutcomeError,
     deeco_result,
     nearest_rank,
     node_outcome,
 )
-from observation.results.outcome import OutcomeError
 from observation.results.place_table import counted
 from observation.results.result import rate
 

@@ -15,10 +15,9 @@ from actors.floor.doorway import Doorways
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
 from actors.observer import glyphs
-from actors.observer.colours import hexadecimal
-from actors.observer.glyphs import MARKS
+from actors.observer.glyphs import MARKS, hexadecimal
 from actors.task.referee import PlaceOutcome, Verdict
-from observation.accounting.spells import Spell
+from observation.accounting.account import Spell
 from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.things_over_time import spans

@@ -9,12 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from actors.observer.colours import WHITE, contrast, hexadecimal
-from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, StateGlyph
-from observation.accounting.spells import Spell
+from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
+from observation.accounting.account import Spell
 from observation.accounting.time_spent import Cause
+from observation.evidence.recorded import Deed
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.said_places import Deed
 from observation.evidence.things_over_time import ordered
 from observation.picture import marks, style
 

@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from actors.observer.colours import hexadecimal
-from actors.observer.glyphs import MARKS, Mark
+from actors.observer.glyphs import MARKS, Mark, hexadecimal
 from observation.picture import style
 
 _MARKERS: Final[dict[str, Any]] = {

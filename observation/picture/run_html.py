@@ -8,16 +8,15 @@ from typing import Final
 from actors.instant import in_seconds
 from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
-from observation.accounting.spells import Spell, spells
+from observation.accounting.account import Spell, spells
 from observation.accounting.time_spent import Cause
-from observation.evidence.recorded import outcomes
+from observation.evidence.recorded import SaidDecision, adaptation, outcomes
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.said_decisions import SaidDecision, adaptation
 from observation.evidence.things_over_time import ordered
 from observation.page import rendering
 from observation.page.rendering import PagePicture, PageSection, PageTable
 from observation.picture import floor_picture, look, run_page, style
-from observation.recordings.writers import goes_on
+from observation.recordings.topics import goes_on
 from observation.replay.run_recordings import recordings
 from observation.results import summary
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from observation.accounting.spells import spells
+from observation.accounting.account import spells
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, labels, lanes, look, style
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from observation.accounting.spells import Spell, spells
+from observation.accounting.account import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, labels, lanes, look, style
 from observation.picture.floor_picture import DrawnRun

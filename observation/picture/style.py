@@ -10,14 +10,14 @@ from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from actors.observer import colours
-from actors.observer.colours import Colour
+from actors.observer import glyphs
+from actors.observer.glyphs import Colour
 from actors.runtime import regular_file
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture.look import dark_too
-from observation.recordings.writers import so_far
+from observation.recordings.topics import so_far
 
-ROBOTS: Final = tuple(colours.hexadecimal(one) for one in colours.ROBOTS)
+ROBOTS: Final = tuple(glyphs.hexadecimal(one) for one in glyphs.ROBOTS)
 """The same as in the viewer."""
 FLOOR: Final = "#ffffff"
 UNKNOWN: Final = "#eceef1"
@@ -97,16 +97,16 @@ def svg(figure: Figure) -> bytes:
 def _dark(drawn: bytes) -> dict[str, str]:
     """What the colours of a drawing become on a dark ground: what could not be seen there becomes lighter."""
     used = {found.decode() for found in re.findall(rb"(?:fill|stroke): (#[0-9a-f]{6})", drawn)}
-    seen = {one: colours.hexadecimal(_seen(one)) for one in sorted(used)}
-    exchanged = {FLOOR: colours.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
+    seen = {one: glyphs.hexadecimal(_seen(one)) for one in sorted(used)}
+    exchanged = {FLOOR: glyphs.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
     return {one: exchanged.get(one, dark) for one, dark in seen.items() if dark != one or one in exchanged}
 
 
 def _seen(colour: str) -> Colour:
     """The colour, or one lighter than it that has enough contrast to the dark ground."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
-    lighter = (colours.faded((red, green, blue), 1 - part / 20, colours.WHITE) for part in range(20))
-    return next(one for one in lighter if colours.contrast(one, _DARK_GROUND) >= _CONTRAST)
+    lighter = (glyphs.faded((red, green, blue), 1 - part / 20, glyphs.WHITE) for part in range(20))
+    return next(one for one in lighter if glyphs.contrast(one, _DARK_GROUND) >= _CONTRAST)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -9,8 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from actors.observer.glyphs import MARKS
-from observation.evidence.floor_things import FloorThing
-from observation.evidence.things_over_time import ThingSpan
+from observation.evidence.things_over_time import FloorThing, ThingSpan
 from observation.picture import marks
 from observation.picture.labels import PointLabel
 

@@ -1,19 +1,89 @@
-"""Recorded messages as lines for a person, as rows of a table, and as series of numbers."""
+"""Recorded messages and log lines as text, table rows, JSON and series of numbers."""
 
+import base64
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator
+import re
+import struct
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum, auto
-from typing import Any
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import msgspec
+from msgspec import inspect
 
 from actors.instant import in_seconds
+from actors.messages import Scan
+from actors.processes.robot_logs import LogTail, check_names, robots
 from actors.runtime.errors import printable
 from actors.topic import Message, Topic
-from observation.recordings.plain import at_column, columns, plain
-from observation.recordings.topics import Recorded, TopicError, short
+from observation.recordings.topics import Recorded, TopicError, has_ended, short
+
+TAG: Final = "kind"
+"""The field that says which of several a value is, such as `heard` of the events of Received."""
+
+
+def plain(value: object) -> Any:
+    """The value as JSON has it: a dict for each part of a message, base64 for bytes, mm for a scan."""
+    if isinstance(value, msgspec.Struct):
+        tag = value.__struct_config__.tag
+        named: dict[str, Any] = {} if tag is None else {TAG: tag}
+        return named | {name: plain(_field(value, name)) for name in value.__struct_fields__}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    return value
+
+
+def _field(value: msgspec.Struct, name: str) -> object:
+    if isinstance(value, Scan) and name == "ranges_mm":
+        count = len(value.ranges_mm) // 2
+        return struct.unpack(f"<{count}H", value.ranges_mm[: 2 * count])
+    return getattr(value, name)
+
+
+def columns(kind: type[Message]) -> list[str]:
+    """The fields of a type of message as columns: `odometry.x`, `pose[0]`; a tuple of any length is one."""
+    return _columns(inspect.type_info(kind), "")
+
+
+def _columns(kind: inspect.Type, name: str) -> list[str]:
+    if isinstance(kind, inspect.UnionType):
+        present = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
+        if len(present) == 1:
+            return _columns(present[0], name)
+    if isinstance(kind, inspect.StructType):
+        prefix = f"{name}." if name else ""
+        return [column for one in kind.fields for column in _columns(one.type, prefix + one.name)]
+    if isinstance(kind, inspect.TupleType):
+        parts = (_columns(one, f"{name}[{index}]") for index, one in enumerate(kind.item_types))
+        return [column for part in parts for column in part]
+    return [name]
+
+
+def at_column(message: Message, column: str) -> Any:
+    """The value at a column such as `robots[2].x`, as `plain` has it; None if the message has nothing there.
+
+    Raises LookupError for a column that no message of this type has.
+    """
+    value: Any = message
+    for part in column.replace("[", ".[").split("."):
+        if value is None:
+            return None
+        if part.startswith("["):
+            index = int(part.removeprefix("[").removesuffix("]"))
+            if not isinstance(value, tuple):
+                raise LookupError(column)
+            value = value[index] if index < len(value) else None
+        elif isinstance(value, msgspec.Struct) and part in value.__struct_fields__:
+            value = _field(value, part)
+        else:
+            raise LookupError(column)
+    return plain(value)
 
 
 class LineForm(Enum):
@@ -119,3 +189,62 @@ def _number(message: Message, column: str, key: str) -> float | None:
         shown = msgspec.json.encode(value).decode()[:80]
         raise TopicError(f"{column!r}: is {shown} in {short(key)}; must be a number")
     return float(value)
+
+
+_LOG: Final = "/log"
+_POLL_S: Final = 0.1
+_STAMP: Final = re.compile(r" *(\d+\.\d{3}) s  step \d+  ")
+
+
+class Printed(NamedTuple):
+    """A line of a robot's log."""
+
+    robot: str
+    seconds: float
+    """Simulated; of a line without a time that of the line before it."""
+    line: str
+
+
+def is_log(key: str) -> bool:
+    """True for the key of a log: `r1/log`, `*/log`."""
+    return key.endswith(_LOG)
+
+
+def read_logs(
+    out: Path, keys: Sequence[str], begin: float, end: float | None, *, follow: bool
+) -> Iterator[Printed]:
+    """Every line of these logs; with `follow` also what is added, to the run's end. Raises LogError."""
+    if out.is_file():
+        raise TopicError(f"{out}: a recording, which has no log; must be a run's folder")
+    wanted = [key.removesuffix(_LOG) for key in keys]
+    check_names(wanted, robots(out), str(out))
+    tail, now = LogTail(out, wanted), dict[str, float]()
+    while follow and not has_ended(out):
+        yield from _within(tail.poll(), now, begin, end)
+        time.sleep(_POLL_S)
+    yield from _within(tail.close(), now, begin, end)
+
+
+def _within(
+    found: Iterable[tuple[str, str]], now: dict[str, float], begin: float, end: float | None
+) -> Iterator[Printed]:
+    for robot, line in found:
+        if stamp := _STAMP.match(line):
+            now[robot] = float(stamp[1])
+        seconds = now.setdefault(robot, 0.0)
+        if begin <= seconds and (end is None or seconds <= end):
+            yield Printed(robot, seconds, line)
+
+
+def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iterator[str]:
+    """Lines as they are printed; `named`: with the robot in front."""
+    if form is LineForm.CSV:
+        yield row(["seconds", "key", "text"])
+    for one in found:
+        text = _STAMP.sub("", one.line, count=1)
+        if form is LineForm.JSON:
+            yield json.dumps({"seconds": one.seconds, "key": one.robot + _LOG, "text": text})
+        elif form is LineForm.CSV:
+            yield row([one.seconds, one.robot + _LOG, text])
+        else:
+            yield f"{one.robot}  {one.line}" if named else one.line

@@ -1,9 +1,11 @@
-"""What a process has to say about the run in its last record, by subject: anything may stand there."""
+"""What robots report in their last records: own outcomes, counters of deeco nodes, navigation."""
 
-from collections.abc import Mapping
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
 
@@ -75,3 +77,171 @@ def means(outcomes: Outcomes) -> dict[str, float]:
         name: [one for one in of.values() if not isinstance(one, str)] for name, of in outcomes.items()
     }
     return {name: fmean(values) for name, values in numbers.items() if values}
+
+
+NODE_SUBJECT: Final = "deeco"
+"""Under which a robot's last record holds what its node counted."""
+_BIN_MS: Final = 50
+"""Width of the bins that `deeco.statistics` counts the ages of replicas in."""
+_Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53, multiple_of=_BIN_MS)]
+_Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=MOST_NAMES)]
+
+
+class NodeOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one node counted, from the start of its process to its end."""
+
+    counters: _Counts
+    exchanges: _Counts
+    """By ensemble: exchanges that changed the local knowledge."""
+    replica_age_ms: Annotated[dict[_Bound, Count], msgspec.Meta(max_length=MOST_LISTED)]
+    """Time since each replica was heard, at each own publication: count by the bin's upper bound, ms."""
+
+
+class DeecoResult(msgspec.Struct, frozen=True):
+    """What all nodes counted, over all processes that a robot had; all empty where no robot has a node."""
+
+    counters: dict[str, int]
+    """What the nodes did, dropped or refused, by name."""
+    exchanges: dict[str, int]
+    """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: any
+    change, also one by which a robot leaves a place to another one."""
+    replica_age_mean_s: float | None
+    """Mean time since a replica had been heard, over every replica at each publication of its holder; each
+    sample stands in the middle of its bin, 50 ms wide. None without samples."""
+    replica_age_p95_s: float | None
+    """What 95 % of these samples do not exceed: the upper bound of the bin of the nearest rank, that is of
+    sample number ceil(0.95 n) in order of age. None without samples."""
+
+
+def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
+    """What a process's last record says about its node; None if it says nothing."""
+    return told(record, outcome, NODE_SUBJECT, NodeOutcome, "a node")
+
+
+def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:
+    """What the nodes did together."""
+    counters: Counter[str] = Counter()
+    exchanges: Counter[str] = Counter()
+    ages: Counter[int] = Counter()
+    for node in nodes:
+        counters.update(node.counters)
+        exchanges.update(node.exchanges)
+        ages.update(node.replica_age_ms)
+    p95_ms = nearest_rank(ages, 95)
+    return DeecoResult(
+        counters=dict(counters),
+        exchanges=dict(sorted(exchanges.items())),
+        replica_age_mean_s=_mean_s(ages),
+        replica_age_p95_s=None if p95_ms is None else p95_ms / 1000,
+    )
+
+
+def _mean_s(ages: Counter[int]) -> float | None:
+    samples = ages.total()
+    if not samples:
+        return None
+    total_ms = sum((bound - _BIN_MS / 2) * count for bound, count in ages.items())
+    return round(total_ms / samples / 1000, 4)
+
+
+def nearest_rank(counts: Counter[int], percent: int) -> int | None:
+    """What `percent` of the counted values do not exceed: sample number ceil(percent n / 100) in order."""
+    rank = math.ceil(counts.total() * percent / 100)
+    for value in sorted(counts):
+        rank -= counts[value]
+        if rank <= 0 < counts[value]:
+            return value
+    return None
+
+
+NAVIGATION_SUBJECT: Final = "navigation"
+"""Under which a robot's last record holds what its navigation counted."""
+_Listed = Annotated[tuple[T, ...], msgspec.Meta(max_length=MOST_LISTED)]
+
+
+class GivenGoal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One goal that a behaviour gave to navigation; instants in µs."""
+
+    begin: Count
+    """The start of the step in which it was given."""
+    x: Metres
+    y: Metres
+    """Where, m, map frame."""
+    end: Count | None = None
+    """The start of the step in which it ended; None: pursued at the end of the process."""
+    how: Name = ""
+    """`succeeded`, `replaced`, `cancelled`, or why navigation gave it up."""
+
+
+class NavigationOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one robot's navigation counted, from the start of its process to its end."""
+
+    goals: Count
+    succeeded: Count
+    cancelled: Count
+    recoveries: Count
+    retreats: Count
+    aborted: Annotated[dict[str, Count], msgspec.Meta(max_length=MOST_NAMES)]
+    """By reason."""
+    no_valid_trajectory: _Listed[tuple[Count, Count, Literal["itself", "abort", "order", "run"]]]
+    """Spells in which the local planner found none: begin and end, µs, and how each ended."""
+    no_valid_trajectory_unlisted: Count
+    """Further ones."""
+    given: _Listed[GivenGoal] = ()
+    """Goals, in their order."""
+    given_unlisted: Count = 0
+    """Further ones."""
+    without_plan: _Listed[tuple[Count, Count]] = ()
+    """Spells in which no way was found to one goal after the other: begin and end, µs."""
+    paused: _Listed[tuple[Count, Count | None]] = ()
+    """Spells in which the behaviour had paused navigation: begin and end, µs; None: to the end of the run."""
+
+
+class NavigationResult(msgspec.Struct, frozen=True):
+    """What the navigation of all robots did, over all processes that a robot had."""
+
+    goals: int
+    """Points that behaviours asked for, the same one again included."""
+    succeeded: int
+    """Goals reached."""
+    aborted: dict[str, int]
+    """Goals that navigation gave up, by reason: "no plan", "blocked" (no valid trajectory for too long) or
+    "no progress". The others were replaced or taken back, or open at the end."""
+    recoveries: int
+    """How often marks farther away were forgotten to try once more."""
+    retreats: int
+    """How often a robot backed away from what its bumper had touched."""
+    no_valid_trajectory: dict[str, int]
+    """Spells in which the local planner found no valid trajectory, by how they ended: by "itself", with an
+    "abort", with another "order", with the "run", or "unlisted" where there were too many to say."""
+    no_valid_trajectory_s: float
+    """How long those listed lasted together, s."""
+
+
+def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
+    """What a process's last record says about its navigation; None if it says nothing."""
+    return told(record, outcome, NAVIGATION_SUBJECT, NavigationOutcome, "a robot's navigation")
+
+
+def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:
+    """What the navigation of all robots did together."""
+    counts: Counter[str] = Counter()
+    aborted: Counter[str] = Counter()
+    spells: Counter[str] = Counter()
+    lasted_us = 0
+    for outcome in outcomes:
+        for name in ("goals", "succeeded", "recoveries", "retreats"):
+            counts[name] += getattr(outcome, name)
+        aborted.update(outcome.aborted)
+        spells.update(ending for _, _, ending in outcome.no_valid_trajectory)
+        spells["unlisted"] += outcome.no_valid_trajectory_unlisted
+        lasted_us += sum(end - begin for begin, end, _ in outcome.no_valid_trajectory)
+    return NavigationResult(
+        goals=counts["goals"],
+        succeeded=counts["succeeded"],
+        aborted=dict(sorted(aborted.items())),
+        recoveries=counts["recoveries"],
+        retreats=counts["retreats"],
+        no_valid_trajectory={ending: count for ending, count in sorted(spells.items()) if count},
+        no_valid_trajectory_s=lasted_us / 1_000_000,
+    )

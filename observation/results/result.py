@@ -1,14 +1,18 @@
-"""What a run comes to: gathered from the last records of its processes' files, and nothing else."""
+"""The result of a run, gathered from the last records of its processes; its origin and frame counts."""
 
+import platform
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from actors.instant import in_seconds
+from actors.messages import ROSTER
 from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
 from actors.radio.radio_model import share
@@ -19,17 +23,148 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
-from observation.results.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
-from observation.results.deliveries import gaps
-from observation.results.navigation_result import (
+from observation.results.outcome import (
+    DeecoResult,
     NavigationOutcome,
     NavigationResult,
+    NodeOutcome,
+    OutcomeError,
+    Outcomes,
+    deeco_result,
     navigation_outcome,
     navigation_result,
+    node_outcome,
+    own_outcome,
 )
-from observation.results.origin import UNKNOWN, Origin
-from observation.results.outcome import OutcomeError, Outcomes, own_outcome
 from observation.results.place_table import counted
+
+PARENT = "its parent"
+
+
+class UndeliveredError(AcrcError):
+    """Messages that were lost on the way, or that somebody is wrong about."""
+
+
+class Gap(NamedTuple):
+    """A key on which not as many messages arrived as were sent."""
+
+    key: str
+    sent: int
+    senders: tuple[str, ...]
+    arrived: int
+    receivers: tuple[str, ...]
+
+    def __str__(self) -> str:
+        senders = " and ".join(self.senders) or "nobody"
+        receivers = " and ".join(self.receivers) or "nobody"
+        return f"{self.key}: {senders} counted {self.sent} sent, and {receivers} {self.arrived} that arrived"
+
+
+def gaps(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[Gap, ...]:
+    """The keys whose counts do not agree, in their order.
+
+    `finals`: each process's actor, and its last note. `rosters`: how many of the world's orders to start
+    robots their parent has received. Raises UndeliveredError if a process counts what is not its own.
+    """
+    sent, arrived = Counter[str](), Counter({ROSTER.pattern: rosters})
+    senders, receivers = defaultdict[str, dict[str, None]](dict), defaultdict[str, dict[str, None]](dict)
+    receivers[ROSTER.pattern][PARENT] = None
+    for actor, final in finals:
+        _check_own(actor, final)
+        sent.update(final.sent)
+        arrived.update(final.arrived)
+        for keys, actors in ((final.sent, senders), (final.arrived, receivers)):
+            for key in keys:
+                actors[key][actor] = None
+    return tuple(
+        Gap(key, sent[key], tuple(senders[key]), arrived[key], tuple(receivers[key]))
+        for key in sorted(sent.keys() | arrived.keys())
+        if sent[key] != arrived[key]
+    )
+
+
+def demand_all(undelivered: int, sentences: Sequence[str]) -> None:
+    """UndeliveredError if there are messages that were not delivered."""
+    if undelivered:
+        raise UndeliveredError(f"{undelivered} messages were not delivered: {'; '.join(sentences)}")
+
+
+def _check_own(actor: str, final: FinalNote) -> None:
+    """A robot sends on its own keys only, and the router sees to it; so must its word."""
+    if actor in ("world", "radio"):
+        return
+    for key in _foreign({f"swarm/up/{actor}/": final.sent, f"swarm/down/{actor}/": final.arrived}):
+        raise UndeliveredError(f"{actor} counts messages on {key[:80]!r}, which is not its own")
+
+
+def _foreign(counts: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    for prefix, keys in counts.items():
+        yield from (key for key in keys if not key.startswith(prefix))
+
+
+_PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
+"""Those that a run's result, or its speed, could depend on."""
+
+
+class BranchOrigin(msgspec.Struct, frozen=True):
+    """The run that another one is a branch of."""
+
+    run: str
+    """Its folder."""
+    digest: str
+    at_s: float
+    """Where the branch leaves it, simulated s."""
+    changes: tuple[str, ...] = ()
+    """What was changed, as it was typed."""
+    difference: str = ""
+    """The first message that came out otherwise: step, key, field, both values; empty if none did."""
+    control: str = ""
+    """Digest of the control, for a branch with other settings: its strategy made anew with its own values."""
+    control_difference: str = ""
+    """The first message that came out otherwise than in the control; empty if none did, or without one."""
+
+
+class Origin(msgspec.Struct, frozen=True):
+    """Scenario, strategy and software of a run; scenario, seed, key and commit together determine its
+    digest.
+    """
+
+    scenario: str = ""
+    """Name of the scenario's file; its content, with everything drawn, lies beside the result."""
+    strategy: str = ""
+    """As the scenario or `--strategy` says."""
+    behaviour: str = ""
+    """The function that this name stands for, `module:function`."""
+    settings: dict[str, Any] = {}
+    """Of the strategy, as the scenario says; what is absent is as the strategy has it."""
+    commit: str = ""
+    """Of this software, with a plus sign where files were changed since; its version outside a clone."""
+    versions: dict[str, str] = {}
+    """Of Python and of the packages that matter."""
+    key: str = ""
+    """What all that is random follows from beside the seed; empty: there is none."""
+    navigation: str = ""
+    """Preset of navigation, as the scenario or `--navigation` says; empty in results that do not say it."""
+    localisation: str = ""
+    """Preset of localisation; the same."""
+    branch: BranchOrigin | None = None
+    """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
+
+
+UNKNOWN: Final = Origin()
+"""Of what is no whole run."""
+
+
+def versions() -> dict[str, str]:
+    """Of Python, and of each package that is installed."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
 
 OWN_WORD: Final = ("deeco", "navigation", "outcome", "unread")
 """Keys of a result that robots' processes report about themselves."""

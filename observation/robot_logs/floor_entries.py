@@ -8,11 +8,11 @@ import numpy as np
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
-from actors.observer import colours
+from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
-from observation.evidence.floor_things import FloorThing
+from observation.evidence.things_over_time import FloorThing
 from observation.robot_logs.ros2_log import (
     UNKNOWN_CELL,
     LogEntry,
@@ -67,7 +67,7 @@ def place_entries(story: Story) -> Iterator[LogEntry]:
 def _places(story: Story, states: Mapping[PlaceKey, str]) -> list[Marker]:
     markers = []
     for key, state in states.items():
-        colour = colours.GREY if state == "given up" else colours.robot(story.robots.index(key.owner))
+        colour = glyphs.GREY if state == "given up" else glyphs.robot(story.robots.index(key.owner))
         at = story.places[key.owner][key.place]
         marker = disc(f"{key.owner}/{key.place}", at, _PLACE_RADIUS, _FLAT, colour)
         markers.append(marker._replace(opacity=0.25) if state else marker)
@@ -96,10 +96,10 @@ def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, s
     for number, robot in enumerate(story.robots):
         if robot in models:
             frame = f"{robot}/{'truth' if story.true else 'base_link'}"
-            colour = colours.GREY if acts[robot] == "off" else colours.robot(number)
+            colour = glyphs.GREY if acts[robot] == "off" else glyphs.robot(number)
             body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
             markers.append(body._replace(opacity=0.4 if acts[robot] else 0.9, frame=frame))
-            name = label(f"{robot}/name", robot, _LETTERS, colours.WHITE)
+            name = label(f"{robot}/name", robot, _LETTERS, glyphs.WHITE)
             markers.append(name._replace(frame=frame))
     return markers
 
@@ -113,7 +113,7 @@ def thing_entries(story: Story) -> Iterator[LogEntry]:
 def _thing(number: int, thing: FloorThing) -> Marker:
     mark = MARKS[thing.kind]
     jams = mark.shape == "dashed ring"
-    name, colour = f"{thing.kind} {number}", mark.colour or colours.GREY
+    name, colour = f"{thing.kind} {number}", mark.colour or glyphs.GREY
     marker = lines(name, thing.points, _WALL, colour)
     if thing.radius:
         marker = disc(name, thing.points[0], thing.radius, _FLAT if jams else _HIGH, colour)
@@ -131,7 +131,7 @@ def link_entries(story: Story) -> Iterator[LogEntry]:
         for one, other in pairs.tolist():
             ends = [_where(tracks[index], second) for index in (one, other)]
             points += [end for end in ends if end is not None] if None not in ends else []
-        links = [lines("links", tuple(points), _LINK, colours.LINK)] if points else []
+        links = [lines("links", tuple(points), _LINK, glyphs.LINK)] if points else []
         yield _scene(second, "/links", links)
 
 

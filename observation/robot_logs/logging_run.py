@@ -34,9 +34,7 @@ from observation.robot_logs.robot_entries import (
 )
 from observation.robot_logs.ros2_log import LogEntry, Spool, write
 from observation.trace.traces import BOUNDS, traces
-from observation.view.collected import collected_story
-from observation.view.simulated import simulated_story
-from observation.view.story import Source, Story
+from observation.view.story import Source, Story, collected_story, simulated_story
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from actors.geometry import Pose
-from actors.observer.colours import Colour
+from actors.observer.glyphs import Colour
 from actors.portable import cos_sin
 from actors.robot_model import RangeSensor
 

@@ -11,7 +11,7 @@ from actors.processes.signals import Interrupted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose, warn
-from observation.recordings.writers import Standing, drawn_until, standing
+from observation.recordings.topics import Standing, drawn_until, standing
 from observation.view import live
 from observation.view.drawn import Say, Wishes, draw, place, read_story
 from observation.view.story import Story

@@ -17,7 +17,7 @@ from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose, warn
-from observation.accounting.spells import spells
+from observation.accounting.account import spells
 from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer, ExplanationError
@@ -25,10 +25,8 @@ from observation.replay.run_recordings import recordings
 from observation.results.hosts_file import elsewhere, where
 from observation.trace.fates import read_fates
 from observation.trace.traces import traces
-from observation.view.collected import collected_story
 from observation.view.painting import Painting, arrangement, looked_into
-from observation.view.simulated import simulated_story
-from observation.view.story import Source, Story
+from observation.view.story import Source, Story, collected_story, simulated_story
 
 FILE_NAME: Final = "view.rrd"
 SEEN_FROM_OUTSIDE: Final = {

@@ -1,26 +1,103 @@
-"""Draws a story: what was recorded at once, then what was computed, as it comes; or piece by piece."""
+"""Draws a run, whole or piece by piece: first what was recorded, then what is computed."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from actors.installation.usage import wrong_value
-from actors.observer.colours import FATES
-from actors.observer.drawing import floor, layout, legend, places, radio, robots, things, words
+from actors.observer.drawing import layout, places, radio, robots, things, words
 from actors.observer.drawing.canvas import FEW, Canvas
+from actors.observer.drawing.places import PlaceState, draw_places
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
+from actors.observer.glyphs import FATES
 from actors.radio.medium.state import Outcome
+from actors.task.words import PlaceKey
 from observation.explanation.explain import Explanation
 from observation.trace.fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace
-from observation.view.events import Happenings, name
-from observation.view.painted_inside import DrawnParts, PaintedInside, RobotLane
-from observation.view.place_history import PlaceHistory
-from observation.view.plots import Plots
+from observation.view.painted_inside import DrawnParts, PaintedInside, RobotLane, Way
+from observation.view.plots import Happenings, Plots, name
 from observation.view.story import Floats, Source, Story
-from observation.view.ways import Way
+
+
+class _RobotWord(NamedTuple):
+    """Something that a robot said."""
+
+    second: float
+    robot: str
+    what: str
+    """route, done or given_up."""
+    places: tuple[PlaceKey, ...]
+
+
+class PlaceHistory:
+    """Draws the places of each owner whenever one of them stands otherwise."""
+
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        self._states: dict[PlaceKey, PlaceState] = {}
+        self._shown: dict[PlaceKey, PlaceState] = {}
+        """Those that somebody has spoken of, and those that were there from the beginning."""
+        self._held: dict[str, frozenset[PlaceKey]] = {}
+
+    def extend(self, story: Story) -> None:
+        """Take in a story, or its next piece."""
+        self._come(story)
+        for word in _words(story):
+            touched = set(word.places)
+            if word.what == "route":
+                now = frozenset(word.places)
+                touched = set(now ^ self._held.get(word.robot, frozenset()))
+                self._held[word.robot] = now
+            changed = set()
+            for key in touched & self._states.keys():
+                new = self._after(key, word.what)
+                if new != self._shown.get(key):
+                    self._states[key] = self._shown[key] = new
+                    changed.add(key.owner)
+            self._draw(word.second, changed)
+
+    def _come(self, story: Story) -> None:
+        """The places that are new: shown at once if they are of the beginning, else once spoken of."""
+        owners = set()
+        for owner, points in story.places.items():
+            for number, (x, y) in enumerate(points):
+                key = PlaceKey(owner, number)
+                if key in self._states:
+                    continue
+                self._states[key] = PlaceState(x, y, holders=(owner,))
+                if number < story.begun_with[owner]:
+                    self._shown[key] = self._states[key]
+                    self._held[owner] = self._held.get(owner, frozenset()) | {key}
+                    owners.add(owner)
+        self._draw(0.0, owners)
+
+    def _after(self, key: PlaceKey, what: str) -> PlaceState:
+        """How a place stands once something was said of it."""
+        state = self._states[key]
+        if what == "route":
+            robots = self._canvas.robots
+            return state._replace(
+                holders=tuple(robot for robot in robots if key in self._held.get(robot, ()))
+            )
+        return state._replace(done=True) if what == "done" else state._replace(given_up=True)
+
+    def _draw(self, second: float, owners: set[str]) -> None:
+        for owner in sorted(owners):
+            mine = [state for key, state in self._shown.items() if key.owner == owner]
+            if mine:
+                draw_places(self._canvas, owner, second, mine)
+
+
+def _words(story: Story) -> list[_RobotWord]:
+    """In order of time; at one instant what has become of a place comes before who holds it."""
+    said = [_RobotWord(deed.second, deed.robot, "done", (deed.place,)) for deed in story.reported]
+    said += [_RobotWord(deed.second, deed.robot, "given_up", (deed.place,)) for deed in story.given_up]
+    said += [_RobotWord(route.second, route.robot, "route", route.places) for route in story.routes]
+    return sorted(said, key=lambda word: (word.second, word.what))
+
 
 DETAILED: Final = 8
 """Of so many robots everything is drawn; of the others what they do, know and want: a file of fifty robots'
@@ -50,9 +127,9 @@ class Painting:
         """Copies that were lost lately."""
         self._fates_since = 0.0
         self._exchanges: list[LearntExchange] = []
-        floor.draw_floor(canvas, story.grid, story.doors)
-        legend.draw_marks(canvas)
-        legend.draw_lines(canvas, "copies", FATES)
+        things.draw_floor(canvas, story.grid, story.doors)
+        things.draw_marks(canvas)
+        things.draw_lines(canvas, "copies", FATES)
         radio.introduce_radio(canvas)
         for robot in story.robots:
             robots.introduce(canvas, robot)

@@ -7,7 +7,7 @@ import numpy as np
 
 from actors.observer.drawing.words import Occupation
 from observation.accounting.episodes import STANDARD
-from observation.evidence.said_places import Route
+from observation.evidence.recorded import Route
 from observation.view.story import Track
 
 

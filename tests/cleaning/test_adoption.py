@@ -8,9 +8,8 @@ from actors.geometry import Point
 from actors.instant import Instant, seconds
 from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
-from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Takeover
 from deeco.knowledge import seen_as

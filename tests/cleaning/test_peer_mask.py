@@ -5,8 +5,8 @@ from dataclasses import replace
 from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
+from cleaning.adoption import PeerMask
 from cleaning.parameters import AdaptationParameters
-from cleaning.peer_mask import PeerMask
 from tests.cleaning.equipment import NOW, Base, adaptive
 
 MASKING = AdaptationParameters(peer_mask=True)

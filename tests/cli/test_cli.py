@@ -24,10 +24,8 @@ from command_line.development import commands
 from command_line.development.checks import Check, run_checks
 from command_line.documentation import tree
 from observation.results import summary
-from observation.results.deeco_result import DeecoResult
-from observation.results.navigation_result import NavigationResult
-from observation.results.origin import Origin
-from observation.results.result import RobotResult, RunResult
+from observation.results.outcome import DeecoResult, NavigationResult
+from observation.results.result import Origin, RobotResult, RunResult
 from tests import in_process
 
 TREE = tree()

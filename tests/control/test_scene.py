@@ -14,7 +14,7 @@ from actors.messages import (
     RobotTruth,
     Truth,
 )
-from actors.observer.colours import Colour, contrast
+from actors.observer.glyphs import Colour, contrast
 from actors.orders import (
     CloseDoor,
     Freeze,

@@ -18,18 +18,16 @@ from actors.runtime.recording import RecordingError
 from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from observation.accounting import blockings, decisions, diagnosis
-from observation.accounting.account import account
+from observation.accounting.account import account, decision_events, diagnosis_score
 from observation.accounting.classify import CAUSES, Classified, classify
 from observation.accounting.episodes import STANDARD
-from observation.accounting.findings import FrameCounts, findings
-from observation.accounting.said import Said
+from observation.accounting.findings import FrameCounts, blocking_events, deadlocks, findings
 from observation.accounting.time_spent import Cause, DeadlockCount
-from observation.accounting.tracks import TimedJam, Tracks
+from observation.accounting.tracks import Said, TimedJam, Tracks
 from observation.accounting.true_floor import TrueFloor
-from observation.evidence.said_decisions import SaidDecision
+from observation.evidence.recorded import SaidDecision
 from observation.replay.recorded_orders import GivenOrder
-from observation.results.navigation_result import GivenGoal
+from observation.results.outcome import GivenGoal
 from tests.experiments import situations
 
 STEP = 100_000
@@ -211,7 +209,7 @@ def test_a_blocking_has_instants_robots_place_and_cause() -> None:
     other[:, 0] = 2 * one[100, 0] + 1.3 - one[:, 0]
     other[200:, 1] += 0.02 * np.arange(100)
     pair = tracks(one, other)
-    (event,) = blockings.events(pair, classified(pair, WANTS, WEST), STANDARD)
+    (event,) = blocking_events(pair, classified(pair, WANTS, WEST), STANDARD)
     assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.DEADLOCK.value)
     assert event.begin_s == pytest.approx(9.0, abs=0.5) and event.end_s == pytest.approx(20.6, abs=0.7)
     assert not event.at_end
@@ -221,7 +219,7 @@ def test_pairs_in_a_deadlock_are_counted_and_whether_they_come_free() -> None:
     one, other = at(2.0, 1.0), at(2.4, 1.0)
     other[200:, 0] += 0.02 * np.arange(100)
     for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
-        assert blockings.deadlocks(pair, classified(pair, WANTS, WANTS), STANDARD) == DeadlockCount(1, free)
+        assert deadlocks(pair, classified(pair, WANTS, WANTS), STANDARD) == DeadlockCount(1, free)
 
 
 def test_the_diagnosis_is_scored_by_time() -> None:
@@ -231,11 +229,11 @@ def test_the_diagnosis_is_scored_by_time() -> None:
     spells = ((seconds(1), seconds(2)), (seconds(15), seconds(20)))
     said = {"r1": Said(goals=GOAL, blocked=spells), "r2": IDLE}
     found = classify(pair, said, floor())
-    score = diagnosis.score(pair, said, found)
+    score = diagnosis_score(pair, said, found)
     assert score is not None and (score.spells, score.noticed, score.false_alarms) == (1, 1, 1)
     assert score.precision == pytest.approx(5 / 6, abs=0.01)
     assert score.recall == pytest.approx(0.45, abs=0.01) and score.delay_s == pytest.approx(6.2, abs=0.2)
-    assert diagnosis.score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
+    assert diagnosis_score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
 
 
 def decision(at_s: float, new: tuple[float, float] | None) -> SaidDecision:
@@ -260,7 +258,7 @@ def test_what_came_of_a_decision(
     pair = tracks(one, at(2.9, 1.6))
     pair.busy[:, 1] = False
     said = {"r1": Said(goals=GOAL, decisions=(decision(20.0, new),)), "r2": IDLE}
-    (event,) = decisions.events(pair, said, classify(pair, said, floor()), STANDARD)
+    (event,) = decision_events(pair, said, classify(pair, said, floor()), STANDARD)
     assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
     assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
 
@@ -269,7 +267,7 @@ def test_a_decision_is_overtaken_by_the_next_one() -> None:
     still = tracks(at(2.0, 1.0), at(3.0, 1.0))
     both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
     said = {"r1": Said(goals=GOAL, decisions=both), "r2": IDLE}
-    found = decisions.events(still, said, classify(still, said, floor()), STANDARD)
+    found = decision_events(still, said, classify(still, said, floor()), STANDARD)
     assert [one.outcome for one in found] == ["overtaken", "end"]
 
 

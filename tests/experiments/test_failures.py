@@ -15,11 +15,10 @@ from benchmarks.measured import average, proportion
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting.account import judge
 from observation.accounting.episodes import STANDARD, Episode, lost, runs, standing
-from observation.accounting.passage import Passages
-from observation.accounting.said import ABORTED
-from observation.accounting.tracks import Tracks
+from observation.accounting.tracks import ABORTED, Tracks
+from observation.accounting.true_floor import Passages
 from observation.evidence.run_reader import read_run
-from observation.results.navigation_result import GivenGoal
+from observation.results.outcome import GivenGoal
 from tests.parallel import in_memory, in_order
 
 WINDOW = 10

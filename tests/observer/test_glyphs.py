@@ -6,8 +6,8 @@ from itertools import combinations
 import pytest
 from coloraide import Color
 
-from actors.observer import colours, glyphs
-from actors.observer.colours import Colour
+from actors.observer import glyphs
+from actors.observer.glyphs import Colour
 from observation.accounting.time_spent import Cause
 from observation.trace.rows import ACTIVITIES
 from observation.view.drawn import SEEN_FROM_OUTSIDE
@@ -41,7 +41,7 @@ def test_any_two_states_of_a_picture_differ_for_all_eyes(states: Mapping[str, gl
 
 
 def test_robots_and_what_is_put_on_the_floor_differ_for_all_eyes() -> None:
-    named = {f"robot {index}": colour for index, colour in enumerate(colours.ROBOTS)}
+    named = {f"robot {index}": colour for index, colour in enumerate(glyphs.ROBOTS)}
     far, which = nearest({**named, "put": glyphs.PUT, "jammer": glyphs.JAM})
     assert far >= LEAST, which
 
@@ -49,7 +49,7 @@ def test_robots_and_what_is_put_on_the_floor_differ_for_all_eyes() -> None:
 def test_states_of_like_colour_differ_by_their_hatch_in_grey() -> None:
     for states in (glyphs.SEEN_STATES, glyphs.OWN_STATES):
         for one, other in combinations(states.values(), 2):
-            grey = colours.contrast(one.colour, other.colour)
+            grey = glyphs.contrast(one.colour, other.colour)
             assert grey >= 1.25 or one.hatch != other.hatch, (one, other)
 
 
@@ -61,6 +61,6 @@ def test_each_word_has_one_glyph() -> None:
 
 
 def test_what_is_put_there_can_be_seen_on_both_grounds() -> None:
-    floor = (colours.FLOOR,) * 3
+    floor = (glyphs.FLOOR,) * 3
     for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED):
-        assert colours.contrast(colour, floor) >= 3 and colours.contrast(colour, colours.WHITE) >= 3
+        assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3

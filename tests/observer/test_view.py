@@ -14,16 +14,15 @@ from rerun.chunk import RrdReader
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.observer import colours, viewer
+from actors.observer import glyphs, viewer
 from actors.observer.drawing import things
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import APPLICATION, Sheet
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
-from observation.evidence.floor_things import FloorThing
-from observation.evidence.said_places import Deed, Route
-from observation.evidence.things_over_time import OrderedChange
+from observation.evidence.recorded import Deed, Route
+from observation.evidence.things_over_time import FloorThing, OrderedChange
 from observation.view import __main__ as program
 from observation.view import live
 from observation.view.painting import Painting
@@ -137,8 +136,8 @@ def test_places_show_what_became_of_them_and_who_holds_them_piece_by_piece(tmp_p
         taken_over=(Deed("r2", 0.5, taken),),
     )
     found = painted(tmp_path / "view.rrd", done, gone, route)
-    own, other = (packed(colour) for colour in colours.ROBOTS[:2])
-    dim, grey = packed(colours.faded(colours.ROBOTS[0], 0.55)), packed(colours.GREY)
+    own, other = (packed(colour) for colour in glyphs.ROBOTS[:2])
+    dim, grey = packed(glyphs.faded(glyphs.ROBOTS[0], 0.55)), packed(glyphs.GREY)
     first, second = found["/world/places/r1"], found["/world/places/r2"]
     np.testing.assert_allclose(times(first), [0.0, 0.2, 0.5], atol=1e-6)
     np.testing.assert_allclose(times(second), [0.0, 0.4], atol=1e-6)
@@ -161,7 +160,7 @@ def test_a_place_that_comes_later_is_drawn_once_somebody_means_to_visit_it(tmp_p
 
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
     (row,) = painted(tmp_path / "view.rrd", story(range(2)))["/world/map"]
-    around, free, wall = colours.GROUND, colours.FLOOR, colours.WALL
+    around, free, wall = glyphs.GROUND, glyphs.FLOOR, glyphs.WALL
     cells = [around, free, wall, wall, free, free]
     assert bytes(row["GridMap:data"][0]) == bytes(part for cell in cells for part in (cell,) * 3)
     assert row["GridMap:translation"] == [[-1.0, 3.0, 0.0]]
@@ -178,7 +177,7 @@ def test_the_file_opens_with_its_own_layout(tmp_path: Path) -> None:
 def test_colours_follow_the_scenarios_order(tmp_path: Path) -> None:
     found = painted(tmp_path / "view.rrd", story(range(2)))
     drawn = [found[f"/world/robots/{robot}/turn/body"][0]["Cylinders3D:colors"] for robot in ("r1", "r2")]
-    assert drawn == [[packed(colour)] for colour in colours.ROBOTS[:2]]
+    assert drawn == [[packed(colour)] for colour in glyphs.ROBOTS[:2]]
 
 
 def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:

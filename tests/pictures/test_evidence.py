@@ -14,8 +14,7 @@ from actors.messages import Truth
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
 from actors.topic import Message
-from observation.accounting.account import account
-from observation.accounting.spells import spells
+from observation.accounting.account import account, spells
 from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_evidence import EvidenceError, RunEvidence
 from observation.evidence.run_reader import read_run
@@ -84,7 +83,7 @@ def test_who_stands_alone_stands_before_nobody(evidence: RunEvidence) -> None:
 def test_of_a_run_that_was_cut_goals_are_not_known_and_standing_still_shows(
     evidence: RunEvidence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("observation.accounting.said.outcomes", lambda record: {})
+    monkeypatch.setattr("observation.accounting.tracks.outcomes", lambda record: {})
     assert {one.cause for one in spells(evidence)} & {*BY_ROBOTS}
 
 

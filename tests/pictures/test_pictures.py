@@ -18,8 +18,7 @@ from PIL import Image
 
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
-from actors.observer.colours import contrast, hexadecimal
-from actors.observer.glyphs import MARKS, SEEN_STATES
+from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from command_line import look as look_commands
 from deploy.run import swarm

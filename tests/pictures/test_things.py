@@ -16,17 +16,15 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.observer.colours import hexadecimal
-from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES
+from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, hexadecimal
 from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.world.world_setup import TimedOrder, WorldSetup
-from observation.accounting.spells import spells
+from observation.accounting.account import spells
 from observation.accounting.time_spent import Cause
 from observation.evidence import run_evidence, run_reader
-from observation.evidence.floor_things import FloorThing, FloorThings
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
-from observation.evidence.things_over_time import ThingsOverTime, ordered, spans
+from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
 from observation.picture import glyph_sheet, labels, lanes, look, moving, run_html, run_page, style
 from observation.replay.recorded_orders import GivenOrder
 from tests.swarm.command import ROOT, run

@@ -9,7 +9,7 @@ import pytest
 from pyarrow import parquet
 
 from actors.installation.repository import REPOSITORY
-from observation.export.columns import TABLES, page
+from observation.export.parquet_files import TABLES, page
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
 

@@ -27,7 +27,7 @@ from observation.accounting.time_spent import TimeSpent
 from observation.evidence.recorded import outcomes, taken
 from observation.evidence.run_evidence import world_setup
 from observation.export import rows
-from observation.export.columns import TABLES
+from observation.export.parquet_files import TABLES
 from observation.results.result import RunResult
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE

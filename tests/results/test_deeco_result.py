@@ -7,13 +7,13 @@ import pytest
 
 from deeco.instant import Instant, in_seconds, milliseconds
 from deeco.statistics import Statistics
-from observation.results.deeco_result import (
+from observation.results.outcome import (
     DeecoResult,
     NodeOutcome,
+    OutcomeError,
     deeco_result,
     node_outcome,
 )
-from observation.results.outcome import OutcomeError
 
 RECORD = Path("/o/r1/r1.mcap")
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from observation.results.navigation_result import (
+from observation.results.outcome import (
     NavigationOutcome,
+    OutcomeError,
     navigation_outcome,
     navigation_result,
 )
-from observation.results.outcome import OutcomeError
 
 FIRST = NavigationOutcome(
     5, 2, 1, 3, 0, {"blocked": 2, "no plan": 0}, ((0, 500_000, "itself"), (10, 1_000_010, "abort")), 4

@@ -8,7 +8,7 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from cleaning.parameters import AdaptationParameters
-from cleaning.places import GOLDEN
+from cleaning.place import GOLDEN
 from cleaning.settings import from_settings
 from deploy.scenario.areas import for_places
 from deploy.scenario.resolve import resolve

@@ -24,7 +24,7 @@ from actors.orders import (
 )
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
-from cleaning.places import GOLDEN
+from cleaning.place import GOLDEN
 from deploy.scenario.areas import for_places
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from actors.geometry import Point
 from actors.messages import FRAME_DATA_LIMIT
 from actors.task.words import PlaceKey
-from cleaning.bidding import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
 from cleaning.cleaner import State
 from cleaning.place import Assignment
+from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
 from deeco.knowledge import seen_as
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.packet import KnowledgePacket, Version, pack

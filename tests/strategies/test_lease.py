@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from cleaning.leasing import DoorRivals, DoorsCleared, LeasingParameters, LeasingRobot, Lessee
+from cleaning.strategies.lease import DoorRivals, DoorsCleared, LeasingParameters, LeasingRobot, Lessee
 from deeco.knowledge import seen_as
 from tests.cleaning.equipment import NOW, Floor, Ways, route
 

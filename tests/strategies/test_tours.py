@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from actors.geometry import Point
 from cleaning.place import Assignment
-from cleaning.tours import FAR, Ways
+from cleaning.strategies.tour import FAR, Ways
 from tests.cleaning.equipment import Floor
 
 START = Point(0.0, 0.0)

@@ -10,13 +10,13 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from actors.observer import colours
+from actors.observer import glyphs
 from actors.observer.glyphs import OWN_STATES
 from actors.observer.sheet import APPLICATION
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
 from command_line import look
-from observation.accounting.spells import spells
+from observation.accounting.account import spells
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.explanation.explain import Explainer
@@ -191,8 +191,8 @@ def test_a_folder_in_which_nobody_may_write_gets_its_view_elsewhere(
 
 
 def test_the_first_robots_colours_can_be_told_from_black_and_from_white() -> None:
-    floor = (colours.FLOOR,) * 3
-    for colour in colours.ROBOTS[:4]:
-        assert colours.contrast(colour, floor) >= 3 and colours.contrast(colour, colours.WHITE) >= 3
+    floor = (glyphs.FLOOR,) * 3
+    for colour in glyphs.ROBOTS[:4]:
+        assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3
     for glyph in OWN_STATES.values():
-        assert colours.contrast(glyph.colour, colours.WHITE) >= 3.8
+        assert glyphs.contrast(glyph.colour, glyphs.WHITE) >= 3.8

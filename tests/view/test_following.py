@@ -20,8 +20,8 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_reader import RunReader
-from observation.recordings import writers
-from observation.recordings.writers import Standing, standing
+from observation.recordings import topics
+from observation.recordings.topics import Standing, standing
 from observation.replay.growing_replay import GrowingBus, GrowingReplay
 from observation.replay.record_replay import made_again
 from observation.trace.frame_fates import frame_fates, replayed
@@ -30,10 +30,9 @@ from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
 from observation.view import command, drawn, live
 from observation.view.drawn import Wishes, draw, read_story
-from observation.view.following import Following
+from observation.view.live import Following
 from observation.view.seen import Seen
-from observation.view.simulated import Teller, simulated_story
-from observation.view.story import Track
+from observation.view.story import Teller, Track, simulated_story
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
@@ -179,7 +178,7 @@ def test_what_is_saved_of_a_run_without_an_end_says_until_when(
         (Standing.DIED, "the run has died without a result: it is drawn as far as it was recorded, up to "),
         (Standing.GOING_ON, "the run is going on: it is drawn as far as it was recorded, up to "),
     ):
-        for module in (command, writers):
+        for module in (command, topics):
             monkeypatch.setattr(module, "standing", lambda out, how=how: how)
         said: list[str] = []
         command.save(growing.out, Wishes(), tmp_path / "cut.rrd", said.append)

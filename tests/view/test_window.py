@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from actors.observer import colours, screenshot
+from actors.observer import glyphs, screenshot
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced
 from observation.view import drawn
@@ -44,7 +44,7 @@ def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
     pixels = np.asarray(picture).astype(int)
     seen = Counter(map(tuple, pixels.reshape(-1, 3).tolist()))
     assert len(seen) > 500
-    for colour in colours.ROBOTS[:2]:
+    for colour in glyphs.ROBOTS[:2]:
         near = np.abs(pixels[:520, :800] - colour).max(axis=2) < 12
         assert near.sum() > 30, f"nothing on the floor has the colour {colour}"
     lanes = pixels[560:, :400]

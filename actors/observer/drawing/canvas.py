@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import GREY, Colour
-from actors.observer.colours import robot as robot_colour
+from actors.observer.glyphs import GREY, Colour
+from actors.observer.glyphs import robot as robot_colour
 
 TIMELINE: Final = "sim_time"
 RADIUS: Final = 0.177

@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import ARC, COSTS_COLOUR, PARTICLES, PLAN, SCAN, WHITE
 from actors.observer.drawing.canvas import BODY, CIRCLE, CLOUD, COSTS, NOSE, RADIUS, WAY, Canvas, lifted, ring
+from actors.observer.glyphs import ARC, COSTS_COLOUR, PARTICLES, PLAN, SCAN, WHITE
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

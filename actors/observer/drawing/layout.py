@@ -11,10 +11,10 @@ from typing import Any, Final
 import rerun.blueprint as rrb
 
 from actors.floor.grid import OccupancyGrid
-from actors.observer.colours import FATES, GROUND
 from actors.observer.drawing.canvas import TIMELINE
 from actors.observer.drawing.robots import RECENT_S
 from actors.observer.drawing.words import lane_path
+from actors.observer.glyphs import FATES, GROUND
 
 _FIELD_OF_VIEW: Final = math.radians(55.0)
 """Of the viewer's camera, vertically; with it the height is chosen so that the map just fits."""

@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import GREY, WHITE, Colour, faded
 from actors.observer.drawing.canvas import BODY, FEW, INTENT, LABEL, PLACE, Canvas, lifted, ring
+from actors.observer.glyphs import GREY, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0

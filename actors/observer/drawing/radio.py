@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import FATES, LINK, Colour, faded
 from actors.observer.drawing.canvas import FEW, NOSE, Canvas, lifted, ring
 from actors.observer.drawing.canvas import LINK as HEIGHT
+from actors.observer.glyphs import FATES, LINK, Colour, faded
 
 Floats = NDArray[np.float64]
 LASTING: Final = 2.5

@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import WHITE, faded
 from actors.observer.drawing.canvas import BODY, FEW, LABEL, NOSE, RADIUS, TRAIL, Canvas
+from actors.observer.glyphs import WHITE, faded
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0

@@ -1,15 +1,79 @@
-"""What was put on the floor, and what stands there no more."""
+"""Draws the map, the legend, and what was put on the floor."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import WHITE, Colour
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.observer.drawing.canvas import CIRCLE, LABEL, TRAIL, Canvas, ring
-from actors.observer.glyphs import MARKS
+from actors.observer.glyphs import DOOR, FLOOR, GROUND, MARKS, WALL, WHITE, Colour, faded
+
+
+def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | None = None) -> None:
+    """Draw the floor plan below /world/map; `doors`: (rows, columns), cells that get a tint."""
+    image = _image(grid, np.zeros(grid.cells.shape, np.bool_) if doors is None else doors)
+    rows, columns, _ = image.shape
+    canvas.still(
+        "world/map",
+        rr.GridMap(
+            data=image.tobytes(),
+            format=rr.components.ImageFormat(
+                width=columns, height=rows, color_model="RGB", channel_datatype="U8"
+            ),
+            cell_size=grid.resolution,
+            translation=(grid.origin.x, grid.origin.y, 0.0),
+            draw_order=-10.0,
+        ),
+    )
+
+
+def _image(grid: OccupancyGrid, doors: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The cells in grey, (rows, columns, 3); the viewer wants the north edge first."""
+    values = np.full((*grid.cells.shape, 3), GROUND, dtype=np.uint8)
+    values[grid.cells == FREE] = FLOOR
+    values[grid.cells == OCCUPIED] = WALL
+    values[doors] = faded(DOOR, 0.3)
+    return np.ascontiguousarray(np.flipud(values))
+
+
+_SIGNS: Final = {
+    "ring": "○", "disc": "●", "diamond": "◇", "cross": "✕", "square": "□", "tint": "▒", "bar": "━",
+    "dashed ring": "◌",
+}  # fmt: skip
+"""Marks of the floor, as letters."""
+_MORE: Final = (
+    ("bright line", "where a robot went in the last 20 s; dim: before"),
+    ("thin line", "to where a robot heads"),
+    ("blue line", "radio link, the brighter the stronger"),
+    ("red or amber ring", "a frame is lost here: collision, or it was sending"),
+)
+
+
+def draw_marks(canvas: Canvas) -> None:
+    """What is drawn on the floor, as text."""
+    rows = [
+        (f"{_SIGNS[mark.shape]} {name}", mark.says) for name, mark in MARKS.items() if mark.shape in _SIGNS
+    ]
+    rows += [(name, says) for name, says in _MORE]
+    text = "\n".join(f"- **{name}**: {says}" for name, says in rows)
+    canvas.still("legend/marks", rr.TextDocument(text, media_type="text/markdown"))
+
+
+def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
+    """The lines of a plot: their names in their colours, below one another."""
+    count = len(lines)
+    dots = rr.Points2D(
+        [(0.0, float(row)) for row in range(count)],
+        colors=list(lines.values()),
+        radii=[-4.0] * count,
+        labels=list(lines),
+        show_labels=True,
+    )
+    canvas.still(f"legend/{name}", dots)
+
 
 PutThing = tuple[str, tuple[tuple[float, float], ...], float]
 """Kind, one of MARKS; m: middle or both ends; radius, 0 of what is straight."""

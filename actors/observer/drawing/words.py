@@ -7,9 +7,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import GREY, Colour
 from actors.observer.drawing.canvas import Canvas, packed
-from actors.observer.glyphs import OWN_STATES
+from actors.observer.glyphs import GREY, OWN_STATES, Colour
 
 _SHORTEST: Final = 0.6
 """A spell in a lane that lasts less long, s, goes with what was before."""
