@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import ExitStack
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,22 +17,6 @@ pytestmark = [
     pytest.mark.nightly,
     pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine"),
 ]
-
-
-_CROWD = """(() => {
-  socket.onmessage = null;
-  const ids = [...Array(100).keys()].map((number) => `r${number + 1}`);
-  const spot = (number) => [floor.west + 1 + number % 20, floor.south + 1 + Math.floor(number / 20)];
-  ids.forEach((id, number) => {
-    floor.radii[id] = 0.18;
-    floor.colours[id] = "#0072b2";
-    trails.set(id, [...Array(41).keys()].map((back) => [state.t - 20 + back / 2, ...spot(number)]));
-  });
-  const robots = ids.map((id, number) => [id, ...spot(number), 0, "blocked", spot(number + 3), "r1"]);
-  const links = [...Array(400).keys()].map((number) => [number % 100, (number * 7) % 100]);
-  state = { ...state, robots, links };
-  show();
-})()"""
 
 
 @pytest.fixture(scope="module")
@@ -151,65 +134,6 @@ def test_after_a_click_keys_go_to_the_map_and_a_button_reached_by_tab_keeps_its_
     assert page.value("$('seconds').value") == "21"
 
 
-def test_buttons_follow_the_state_of_the_robot(page: Any) -> None:
-    def can() -> Any:
-        return page.value(
-            "[...document.querySelectorAll('[data-order]')].filter((one) => !one.disabled)"
-            ".map((one) => one.dataset.order)"
-        )
-
-    assert can() == []
-    page.click("[data-robot=r1]")
-    assert page.value("document.querySelector('[data-robot=r1]').getAttribute('aria-pressed')") == "true"
-    assert can() == ["freeze", "kill"]
-    page.click("[data-order=freeze]")
-    browser.until(lambda: can() == ["thaw", "kill"])
-    page.click("[data-order=kill]")
-    browser.until(lambda: can() == ["restart"])
-    assert page.value("document.querySelector('[data-robot=r1]').textContent") == "r1off"
-
-
-def test_a_click_that_does_nothing_says_why(page: Any) -> None:
-    nowhere = there(page, 2.0, 2.0)
-    said = page.value("$('said').children.length")
-    for tool, why in (
-        ("move", "No robot there. Choose one, or drag one to move it."),
-        ("wall", "Drag from one end to the other to draw a wall."),
-        ("obstacle", "Drag from the middle to the rim to put an obstacle."),
-        ("give", "Choose a robot first: the place is given to it."),
-        ("door", "No door within 1 m."),
-        ("jam", "Drag from the middle to the rim to put a jammer."),
-    ):
-        page.click(f"[data-tool={tool}]")
-        page.drag(nowhere, nowhere)
-        browser.until(lambda expected=why: note(page) == expected)
-    assert page.value("$('said').children.length") == said
-    for key in ("k", "q"):
-        page.press("m")
-        page.press(key)
-        assert note(page) == "Choose a robot first."
-    page.press("w")
-    page.press("Enter")
-    page.press("Enter")
-    assert note(page) == "Move the cursor first: it is where it began."
-    page.press("Escape")
-    assert note(page) == "Dropped."
-    assert page.value("$('said').children.length") == said
-
-
-def test_arrow_keys_in_a_row_are_one_line(page: Any) -> None:
-    page.value("order('step')")
-    page.press("n")
-    moves = "[...$('said').children].filter((one) => /^move/.test(one.textContent)).length"
-    before, (_, x, *_) = page.value(moves), robot(page)
-    page.press("ArrowLeft")
-    browser.until(lambda: robot(page)[1] == pytest.approx(x - 0.1, abs=2e-3))
-    page.value("target.pressed += 1e6")  # however long a busy machine takes to the next key
-    page.press("ArrowLeft")
-    browser.until(lambda: page.value("/^move r1.* \\u00d72: carried/.test($('said').firstChild.textContent)"))
-    assert page.value(moves) == before + 1
-
-
 def test_keys_turn_a_robot_change_the_speed_and_ask_before_they_stop_the_run(page: Any) -> None:
     page.press("p")
     _, x, y, heading, *_ = robot(page, 1)
@@ -224,26 +148,6 @@ def test_keys_turn_a_robot_change_the_speed_and_ask_before_they_stop_the_run(pag
     assert page.value("$('stop').textContent") == "Stop: sure?"
     page.press("Escape")
     assert page.value("$('stop').textContent") == "Stop"
-
-
-def test_while_one_drags_the_map_goes_on(page: Any) -> None:
-    page.press(" ")
-    browser.until(lambda: not page.value("state.paused"))
-    page.click("[data-tool=wall]")
-    for kind, (x, y) in (("mousePressed", there(page, 2.0, 2.0)), ("mouseMoved", there(page, 3.0, 2.0))):
-        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1)
-    step, before = page.value("state.step"), page.value("canvas.toDataURL()")
-    browser.until(lambda: page.value(f"drag !== null && state.step > {step}"))
-    browser.until(lambda: page.value("canvas.toDataURL()") != before)
-    page.press("Escape")
-    assert page.value("drag") is None
-
-
-def test_a_hundred_robots_are_drawn(page: Any) -> None:
-    page.value(_CROWD)
-    page.value("draw()")
-    assert page.value("$('robots').children.length") == 100
-    assert page.value("state.robots.length == 100 && draw() === undefined")
 
 
 def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
@@ -299,26 +203,6 @@ def test_orders_and_trails_outlive_a_reload_and_two_tabs_tell_the_same(
         assert page.value(texts) == other.value(texts)
 
 
-def test_the_ninth_page_says_in_itself_that_there_are_too_many(page: Any, address: str) -> None:
-    origin = address.rsplit("/", 2)[0]
-    page.call("Page.navigate", url="about:blank")
-    with ExitStack() as stack:
-        for _ in range(8):
-            socket = client.connect(
-                address.replace("http", "ws") + "socket", origin=origin, max_size=None, close_timeout=0.1
-            )
-            stack.enter_context(socket)
-        page.call("Page.navigate", url=address)
-        browser.until(
-            lambda: (
-                page.value("!$('lost').hidden && $('lost').textContent")
-                == "8 pages of this run are open already. Close one, then reload this one."
-            )
-        )
-        assert page.value("$('lost').getAttribute('role')") == "alert"
-        assert page.value("$('pause').disabled")
-
-
 def test_on_a_phone_nothing_scrolls_sideways_and_fingers_move_robots_and_the_view(
     page: Any, tmp_path: Path
 ) -> None:
@@ -343,23 +227,6 @@ def test_on_a_phone_nothing_scrolls_sideways_and_fingers_move_robots_and_the_vie
     assert page.value("fit() || left") == pytest.approx(at + 20, abs=2)
     assert page.value("$('said').children.length") == said
     page.click("#whole")
-    assert page.value("fit() || scale") == pytest.approx(fit)
-
-
-def test_wheel_keys_and_the_middle_button_change_the_view(page: Any) -> None:
-    fit = page.value("fit() || scale")
-    x, y = there(page, 12.0, 11.0)
-    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-400)
-    browser.until(lambda: page.value("fit() || scale") == pytest.approx(2.718 * fit, rel=0.01))
-    assert there(page, 12.0, 11.0) == pytest.approx((x, y), abs=1)
-    for kind, px in (("mousePressed", x), ("mouseMoved", x + 40), ("mouseReleased", x + 40)):
-        page.call("Input.dispatchMouseEvent", type=kind, x=px, y=y, button="middle", buttons=4)
-    assert there(page, 12.0, 11.0) == pytest.approx((x + 40, y), abs=1)
-    page.press("0")
-    assert page.value("fit() || scale") == pytest.approx(fit)
-    page.press("+")
-    assert page.value("fit() || scale") == pytest.approx(1.5 * fit)
-    page.press("-")
     assert page.value("fit() || scale") == pytest.approx(fit)
 
 

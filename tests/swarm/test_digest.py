@@ -20,7 +20,7 @@ WAYS: Final[Mapping[str, Mapping[str, Any]]] = {
     "executed": {"spawn": "exec", "isolate": False},
     "timed": {"speed": "20", "isolate": False},
 }
-NIGHTLY: Final = ("executed", "timed")
+NIGHTLY: Final = ("forked", "executed", "timed")
 
 
 def run(out: Path, full: bool, **options: Any) -> RunResult:
