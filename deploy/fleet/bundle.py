@@ -25,7 +25,7 @@ from actors.runtime.errors import AcrcError, printable
 from deploy.fleet.doctor import robot as checks
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
-from deploy.scenario.named_files import map_files, strategy_files
+from deploy.scenario.scenario_file import map_files, strategy_files
 
 MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
 """Processors with pinned wheels, as `uname -m` names them."""

@@ -1,8 +1,8 @@
 """Counts a robot's epochs, the starts of its program, in a file of the clone: they never go back.
 
-Versions on the air, terms of places and tags of frames are built on them. The file holds the last few epochs,
-the newest first, each on a line with its checksum, and is replaced as a whole; what is left of a damaged
-one still counts.
+Versions on the air, terms of places and tags of frames are built on them. The file holds the newest epoch
+with its checksum and is replaced as a whole. If it is damaged, the count goes on by the clock, which is
+ahead of it.
 """
 
 import fcntl
@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -27,10 +26,8 @@ STATE: Final = REPOSITORY / ".state"
 LAST_EPOCH: Final = 2**31 - 1
 """More have no room in the tags of frames (actors.robot.behaviour.node_host); with a start a second that
 takes 68 years."""
-_KEPT: Final = 4
-"""Lines of the file: the newest epochs."""
-_LONGEST: Final = 4096
-"""Bytes of the file that are looked at; it has a twentieth of that unless somebody else has written it."""
+_LONGEST: Final = 64
+"""Bytes of the file that are read."""
 _ZERO: Final = 1_577_836_800
 """2020-01-01 in Unix time, s: what epochs by the clock are counted from. Starts take longer than a second, so
 that the clock is ahead of every counter."""
@@ -46,10 +43,7 @@ class _Begun(msgspec.Struct):
 
 
 class _Run(msgspec.Struct, frozen=True):
-    """Of a recording's first record; earlier versions had the set-up as a text. Their starts count, too."""
-
-    setup: msgspec.Raw = msgspec.Raw()
-    scenario: str = ""
+    setup: _Begun
 
 
 @dataclass(frozen=True)
@@ -74,8 +68,12 @@ class EpochCounter:
         """An epoch later than all before, which nobody gets again. Raises AcrcError."""
         try:
             with self._alone():
-                epoch, lines = self._next()
-                self._write([_line(epoch), *lines][:_KEPT])
+                epoch = self._next()
+                if epoch > LAST_EPOCH:
+                    raise AcrcError(
+                        f"{self.file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most"
+                    )
+                self._write(epoch)
         except OSError as error:
             raise AcrcError(
                 f"{self.file}: the starts of {self.robot} cannot be counted there ({error.strerror}); "
@@ -83,24 +81,20 @@ class EpochCounter:
             ) from None
         return epoch
 
-    def _next(self) -> tuple[int, list[bytes]]:
-        """The next epoch, and the lines to keep behind its own: each is one less than the one before."""
+    def _next(self) -> int:
         if not self.file.exists():
-            return _checked(self._recorded() + 1, self.file), []
+            return self._recorded() + 1
         with self.file.open("rb") as file:
-            lines = file.read(_LONGEST).split(b"\n")
-        whole = list(takewhile(lambda line: _epoch(line) is not None, lines))
-        known = [epoch for line in lines if (epoch := _epoch(line)) is not None]
-        if whole:
-            return _checked(max(known) + 1, self.file), whole
-        if known:  # at most the others have come after it
-            return _checked(max(known) + _KEPT, self.file), []
+            line = file.read(_LONGEST)
+        number, _, _ = line.partition(b" ")
+        if number.isdigit() and line == _line(int(number)):
+            return int(number) + 1
         epoch = self._by_clock()
         self.say(
             f"{self.file} was damaged: it holds no epoch that can be read; "
             f"{self.robot} goes on with {epoch}, by the clock"
         )
-        return epoch, []
+        return epoch
 
     def _by_clock(self) -> int:
         now = int(self.clock())
@@ -111,7 +105,7 @@ class EpochCounter:
                 f"so that nobody can tell how often {self.robot} has been started; set the clock, "
                 "then start it again"
             )
-        return _checked(max(now - _ZERO, self._recorded() + 1), self.file)
+        return max(now - _ZERO, self._recorded() + 1)
 
     def _recorded(self) -> int:
         """The latest epoch of the robot's recordings; -1: there is none."""
@@ -126,11 +120,11 @@ class EpochCounter:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
-    def _write(self, lines: list[bytes]) -> None:
+    def _write(self, epoch: int) -> None:
         """Replace the file; after a loss of power it is the old one or the new one."""
         fresh = self.file.with_suffix(".new")
         with fresh.open("wb") as out:
-            out.write(b"".join(line + b"\n" for line in lines))
+            out.write(_line(epoch))
             out.flush()
             os.fsync(out.fileno())
         fresh.replace(self.file)
@@ -143,30 +137,15 @@ class EpochCounter:
 
 def _line(epoch: int) -> bytes:
     number = b"%d" % epoch
-    return b"%b %08x" % (number, zlib.crc32(number))
-
-
-def _epoch(line: bytes) -> int | None:
-    """The epoch of a line; None if the line is damaged."""
-    number, _, _ = line.partition(b" ")
-    if not 0 < len(number) <= len(str(LAST_EPOCH)) or not number.isdigit():
-        return None
-    return int(number) if line == _line(int(number)) else None
-
-
-def _checked(epoch: int, file: Path) -> int:
-    if epoch > LAST_EPOCH:
-        raise AcrcError(f"{file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most")
-    return epoch
+    return b"%b %08x\n" % (number, zlib.crc32(number))
 
 
 def _begun(path: Path) -> _Begun | None:
-    """What a recording begins with; None if that is nothing of a robot's."""
+    """Return what a recording's first record says; None if it is not a robot's."""
     try:
         first = next(read_recording(path), None)
-        if not isinstance(first, Note) or first.name != "run":
-            return None
-        run = msgspec.json.decode(first.json, type=_Run)
-        return msgspec.json.decode(bytes(run.setup) or run.scenario, type=_Begun)
+        if isinstance(first, Note) and first.name == "run":
+            return msgspec.json.decode(first.json, type=_Run).setup
     except (RecordingError, OSError, ValueError):
-        return None
+        pass
+    return None

@@ -9,7 +9,7 @@ from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
 from actors.world.world_setup import TimedOrder
-from deploy.scenario.robot_tables import known_robots
+from deploy.scenario.checks import known_robots
 from deploy.scenario.tables import EventTable, Scenario
 
 _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {

@@ -1,7 +1,8 @@
-"""Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
+"""Scenario files: read with the command line's overrides and checked; the files and the map they name."""
 
+import difflib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,12 +10,20 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors import table_wording, toml_file, wording
+from actors.floor import offices
+from actors.floor.map_file import load_map
+from actors.floor.map_header import read_header
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, typed, wrong_value
+from actors.robot.behaviour import succession
+from actors.robot.behaviour.foreign import is_installed
+from actors.robot.behaviour.modules import located
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
-from deploy.scenario import areas, events, kinds, map_choice, robot_tables
+from deploy.scenario import events
+from deploy.scenario.adaptation_tables import AreaTable
+from deploy.scenario.checks import area_fault, robot_fault
 from deploy.scenario.stack_tables import IMPROVED_REMOVED, stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
@@ -63,14 +72,14 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    kinds.check_there(path, DEFAULT_SCENARIO.parent)
+    check_there(path, DEFAULT_SCENARIO.parent)
     return parse(toml_file.read(path, "scenario"), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
     content = toml_file.tables(text, path)
-    if kinds.says_study(content):
+    if says_study(content):
         carried_out = typed("campaign", path)
         raise AcrcError(f"{path}: is a study, must be a scenario; to carry the study out: {carried_out}")
     own_map = content.get("map")
@@ -80,7 +89,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     except ValidationError as error:
         raise _first(error, content, path, options) from None
     scenario = _on_its_map(scenario, own_map, path, options)
-    faults = (robot_tables.fault, areas.fault, events.fault, stack_fault)
+    faults = (robot_fault, area_fault, events.fault, stack_fault)
     for fault in (find(scenario) for find in faults):
         if fault:
             raise AcrcError(f"{path}: {fault}")
@@ -96,14 +105,14 @@ def _on_its_map(
     """
     folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
     try:
-        there = map_choice.located(scenario.map, folder)
-        moved = isinstance(own, str) and map_choice.located(own, folder) != there
+        there = map_of(scenario.map, folder)
+        moved = isinstance(own, str) and map_of(own, folder) != there
     except OfficesError as error:
         raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
-    if moved and (fault := map_choice.bound(scenario, str(own), options)):
+    if moved and (fault := bound(scenario, str(own), options)):
         raise OptionError(f"{option}: {fault}")
     scenario = scenario.model_copy(update={"map": there})
-    return map_choice.with_areas(scenario, own_areas=not moved or ("area",) in options)
+    return with_areas(scenario, own_areas=not moved or ("area",) in options)
 
 
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
@@ -212,3 +221,97 @@ def module_folders(scenario: Scenario) -> tuple[Path, ...]:
 def to_toml(scenario: Scenario) -> str:
     """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
     return document(scenario.model_dump(exclude_none=True))
+
+
+def map_of(told: str, folder: Path) -> str:
+    """Return the map that the scenario file in `folder` means by a path or a name. Raises OfficesError."""
+    return offices.parse(told).name if offices.is_name(told) else os.path.realpath(folder / told)
+
+
+def bound(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
+    """What of a file, made for its `own` map, has no meaning on the scenario's; None if nothing.
+
+    `given`: the keys that were not taken from the file.
+    """
+    robots = any(robot.start is not None or robot.places is not None for robot in scenario.robot)
+    made = {
+        ("robots", "start"): ("robots.start=[]", bool(scenario.robots.start)),
+        ("places", "preset"): ("places.preset=free", scenario.places.preset == "golden"),
+        ("robot",): ("robot=[]", robots),
+    }
+    right = [words for key, (words, there) in made.items() if there and key not in given]
+    if not right:
+        return None
+    return (
+        f"{scenario.map} is another map than the scenario's own {own}, for which its starts or places are"
+        f" made; must be set together with {' and '.join(right)}"
+    )
+
+
+def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
+    """The scenario with the areas of its floor: its own tables if of that floor, else a drawn one's rooms."""
+    tables = scenario.area if own_areas else ()
+    if not tables and offices.is_name(scenario.map):
+        rooms = offices.office_floor(scenario.map).rooms
+        tables = tuple(
+            AreaTable(name=room.name, x=(room.x0, room.x1), y=(room.y0, room.y1)) for room in rooms
+        )
+    return scenario if tables == scenario.area else scenario.model_copy(update={"area": tables})
+
+
+def title(told: str) -> str:
+    """What people call the map."""
+    return Path(told).name.removesuffix(".yaml")
+
+
+def is_scenario(path: Path) -> bool:
+    """True if a file is a scenario; of one that cannot be read nobody knows."""
+    try:
+        content = toml_file.tables(toml_file.read(path, "scenario"), path)
+    except AcrcError:
+        return False
+    return "map" in content and not says_study(content)
+
+
+def says_study(content: Mapping[str, Any]) -> bool:
+    """True if a file with this content is a study: it must have both keys, and a scenario has neither."""
+    return "strategies" in content and "scenario" in content
+
+
+def check_there(path: Path, folder: Path) -> None:
+    """Raise AcrcError with the file of `folder`, of those that are shipped, that one who typed this may mean.
+
+    Not where the file exists, and not where none is called like it.
+    """
+    if path.exists():
+        return
+    shipped = {file.stem: file for file in sorted(folder.glob("*.toml"))}
+    for near in difflib.get_close_matches(path.stem, shipped, n=1):
+        raise AcrcError(f"{path}: there is no such file; did you mean {os.path.relpath(shipped[near])}?")
+
+
+def map_files(described: Path) -> Iterator[Path]:
+    """The map's YAML file and its image. Raises MapError for what is no map: it does not travel as one."""
+    load_map(described)
+    yield described
+    yield read_header(described).image
+
+
+def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
+    """The modules of a strategy of one's own, which lies in `folder`; of a package all of it.
+
+    Nothing for what is installed. Raises AcrcError where one lies elsewhere.
+    """
+    for name in succession.names(strategy):
+        module = name.partition(":")[0]
+        if is_installed(module):
+            continue
+        top = located(module.partition(".")[0], folder)
+        if top is None:
+            raise AcrcError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
+        whole = top.name == "__init__.py" or top.is_dir()
+        files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
+        for file in files:
+            if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
+                raise AcrcError(f"{file}: leads out of {folder}, or is no file; must lie there to be bundled")
+        yield from files

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, Patch, Polygon, Wedge
 from actors.geometry import Point
 from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
-from deploy.scenario.map_choice import title
+from deploy.scenario.scenario_file import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
 from observation.picture import floor_picture, look, style
 

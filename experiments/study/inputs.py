@@ -9,8 +9,7 @@ from actors import toml_file
 from actors.floor import offices
 from actors.floor.map_file import load_map
 from actors.runtime.errors import AcrcError
-from deploy.scenario.named_files import map_files, strategy_files
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.scenario_file import Overrides, load_scenario, map_files, strategy_files
 from deploy.scenario.tables import Scenario
 from experiments.study.draws import drawn
 from experiments.study.study import Study, Trial

@@ -12,7 +12,7 @@ from actors.installation.usage import typed
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.table import FileTable, Right, as_tuples
-from deploy.scenario.kinds import check_there, is_scenario
+from deploy.scenario.scenario_file import check_there, is_scenario
 from experiments.study.study import FIRST_SEED, FIRST_TUNING_SEED, Study
 from experiments.study.vary_table import VaryTable, factors_of
 

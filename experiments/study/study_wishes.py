@@ -12,8 +12,7 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.kinds import is_scenario
-from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+from deploy.scenario.scenario_file import Overrides, is_scenario, load_scenario, module_folders, settings
 from deploy.scenario.tables import Scenario
 from experiments.study.conditions import same_for_all_seeds
 from experiments.study.draws import drawn

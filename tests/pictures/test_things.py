@@ -2,21 +2,24 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, hexadecimal
+from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph, hexadecimal
 from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.world.world_setup import TimedOrder, WorldSetup
 from observation.accounting.account import spells
@@ -25,7 +28,7 @@ from observation.evidence import run_evidence, run_reader
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
-from observation.picture import glyph_sheet, labels, lanes, look, moving, run_html, run_page, style
+from observation.picture import labels, lanes, look, marks, moving, run_html, run_page, style
 from observation.replay.recorded_orders import GivenOrder
 from tests.swarm.command import ROOT, run
 
@@ -232,13 +235,39 @@ def test_colours_of_marks_are_those_of_the_language() -> None:
     assert hexadecimal(PUT) == "#c31e87" and MARKS["wall"].colour == MARKS["obstacle"].colour == PUT
 
 
+def glyph_sheet() -> Figure:
+    """Draw all states and marks of the drawing language with their names."""
+    figure = style.new_figure(9.5, 3.1)
+    columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
+    _column(columns[0], "by ground truth", _states(SEEN_STATES))
+    _column(columns[1], "by its own account", _states(OWN_STATES))
+    _column(columns[2], "on the floor and in lanes", [marks.sample(name) for name in MARKS])
+    robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
+    _column(columns[3], "robots", robots)
+    return figure
+
+
+def _states(states: Mapping[str, StateGlyph]) -> list[Artist]:
+    return [Patch(label=word, **lanes.look_of(glyph)) for word, glyph in states.items()]
+
+
+def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:
+    axes.set_axis_off()
+    axes.set_title(title, loc="left", fontweight="bold", fontsize=9)
+    axes.legend(
+        handles=handles, loc="upper left", frameon=False, fontsize=8, handlelength=2.4, handleheight=1.1,
+        borderaxespad=0.0, borderpad=0.0,
+    )  # fmt: skip
+
+
 def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) -> None:
-    glyph_sheet.write(tmp_path / "glyphs.png")
+    with look.applied(style.LOOK):
+        figure = glyph_sheet()
+        style.save(figure, tmp_path / "glyphs.png")
     with Image.open(tmp_path / "glyphs.png") as drawn, Image.open(ROOT / "docs/pictures/glyphs.png") as kept:
         assert drawn.size == kept.size
         far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
-    assert far.max() == 0, "python -m observation.picture.glyph_sheet docs/pictures/glyphs.png"
-    figure = glyph_sheet.draw()
+    assert far.max() == 0, f"copy {tmp_path}/glyphs.png to docs/pictures"
     told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
     assert {*SEEN_STATES, *OWN_STATES, *(mark.says for mark in MARKS.values())} <= told
 

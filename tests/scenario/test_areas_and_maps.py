@@ -13,9 +13,8 @@ from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup
 from deploy.run.plan import copy_map
-from deploy.scenario.named_files import map_files
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, parse
+from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, map_files, parse
 from deploy.scenario.survey import map_as_json, map_sentences, survey_map
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml

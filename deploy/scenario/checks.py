@@ -1,4 +1,4 @@
-"""The named areas of a scenario: whether they make sense, and which of them a table means."""
+"""Checks of the tables [[robot]], [places] and [[area]] of a scenario, and the areas that a table means."""
 
 import difflib
 from collections.abc import Sequence
@@ -11,8 +11,47 @@ from deploy.scenario.adaptation_tables import AreaTable
 from deploy.scenario.tables import Scenario
 
 
-def fault(scenario: Scenario) -> str | None:
-    """What is wrong with the areas and with who names them, in words without an end; None if nothing is."""
+def robot_fault(scenario: Scenario) -> str | None:
+    """Return the fault between the tables, without a full stop; None if there is none."""
+    return _ids(scenario) or _places(scenario)
+
+
+def _ids(scenario: Scenario) -> str | None:
+    seen: set[str] = set()
+    for index, robot in enumerate(scenario.robot):
+        if robot.id not in scenario.ids:
+            return f'robot[{index}].id is "{robot.id}", but must be {known_robots(scenario)}'
+        if robot.id in seen:
+            return f'robot[{index}].id is "{robot.id}" once more, but each robot must have one table only'
+        seen.add(robot.id)
+    return None
+
+
+def _places(scenario: Scenario) -> str | None:
+    if scenario.places.preset != "listed":
+        return None
+    if scenario.places.per_robot is not None:
+        return (
+            f"places.per_robot is {scenario.places.per_robot}, but must be left out where"
+            ' places.preset is "listed"'
+        )
+    listed = {robot.id for robot in scenario.robot if robot.places is not None}
+    for robot in scenario.ids:
+        if robot not in listed:
+            return (
+                f'places.preset is "listed", but {robot} lists none: a [[robot]] table must hold its places'
+            )
+    return None
+
+
+def known_robots(scenario: Scenario) -> str:
+    """The robots there are, for a sentence."""
+    first, last = scenario.ids[0], scenario.ids[-1]
+    return f"the only robot, {first}" if first == last else f"one of the robots {first} to {last}"
+
+
+def area_fault(scenario: Scenario) -> str | None:
+    """Return the fault of the areas or their use, without a full stop; None if there is none."""
     return (
         _once([area.name for area in scenario.area], "area[{}].name", "each area must have a name of its own")
         or _known(scenario.robots.areas, "robots.areas", scenario)
