@@ -16,20 +16,6 @@ NAMES = ("maze", "apartment")
 SIZES = {"maze": (10.0, 10.0), "apartment": (16.0, 11.0)}
 BODY = 0.177 + 0.03
 """A robot's radius and what planning keeps beyond it, m."""
-DOORS = [
-    ("maze", 8.40, 2.25, 0.95),
-    ("maze", 2.70, 5.85, 0.90),
-    ("maze", 2.50, 8.70, 1.00),
-    ("maze", 6.30, 2.80, 0.95),
-    ("maze", 5.00, 6.30, 0.95),
-    ("apartment", 2.85, 6.25, 0.90),
-    ("apartment", 5.05, 6.25, 0.95),
-    ("apartment", 8.15, 6.25, 0.95),
-    ("apartment", 9.05, 9.70, 0.95),
-    ("apartment", 1.65, 4.85, 0.95),
-    ("apartment", 4.45, 4.85, 0.90),
-    ("apartment", 12.95, 1.70, 1.00),
-]
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +50,6 @@ def test_a_robot_gets_everywhere_it_fits(grids: dict[str, OccupancyGrid], name: 
     assert region.sum() > 0.6 * grid.free.sum()
 
 
-@pytest.mark.parametrize(("name", "x", "y", "wide"), DOORS)
-def test_doors_are_as_wide_as_stated(
-    grids: dict[str, OccupancyGrid], name: str, x: float, y: float, wide: float
-) -> None:
-    grid = grids[name]
-    row, column = grid.cell(Point(x, y))
-    runs = [_run(grid.free[row], column), _run(grid.free[:, column], row)]
-    assert min(runs) * grid.resolution == pytest.approx(wide)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_no_turn_or_reflection_looks_alike(grids: dict[str, OccupancyGrid], name: str) -> None:
     inner = grids[name].free[2:-2, 2:-2]  # the border is one wall all round
@@ -82,13 +58,6 @@ def test_no_turn_or_reflection_looks_alike(grids: dict[str, OccupancyGrid], name
     if inner.shape[0] == inner.shape[1]:
         images += [np.rot90(inner), np.rot90(inner, 3), inner.T, half.T]
     assert max(_likeness(~inner, ~image) for image in images) < 0.4, "walls in common, of all walls"
-
-
-def _run(line: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], at: int) -> int:
-    """How many cells the run of True around `at` has."""
-    blocked = np.flatnonzero(~line)
-    begin = int(np.searchsorted(blocked, at))
-    return int(blocked[begin] - blocked[begin - 1] - 1)
 
 
 def _likeness(

@@ -1,7 +1,6 @@
 """Drawn office floors: what holds on every one of them, and which names there are none for."""
 
 import hashlib
-import runpy
 from pathlib import Path
 
 import numpy as np
@@ -91,13 +90,6 @@ def test_a_name_means_the_same_bytes_everywhere(tmp_path: Path) -> None:
         assert np.array_equal(written.cells, drawn.cells)
         assert (written.resolution, written.origin) == (drawn.resolution, drawn.origin)
     assert told.hexdigest()[:8] == FIRST
-
-
-def test_the_script_writes_drawn_floors_as_files(tmp_path: Path) -> None:
-    script = Path(__file__).parents[2] / "maps" / "draw_floors.py"
-    runpy.run_path(str(script))["main"](tmp_path, ["offices:7"])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["offices-7.pbm", "offices-7.yaml"]
-    assert np.array_equal(load_map(tmp_path / "offices-7.yaml").cells, load_map("offices:7").cells)
 
 
 def test_names_of_one_floor_come_to_one() -> None:

@@ -145,28 +145,6 @@ def query(member: SwarmMember, note: Note) -> Note:
     return {"reached": any(r is not None and bytes(r.payload).decode() == note["token"] for r in replies)}
 
 
-def declare_token(member: SwarmMember, note: Note) -> None:
-    """Declare liveliness on a key that contains the token."""
-    member.keep(member.session.liveliness().declare_token(f"swarm/up/r1/{note['token']}"))
-
-
-def see_token(member: SwarmMember, note: Note) -> Note:
-    """Query the liveliness of all keys."""
-    replies = [reply.ok for reply in member.session.liveliness().get("swarm/**", timeout=0.5)]
-    return {"reached": any(r is not None and str(r.key_expr).endswith(note["token"]) for r in replies)}
-
-
-def watch_matching(member: SwarmMember, _: Note) -> Note:
-    """Declare a publisher and note whether it has subscribers."""
-    publisher = member.keep(member.session.declare_publisher("swarm/up/r1/whisper"))
-    return {"before": bool(publisher.matching_status.matching)}
-
-
-def see_match(member: SwarmMember, note: Note) -> Note:
-    """Check whether the publisher's matching status has changed."""
-    return {"reached": bool(member.kept[0].matching_status.matching) != note["before"]}
-
-
 def open_session(**changed: Any) -> Stages:
     """r1 opens a session with these credentials."""
 
@@ -303,16 +281,6 @@ def read_file(place: Callable[[SwarmMember], Path]) -> Stages:
     return (("r1", act),)
 
 
-def plant(member: SwarmMember, note: Note) -> None:
-    """Write a file into r2's folder."""
-    Path(member.swarm.robots["r2"], "planted").write_text(note["token"])
-
-
-def find_planted(member: SwarmMember, note: Note) -> Note:
-    """Read a file that another robot has written into the own folder."""
-    return {"reached": (member.folder / "planted").read_text() == note["token"]}
-
-
 def start_run(member: SwarmMember, note: Note) -> None:
     """Make the folder of a run that starts after the robots."""
     out = Path(member.swarm.study, "runs", note["token"], "r9")
@@ -394,20 +362,6 @@ def make_segment(_: SwarmMember, note: Note) -> Note:
 def find_segment(_: SwarmMember, note: Note) -> Note:
     """Find the segment by its key and remove it."""
     LIBC.shmctl(checked(LIBC.shmget(note["key"], 4096, 0), "shmget"), 0, None)
-    return {"reached": True}
-
-
-def make_queue(_: SwarmMember, note: Note) -> None:
-    """Make a POSIX message queue named after the token."""
-    name = f"/{note['token']}".encode()
-    os.close(checked(LIBC.mq_open(name, os.O_CREAT | os.O_RDWR, 0o600, None), "mq_open"))
-
-
-def find_queue(_: SwarmMember, note: Note) -> Note:
-    """Open the POSIX queue and remove it."""
-    name = f"/{note['token']}".encode()
-    os.close(checked(LIBC.mq_open(name, os.O_RDWR), "mq_open"))
-    LIBC.mq_unlink(name)
     return {"reached": True}
 
 
@@ -573,32 +527,15 @@ ATTACKS = (
     rule("put on a wildcard", put("swarm/**")),
     rule("put in a session of mode peer", sending(put_as_peer)),
     rule("subscribe to all, the world speaks", overhear("swarm/**", "swarm/down/r2/received", "world")),
-    rule("subscribe to the world's keys", overhear("swarm/infra/**", "swarm/infra/truth", "world")),
     rule("subscribe to r2's keys", overhear("swarm/up/r2/**", "swarm/up/r2/transmit", "r2")),
     rule("query by r2", (("r1", answer_queries), *marked("r1", "r2", "declared"), ("r2", query))),
-    rule("liveliness token", (("r1", declare_token), *marked("r1", "r2", "declared"), ("r2", see_token))),
-    rule(
-        "matching status of a publisher",
-        (
-            ("r1", watch_matching),
-            ("r2", lambda member, _: member.listen("swarm/up/r1/whisper")),
-            *marked("r2", "r1", "listening"),
-            ("r1", see_match),
-        ),
-    ),
     rule("session with a wrong password", open_session(password="guessed")),
     rule("session without a password", open_session(user=None, password=None)),
     rule("session under r2's name", open_session(user="r2")),
     process("TCP over loopback", *loopback(socket.SOCK_STREAM)),
-    process("UDP over loopback", *loopback(socket.SOCK_DGRAM)),
     process("abstract Unix socket", *unix_socket(lambda note: "\0" + note["token"])),
-    process("Unix socket in /tmp", *unix_socket(lambda note: f"/tmp/.{note['token']}")),
     process("Zenoh peers", ("r2", listen_as_peer), ("r1", connect_as_peer), ("r2", heard_by_peer)),
     process("router socket of r2", *connect_to(lambda member: f"{out_of(member)}/r2/router.sock")),
-    process(
-        "router socket of another run",
-        *connect_to(lambda member: f"{member.swarm.study}/runs/other/world/router.sock"),
-    ),
     process("vsock", ("r1", open_vsock)),
     process("file in /tmp", *shared_file(lambda _: "/tmp")),
     process("file in /dev/shm (POSIX shared memory)", *shared_file(lambda _: "/dev/shm")),
@@ -618,18 +555,12 @@ ATTACKS = (
             },
         ),
     ),
-    process(
-        "file planted in r2's folder",
-        ("r1", plant),
-        ("r2", find_planted),
-    ),
     process("inherited descriptor of a folder", ("r1", read_by_descriptor)),
     process("inherited pipe", ("r1", write_to_pipe), ("r2", read_from_pipe)),
     process("pseudoterminal", ("r1", open_terminal), ("r2", read_terminal)),
     process("disk as a device file", ("r1", open_disk), root=True),
     process("lock on a common file", ("r1", lock), ("r2", find_lock)),
     process("System V shared memory", ("r1", make_segment), ("r2", find_segment)),
-    process("POSIX message queue", ("r1", make_queue), ("r2", find_queue)),
     process("key ring of the user", ("r1", store_key), ("r2", find_key)),
     process("signal", ("r2", await_signals), ("r1", kill), ("r2", got_signal)),
     process("resource limits of r2", ("r2", limits), ("r1", set_limit), ("r2", limits)),

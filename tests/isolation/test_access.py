@@ -129,14 +129,6 @@ def test_a_folder_too_deep_for_a_socket_is_refused(folders: Path) -> None:
     )
 
 
-def test_an_actor_without_rules_is_refused() -> None:
-    with pytest.raises(AcrcError) as caught:
-        rules.access_rules(["r1"], ["drone"])
-    assert (
-        str(caught.value) == "there are no access rules for 'drone'; there are for radio, observer, operator"
-    )
-
-
 def test_a_missing_or_broken_credentials_file_is_named(folders: Path) -> None:
     file = folders / "r1" / "credentials"
     with pytest.raises(AcrcError) as missing:
