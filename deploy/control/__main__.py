@@ -18,10 +18,10 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
 from actors.runtime.process_setup import read_setup
 from actors.world.program import load_setup
-from deploy.control.page_floor import OrderLines, PageFloor
+from deploy.control.page_floor import PageFloor
+from deploy.control.run_link import LISTENS, OrderLines, RunLink
 from deploy.control.scene import Scene
 from deploy.control.server import ControlServer
-from deploy.control.wire import LISTENS, RunLink
 
 LOOK_S: Final = 0.05
 """Between two looks at what the run has said: 20 pictures a second."""

@@ -17,7 +17,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from deploy.control.page_floor import KEPT, OrderLines
+from deploy.control.run_link import KEPT, OrderLines
 from deploy.control.scene import Scene
 from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapState, OrderLine, ask
 

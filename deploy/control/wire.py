@@ -1,20 +1,8 @@
-"""Protocol between map page and server (JSON), checked, and the link from the server to the run."""
+"""What page and server say to one another: JSON, a text a message; what comes from a page is checked."""
 
-import secrets
-import time
-from collections.abc import Callable
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final
 
 import msgspec
-
-from actors.messages import ANSWERED, CONTROL, DRIVE, PROGRESS, RECEIVED, TRUTH, Answered, Control
-from actors.runtime.bus_interface import Bus, Delivery
-from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
-from actors.runtime.errors import AcrcError
-from deploy.control.page_floor import OrderLines
-from deploy.control.scene import Scene
-from deploy.run import orders
 
 ASK_BYTES: Final = 1024
 """No message from a page is longer."""
@@ -160,81 +148,3 @@ def ask(data: str | bytes) -> Ask:
         return msgspec.json.decode(data, type=Ask)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise JunkError from error
-
-
-LISTENS: Final = (at(DRIVE, "*"), at(TRUTH), at(CONTROL), at(ANSWERED), at(PROGRESS), at(RECEIVED, "*"))
-"""In this order they are looked at: an order comes before its answer."""
-WAITING: Final = 256
-"""Orders that may wait for an answer of the run."""
-PATIENCE_S: Final = 10.0
-"""After so long pages are told that the run has not said yet what becomes of an order."""
-
-
-class _WaitingOrder(NamedTuple):
-    line: int
-    since_s: float
-
-
-class RunLink:
-    """Keeps a scene up with a run; `looks` rather loses messages than holds anybody up."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        lines: OrderLines,
-        looks: Bus,
-        speaks: Bus,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """`lines`: told every order, and what becomes of it."""
-        self._scene = scene
-        self._lines = lines
-        self._looks = looks
-        self._speaks = speaks
-        self._clock = clock
-        self._waiting: dict[str, _WaitingOrder] = {}
-
-    def give(self, wish: Ask) -> None:
-        """Give the run an order."""
-        line = self._lines.begin(wish)
-        words = wish.order.split()
-        try:
-            if not words:
-                raise AcrcError("no order")
-            order = orders.parse(words[0], words[1:])
-        except AcrcError as error:
-            self._lines.end(line, str(error))
-            return
-        if len(self._waiting) >= WAITING or self._scene.over:
-            reason = "the run is over" if self._scene.over else "too many orders wait already"
-            self._lines.end(line, reason)
-            return
-        ticket = secrets.token_hex(8)
-        self._waiting[ticket] = _WaitingOrder(line, self._clock())
-        self._speaks.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
-
-    def look(self) -> None:
-        """Take in all that has come; of what transceivers said, the newest of each."""
-        heard: dict[str, Delivery] = {}
-        for address in LISTENS:
-            while (delivery := self._looks.poll(address.topic)) is not None:
-                if address.topic is RECEIVED:
-                    heard[delivery.key] = delivery
-                else:
-                    self._take(delivery)
-        for delivery in heard.values():
-            self._take(delivery)
-        late = [t for t, one in self._waiting.items() if self._clock() - one.since_s > PATIENCE_S]
-        for ticket in late:
-            self._answer(ticket, "the run has not said yet; it heeds the order at its next step")
-
-    def _take(self, delivery: Delivery) -> None:
-        message = decode(delivery.topic, delivery.key, delivery.payload)
-        self._scene.take(message, delivery.key.split("/")[2])
-        if isinstance(message, Answered):
-            self._answer(message.ticket, "; ".join(message.refusals))
-
-    def _answer(self, ticket: str, refusal: str) -> None:
-        waiting = self._waiting.pop(ticket, None)
-        if waiting is not None:
-            self._lines.end(waiting.line, refusal)

@@ -32,8 +32,8 @@ from actors.orders import (
 from actors.runtime.codec import encode
 from actors.task.words import PlaceKey, PlaceReport
 from actors.world.world_setup import TimedOrder
-from deploy.control import onlooking, page_floor, wire
-from deploy.control.page_floor import KEPT, OrderLines
+from deploy.control import onlooking, page_floor
+from deploy.control.run_link import KEPT, PATIENCE_S, OrderLines, RunLink
 from deploy.control.wire import Ask, MapRobot, OrderLine, Place
 from tests.control.stage import TRUTH_OF_R1, Mesh, scene, truth_of
 
@@ -102,7 +102,7 @@ def test_who_stands_and_who_is_blocked() -> None:
 
 def test_who_heard_whom_lately_is_linked_and_no_more_than_can_be_drawn() -> None:
     stage, mesh = scene(others=99), Mesh()
-    link = wire.RunLink(stage, OrderLines(), mesh, mesh)
+    link = RunLink(stage, OrderLines(), mesh, mesh)
     mesh.says[RECEIVED.pattern] = [
         encode(Received(1, (Heard(90_000, sender, -60.0, 255, b""),)), RECEIVED.key("r2"))
         for sender in (3, 1, 999)
@@ -144,10 +144,10 @@ def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
 
 def test_a_line_says_when_the_run_says_nothing() -> None:
     now, stage, mesh, lines = [0.0], scene(), Mesh(), OrderLines()
-    link = wire.RunLink(stage, lines, mesh, mesh, lambda: now[0])
+    link = RunLink(stage, lines, mesh, mesh, lambda: now[0])
     link.give(Ask(0, "pause"))
     assert lines.kept() == (OrderLine(1, "pause", waiting=1),)
-    now[0] = wire.PATIENCE_S + 1
+    now[0] = PATIENCE_S + 1
     link.look()
     silent = "the run has not said yet; it heeds the order at its next step"
     assert lines.kept() == (OrderLine(1, "pause", refused=1, refusal=silent),)

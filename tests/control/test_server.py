@@ -16,12 +16,12 @@ from actors.orders import (
     Move,
 )
 from actors.runtime.codec import encode
-from deploy.control.page_floor import OrderLines
+from deploy.control.run_link import OrderLines
 from deploy.control.wire import ASK_BYTES, JunkError, ask
 from tests.control.stage import TRUTH_OF_R1, Mesh, scene, truth_of
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
-run_link = pytest.importorskip("deploy.control.wire")
+run_link = pytest.importorskip("deploy.control.run_link")
 client = pytest.importorskip("websockets.asyncio.client")
 exceptions = pytest.importorskip("websockets.exceptions")
 
