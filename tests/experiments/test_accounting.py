@@ -289,21 +289,15 @@ def test_no_contact_is_who_hears_nobody_while_others_within_reach_have_frames_to
     assert deaf.robots == ("r2",), "r3 stands behind a wall"
 
 
-@pytest.mark.usefixtures("forked_servers")
-def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: Path) -> None:
+def test_the_time_of_a_run_adds_up_to_the_microsecond(tmp_path: Path) -> None:
     scenario = replace(situations.head_on_floor(1), duration=4.1).scenario()
-    spent = []
-    for bus in ("memory", "zenoh"):
-        options = RunOptions(tmp_path / bus, bus=bus, json=True)
-        swarm.run(scenario, options)
-        spent.append(account(options.out))
-    assert spent[0] == spent[1]
-    for each in spent[0].robots.values():
+    swarm.run(scenario, RunOptions(tmp_path / "out", bus="memory", json=True))
+    for each in account(tmp_path / "out").robots.values():
         assert list(each) == [cause.value for cause in Cause]
         assert sum(round(lasted * 1e6) for lasted in each.values()) == 4_100_000
-    told = CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh"), "--json"])
+    told = CliRunner().invoke(app, ["causes", str(tmp_path / "out"), "--json"])
     assert json.loads(told.output)["robots"]["r1"]["deadlock"] == 4.1
-    assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh")]).output
+    assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "out")]).output
 
 
 def test_a_folder_without_a_run_is_said_to_be_none(tmp_path: Path) -> None:

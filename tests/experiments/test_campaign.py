@@ -1,90 +1,298 @@
-"""Campaigns: every trial once, whatever ends them; failures kept; another's folder refused."""
+"""Campaigns: one that is really run, runs that fail, and what a folder holds."""
 
+import csv
+import json
+import os
+import re
+import shlex
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import pytest
+from pyarrow import parquet
 
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.campaign import store
-from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.trial_record import TrialRecord
-from experiments.study.study import FIRST_TUNING_SEED, Factor, Study
-from experiments.study.study_file import load_study
+from deploy.scenario.scenario_file import Overrides, load_scenario, settings
+from experiments.campaign import results_table, store
+from experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
+from experiments.campaign.store import Pending, Store
+from experiments.campaign.trace import DIGITS, coincide_s
+from experiments.campaign.trial_order import MOST_BYTES, left, received
+from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from experiments.campaign.trust import IN_MEMORY, ISOLATED, differing, protection
+from experiments.comparison.coincidence import coincidences, told
+from experiments.report import charts
+from experiments.report.cases import read
+from experiments.report.report import compose
+from experiments.study.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
+from observation.results.outcome import Outcomes
+from observation.results.result import RunResult
+from tests.in_process import acrc
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 SHORT = (("robots.count", 2), ("run.duration", 3.0))
 STUDY = Study("short", str(CORRIDOR), ("none", "chapter"), 2, settings=SHORT)
-SABOTEUR = """
-def behaviour(start):
-    raise ValueError(f"no robot {start.robot} today")
-"""
+DRAWN = (
+    Distribution("dropout", (("share", (0.0, 0.2)),)),
+    Distribution("odometry", (("drift", (1.0, 5.0)),)),
+    Distribution("closures", (("count", (1, 2)), ("at", (0.0, 2.0)), ("duration", (1.0, 60.0)))),
+    Distribution("tasks", (("count", (2, 3)), ("at", (0.0, 2.0)))),
+)
+CHEAT = '''
+"""Reaches the referee through the stack; in a process of its own there is none."""
+
+import sys
+from cleaning.strategies.none import behaviour as honest
+from msgspec.structs import replace
 
 
-def digests(folder: Path) -> dict[tuple[str, int], str | None]:
-    return {
-        (record.strategy, record.seed): record.result.digest if record.result else None
-        for record in store.load(folder).records()
-    }
+def world():
+    frame = sys._getframe()
+    while frame is not None:
+        for shell in frame.f_locals.get("shells", ()):
+            if hasattr(shell.core, "_task"):
+                return shell.core
+        frame = frame.f_back
+    return None
 
 
-def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -> None:
-    progress = carry_out(store.create(tmp_path / "out", STUDY), CampaignOptions(jobs=2))
-    assert (progress.done, progress.failed, progress.total) == (4, 0, 4)
-    found = digests(tmp_path / "out")
-    assert list(found) == [("none", 1), ("chapter", 1), ("none", 2), ("chapter", 2)]
-    for record in store.load(tmp_path / "out").records():
+class Cheat:
+    def __init__(self, start):
+        self.honest, self.done = honest(start), False
+
+    def advance(self, view, until):
+        core = world()
+        if core is not None and not self.done:
+            self.done = True
+            say = core._task.outcome
+            core._task.outcome = lambda present: {"places": tuple(map(settled, say(present)["places"]))}
+        return self.honest.advance(view, until)
+
+
+def settled(one):
+    return replace(one, reached_at=0, reached_by=one.owner, reported_at=1, reported_by=one.owner)
+
+
+def quiet(start):
+    return Cheat(start)
+'''
+
+
+def own_scenario(folder: Path) -> str:
+    """A scenario in a folder of the user's, beside modules of the user's."""
+    (folder / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
+    return str(folder / "s.toml")
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Store:
+    """Six runs of three strategies, one of which cheats; the first of each was repeated as processes."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "cheat.py").write_text(CHEAT)
+    study = Study(
+        "short", own_scenario(folder), ("none", "chapter", "cheat:quiet"), 1, settings=SHORT,
+        factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
+    )  # fmt: skip
+    kept = store.create(folder / "out", study)
+    progress = carry_out(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
+    assert (progress.done, progress.failed, progress.total) == (6, 0, 6)
+    return kept
+
+
+def test_every_strategy_runs_with_every_variant_and_all_time_is_attributed(done: Store) -> None:
+    records = list(done.records())
+    assert [record.strategy for record in records] == ["none", "chapter", "cheat:quiet"] * 2
+    for record in records:
         assert record.time is not None
-        spent = [round(sum(each.values()), 6) for each in record.time.robots.values()]
-        assert spent == [3.0, 3.0], "where all of each robot's time went"
-    overrides = Overrides(seed=2, strategy="chapter", settings=SHORT)
-    alone = swarm.plan(load_scenario(CORRIDOR, overrides), RunOptions(tmp_path / "alone", bus="memory"))
-    assert found["chapter", 2] == swarm.run_in_memory(alone, lambda progress: None).digest
+        assert [round(sum(each.values()), 6) for each in record.time.robots.values()] == [3.0, 3.0]
 
 
-def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:
-    (tmp_path / "saboteur.py").write_text(SABOTEUR)
-    (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
-    study = Study("fails", str(tmp_path / "s.toml"), ("none", "saboteur:behaviour"), 1, settings=SHORT)
-    folder = store.create(tmp_path / "out", study)
-    progress = carry_out(folder, CampaignOptions(jobs=1, modules=(tmp_path,)))
-    assert (progress.done, progress.failed) == (2, 1)
-    fine, failed = folder.records()
-    assert fine.failure is None
-    assert failed.result is None
-    assert failed.failure is not None
-    assert "no robot r1 today" in failed.failure
-    assert folder.pending() == []
+def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_path: Path) -> None:
+    record, row = list(done.records())[4], list(results_table.rows(done))[4]
+    assert record.strategy == "chapter" and record.result is not None
+    given = [event for event in record.drawn["event"] if "give" in event]
+    assert record.result.places_total == 2 * 10 + len(given)
+    typed = shlex.split(str(row["command"]))
+    assert typed[:3] == ["acrc", "run", done.study.scenario]
+    words = [word for flag, word in pairwise(typed) if flag == "--set"]
+    overrides = Overrides(seed=1, strategy="chapter", settings=settings(words))
+    scenario = load_scenario(Path(done.study.scenario), overrides)
+    plan = swarm.plan(scenario, RunOptions(tmp_path / "alone", bus="memory"))
+    assert swarm.run_in_memory(plan, lambda progress: None).digest == record.result.digest
 
 
-def test_a_process_that_dies_is_a_failure_and_not_a_hole(tmp_path: Path) -> None:
-    (tmp_path / "dies.py").write_text("import os\n\ndef behaviour(start):\n    os.kill(os.getpid(), 9)\n")
-    (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
-    folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("dies:behaviour",), 1))
-    carry_out(folder, CampaignOptions(jobs=1, modules=(tmp_path,)))
-    (record,) = folder.records()
-    assert record.failure == "its process ended with exit code -9 without a result"
+def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -> None:
+    binary, text = results_table.write(done)
+    table = parquet.read_table(binary).to_pylist()
+    assert [row["vary.deeco.publish"] for row in table] == [1.0] * 3 + [2.0] * 3
+    for row, record in zip(table, done.records(), strict=True):
+        assert record.result is not None
+        assert (row["strategy"], row["seed"], row["failure"]) == (record.strategy, 1, None)
+        assert (row["digest"], row["commit"]) == (record.result.digest, record.result.origin.commit)
+        assert row["places_total"] == record.result.places_total
+        assert row["navigation.goals"] == record.result.navigation.goals
+        assert row["frames.frames_sent"] == record.result.frames["frames_sent"]
+        assert json.loads(row["versions"])["python"] == record.result.origin.versions["python"]
+    with text.open() as file:
+        same = list(csv.DictReader(file))
+    assert [row["digest"] for row in same] == [row["digest"] for row in table]
+    assert list(same[0]) == list(table[0])
+    assert not list(done.folder.glob("*.new"))
 
 
-def test_a_run_that_takes_too_long_is_ended_and_a_failure(tmp_path: Path) -> None:
-    (tmp_path / "slow.py").write_text("import time\n\ndef behaviour(start):\n    time.sleep(600)\n")
-    (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
-    folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("slow:behaviour",), 1))
+def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, done: Store) -> None:
+    kept = store.create(tmp_path / "out", msgspec.structs.replace(done.study, strategies=("none", "chapter")))
+    for number, trial in enumerate(kept.study.trials()):
+        record = done.record(trial)
+        assert record.result is not None
+        own: Outcomes = {"turns": {"r1": number, "r2": 4.5}, "mode": {"r1": "slow"}}
+        result = msgspec.structs.replace(record.result, outcome=own if number else {})
+        keep(kept.path(trial), msgspec.structs.replace(record, result=result))
+    table = results_table.columns(kept)
+    assert table["outcome.turns"] == [None, 2.75, 3.25, 3.75]
+    assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
+
+
+def test_a_campaign_without_any_run_leaves_empty_tables(tmp_path: Path) -> None:
+    kept = store.create(tmp_path / "out", Study("s", "s.toml", ("none",), 1))
+    binary, text = results_table.write(kept)
+    assert binary.exists() and text.read_text() == "\n"
+
+
+def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> None:
+    honest, _, caught = done.checks()
+    assert honest.agrees and honest.failure is None and honest.differs == ()
+    assert honest.over_zenoh == honest.in_memory and honest.over_zenoh_speed
+    assert (caught.strategy, caught.agrees) == ("cheat:quiet", False)
+    assert caught.in_memory == caught.over_zenoh, "messages are the same, so is the digest"
+    assert any(re.fullmatch(r"places_done [1-9]\d* in memory, 0 there", one) for one in caught.differs)
+    assert done.unchecked(2) == []
+    assert protection(done)[1].startswith("3 of 6 runs were repeated as processes (3 isolated): 2 gave the")
+    (sentence,) = differing(done)
+    assert sentence.startswith("cheat:quiet with seed 1 is another run over Zenoh than in memory: ")
+
+
+def test_compare_and_report_name_it_first(done: Store) -> None:
+    ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
+    assert ran.returncode == 1
+    assert ran.stdout.splitlines()[0] == IN_MEMORY
+    assert f"acrc: {differing(done)[0]}" in ran.stderr
+    with charts.applied():
+        page = compose(read([done.folder]))
+    assert IN_MEMORY in page.asked
+    assert page.found[0].startswith("out: cheat:quiet with seed 1")
+    assert "nothing that this campaign shows can be trusted" in page.found[0]
+
+
+def test_another_digest_over_zenoh_and_a_failed_repetition_are_told(tmp_path: Path, done: Store) -> None:
+    kept = store.create(tmp_path / "out", msgspec.structs.replace(done.study, strategies=("none",)))
+    trial = next(kept.study.trials())
+    keep(kept.path(trial), done.record(trial))
+    check = done.check(trial)
+    keep(kept.check_path(trial), msgspec.structs.replace(check, over_zenoh="other"))
+    (said,) = differing(kept)
+    assert said.startswith("none with seed 1 is another run over Zenoh than in memory: digest ")
+    assert check.in_memory in said
+    keep(kept.check_path(trial), msgspec.structs.replace(check, over_zenoh="", failure="no router"))
+    assert differing(kept) == ["none with seed 1 came to its end in memory, but not over Zenoh: no router"]
+
+
+def test_every_nth_trial_of_each_strategy_is_repeated(plain: RunResult, tmp_path: Path) -> None:
+    kept = store.create(tmp_path / "out", Study("s", str(CORRIDOR), ("none", "chapter"), 5))
+    for trial in kept.study.trials():
+        keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
+    chosen = [pending.trial for pending in kept.unchecked(2)]
+    assert sorted((trial.strategy, trial.seed) for trial in chosen) == [
+        (strategy, seed) for strategy in ("chapter", "none") for seed in (1, 3, 5)
+    ]
+    kept.check_path(chosen[0]).write_text("{}")
+    assert [pending.trial for pending in kept.unchecked(2)] == chosen[1:]
+
+
+@pytest.mark.timeout(240)
+def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Path) -> None:
+    (tmp_path / "cheat.py").write_text(CHEAT)
+    study = Study("s", own_scenario(tmp_path), ("cheat:quiet",), 1, settings=SHORT, isolated=True)
+    kept = store.create(tmp_path / "out", study)
+    carry_out(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
+    (record,) = kept.records()
+    assert record.result is not None and record.trace and record.time, record.failure
+    assert (record.result.isolation, record.result.places_done) == ("full", 0)
+    assert protection(kept) == [ISOLATED]
+    untold = msgspec.structs.replace(record.result, isolation="credentials")
+    keep(kept.path(next(study.trials())), msgspec.structs.replace(record, result=untold))
+    assert protection(kept) == ["1 of 1 runs were NOT isolated, as the study wants."]
+
+
+def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -> None:
+    for name, line in (
+        ("fails", 'raise ValueError(f"no robot {start.robot} today")'),
+        ("dies", "import os; os.kill(os.getpid(), 9)"),
+        ("hangs", "import time; time.sleep(600)"),
+    ):
+        (tmp_path / f"{name}.py").write_text(f"def behaviour(start):\n    {line}\n")
+    strategies = ("fails:behaviour", "dies:behaviour", "hangs:behaviour", "none")
+    folder = store.create(tmp_path / "out", Study("s", own_scenario(tmp_path), strategies, 1, settings=SHORT))
     began = time.monotonic()
-    carry_out(folder, CampaignOptions(jobs=1, patience_s=2.0, modules=(tmp_path,)))
-    (record,) = folder.records()
-    assert record.failure == "took longer than 2 s"
-    assert time.monotonic() - began < 60
+    progress = carry_out(folder, CampaignOptions(jobs=2, patience_s=9.0, modules=(tmp_path,)))
+    assert (progress.done, progress.failed) == (4, 3)
+    failed, died, hung, fine = folder.records()
+    assert failed.result is None and "no robot r1 today" in (failed.failure or "")
+    assert died.failure == "its process ended with exit code -9 without a result"
+    assert hung.failure == "took longer than 9 s" and time.monotonic() - began < 60
+    assert fine.failure is None and folder.pending() == []
+
+
+def test_runs_coincide_until_the_first_second_in_which_a_robot_is_elsewhere(done: Store) -> None:
+    assert all(len(record.trace) == 3 * DIGITS for record in done.records())
+    assert {seconds for one in coincidences(done.records()) for seconds in one.seconds} == {3}
+    assert coincide_s("a" * 24, "a" * 16 + "b" * 8) == 2
+    assert coincide_s("a" * 24, "a" * 16) == 2
+    assert coincide_s("", "a" * 8) == 0
+
+
+def test_what_coincides_is_told_in_a_sentence() -> None:
+    def record(strategy: str, seed: int, same: int) -> TrialRecord:
+        trace = "a" * DIGITS * same + strategy[0] * DIGITS * (10 - same)
+        return TrialRecord(strategy, seed, {}, trace=trace)
+
+    records = [record(name, seed, same) for name in ("one", "two") for seed, same in enumerate((4, 6, 10, 8))]
+    records.append(TrialRecord("two", 9, {}, failure="it rained"))
+    (found,) = coincidences(records)
+    assert told([found]) == [
+        "one and two: the first 8 s of 2 of 4 pairs coincide (least 4 s, median 7 s, most 10 s)",
+        "    1 from beginning to end, so they tell no difference: seeds 2",
+    ]
+    floors = [
+        msgspec.structs.replace(one, variant={"floor": name}) for one in records[:8] for name in "abcde"
+    ]
+    floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
+    assert told(coincidences(floors)) == [
+        "one and two, in 5 combinations: 19 pairs coincide at first (least 4 s, median 6 s, most 10 s)",
+        "    4 from beginning to end, so they tell no difference, in 4 combinations; most (1) with floor = a",
+    ]
+
+
+def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
+    slow, quick = (Pending(trial) for trial in list(STUDY.trials())[:2])
+    time = TimeToGo()
+    assert time.left_s([slow], [], 2) is None
+    for pending, took_s in ((slow, 30.0), (quick, 10.0), (quick, 12.0)):
+        time.learn(pending, took_s)
+    assert time.left_s([slow, quick, quick], [], 2) == pytest.approx((30 + 11 + 11) / 2)
+    assert time.left_s([], [(slow, 25.0)], 2) == pytest.approx(5.0)
+    assert time.left_s([], [(slow, 99.0)], 2) == 0.0
+    assert time.left_s([Pending(slow.trial, check=True)], [], 1) == pytest.approx((30 + 11) / 2)
 
 
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
-    store.create(tmp_path / "out", STUDY)
+    folder = store.create(tmp_path / "out", STUDY)
     with pytest.raises(AcrcError, match=r"holds the campaign of another study \(strategies differs\)"):
         store.create(tmp_path / "out", msgspec.structs.replace(STUDY, strategies=("none",)))
     more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=3))
@@ -95,54 +303,60 @@ def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
         store.create(tmp_path / "other", STUDY)
     with pytest.raises(AcrcError, match="holds no campaign"):
         store.load(tmp_path / "nothing")
-
-
-def test_a_damaged_record_is_named(tmp_path: Path) -> None:
-    folder = store.create(tmp_path / "out", STUDY)
-    trial = next(iter(STUDY.trials()))
+    trial = next(STUDY.trials())
     folder.path(trial).write_text('{"strategy": 3}')
     with pytest.raises(AcrcError, match=rf"{trial.name}\.json: no record of a trial: "):
         list(folder.records())
 
 
-def test_tuning_has_seeds_that_no_test_has() -> None:
-    tests = {trial.seed for trial in STUDY.trials()}
+def test_tuning_has_seeds_that_no_test_has_and_every_variant_has_every_value() -> None:
     tuning = {trial.seed for trial in msgspec.structs.replace(STUDY, tuning=True, seeds=1000).trials()}
-    assert max(tests) < FIRST_TUNING_SEED <= min(tuning)
-
-
-def test_every_variant_has_every_value() -> None:
-    study = msgspec.structs.replace(
-        STUDY, factors=(Factor("robots.count", (1, 2)), Factor("deeco.relay", (True, False))), seeds=1
-    )
-    assert len({trial.name for trial in study.trials()}) == 8
-    assert {dict(trial.variant)["deeco.relay"] for trial in study.trials()} == {True, False}
+    assert max(trial.seed for trial in STUDY.trials()) < FIRST_TUNING_SEED <= min(tuning)
+    factors = (Factor("robots.count", (1, 2)), Factor("deeco.relay", (True, False)))
+    trials = list(msgspec.structs.replace(STUDY, factors=factors, seeds=1).trials())
+    assert len({trial.name for trial in trials}) == 8
+    assert {dict(trial.variant)["deeco.relay"] for trial in trials} == {True, False}
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "record",
     [
-        ("strategies = ['none']", "scenario is missing, but must be"),
-        ("scenario = 's.toml'\nstrategies = []", "strategies is [], but must be a list of strategies"),
-        (
-            "scenario = 's.toml'\nstrategies = ['none']\nseeds = 0",
-            "seeds is 0, but must be a whole number from 1",
-        ),
-        ("scenario = 's.toml'\nstrategies = ['none']\nseed = 3", "seed is not known; did you mean seeds"),
-        (
-            "scenario = 's.toml'\nstrategies = ['none']\nprimary = [['none', 'chapter']]",
-            "primary compares 'chapter', which is none of the study's strategies: none",
-        ),
+        TrialRecord("none", 3, {"robots.count": 4}, failure="it rained"),
+        CheckRecord("none", 1, {"robots.count": 4}, "d", 31.5, failure="no router"),
     ],
 )
-def test_what_is_wrong_with_a_study_is_said(tmp_path: Path, text: str, sentence: str) -> None:
-    path = tmp_path / "study.toml"
-    path.write_text(text)
-    with pytest.raises(AcrcError) as caught:
-        load_study(path)
-    assert sentence in str(caught.value)
+def test_a_record_survives_its_file(record: TrialRecord | CheckRecord, plain: RunResult) -> None:
+    assert msgspec.json.decode(msgspec.json.encode(record), type=type(record)) == record
+    whole = TrialRecord("none", 1, {"robots.count": 4}, plain)
+    assert msgspec.json.decode(msgspec.json.encode(whole), type=TrialRecord) == whole
 
 
-def test_a_record_survives_its_file() -> None:
-    record = TrialRecord("none", 3, {"robots.count": 4}, failure="it rained")
-    assert msgspec.json.decode(msgspec.json.encode(record), type=TrialRecord) == record
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"[" * 100_000, "its process has left no record of a trial: "),
+        (b'{"strategy": 3}', "its process has left no record of a trial: "),
+        (b'{"strategy":"x","seed":9,"variant":{}}', "its process has left a record with neither result nor"),
+        (None, "it died"),
+    ],
+)
+def test_what_a_process_leaves_is_a_record_or_a_failure(
+    content: bytes | None, why: str, plain: RunResult
+) -> None:
+    record = received(content, Trial("none", 1, (("robots.count", 2),)), "it died")
+    assert record.failure is not None and record.failure.startswith(why)
+    assert (record.strategy, record.seed, record.variant) == ("none", 1, {"robots.count": 2})
+    other = msgspec.json.encode(TrialRecord("none", 2, {}, plain))
+    assert received(other, Trial("none", 1), "").failure == "its process has left the record of another trial"
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "secret").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "secret")
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    for name in ("pipe", "link", "large", "nothing"):
+        assert left(tmp_path / name, MOST_BYTES) is None
+    (tmp_path / "log").write_text("first last")
+    assert left(tmp_path / "log", 4, end=True) == b"last"

@@ -25,23 +25,18 @@ from cryptography.x509.oid import NameOID
 
 from actors.installation.usage import OptionError
 from deploy.clusters.connection import ClusterError, check, is_safe, refuse_open, security
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.campaign import store
-from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.remote import RemoteOutcome, checked
 from experiments.campaign.trial_order import MOST_BYTES
-from experiments.study.study import Study
 from tests import warm
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
-STUDY = Study(
-    "short",
-    str(CORRIDOR),
-    ("chapter",),
-    3,
-    settings=(("robots.count", 2), ("run.duration", 3.0)),
-)
+SHORT = (("robots.count", 2), ("run.duration", 3.0))
 WORDS = (
     *("campaign", "--scenario", str(CORRIDOR), "--strategies", "chapter", "--seeds", "3"),
     *("--set", "robots.count=2", "--set", "run.duration=3.0", "--check-every", "0", "--json"),
@@ -129,10 +124,10 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
     }
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    alone, there = tmp_path / "alone", tmp_path / "there"
-    carry_out(store.create(alone, STUDY), CampaignOptions(jobs=2))
+    there = tmp_path / "there"
     process = cluster.campaign("--out", str(there))
     while process.poll() is None and not list(there.glob("trials/*.json")):
         time.sleep(0.05)
@@ -140,37 +135,28 @@ def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp
     out, err = process.communicate()
     assert process.returncode == 0, err
     assert '"failed": 0' in out
-    assert digests(there) == digests(alone)
+    for (strategy, seed), digest in digests(there).items():
+        scenario = load_scenario(CORRIDOR, Overrides(seed=seed, strategy=strategy, settings=SHORT))
+        alone = swarm.plan(scenario, RunOptions(tmp_path / str(seed), bus="memory"))
+        assert digest == swarm.run_in_memory(alone, lambda progress: None).digest
 
 
-@pytest.mark.parametrize(
-    ("address", "sentence"),
-    [
-        (
-            "tls://nowhere",
-            "--on: tls://nowhere; must be the address of a scheduler, such as tls://192.168.1.5:8786",
-        ),
-        (
-            "ucx://127.0.0.1:8786",
-            "--on: ucx://127.0.0.1:8786; must be the address of a scheduler, such as tls://192.168.1.5:8786",
-        ),
-        (
-            "tcp://192.168.1.5:8786",
-            "--on: tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for without TLS a "
-            "cluster runs whatever comes from whoever reaches it (docs/clusters.md)",
-        ),
-        (
-            "tls://127.0.0.1:1",
-            "--on tls://127.0.0.1:1: there is no distributed.comm.tls.ca-file in Dask's configuration; must "
-            "name a file in PEM (docs/clusters.md)",
-        ),
-    ],
-)
-def test_a_wrong_address_is_one_sentence(address: str, sentence: str, tmp_path: Path) -> None:
-    words = [*WORDS, "--on", address, "--out", str(tmp_path / "out")]
-    done = warm.run(words, tmp_path, os.environ | {"DASK_CONFIG": str(tmp_path)}, 60.0, finds_cwd=False)
-    assert done.returncode in {1, 2} and done.stdout == ""
-    assert done.stderr == f"acrc: {sentence}\n"
+@pytest.mark.parametrize("address", ["tls://nowhere", "ucx://127.0.0.1:8786"])
+def test_a_wrong_address_is_one_sentence(address: str) -> None:
+    with pytest.raises(OptionError) as caught:
+        check(address)
+    assert str(caught.value) == (
+        f"--on: {address}; must be the address of a scheduler, such as tls://192.168.1.5:8786"
+    )
+
+
+def test_without_a_configuration_of_dask_the_missing_key_is_named() -> None:
+    with dask.config.set({"distributed.comm.tls.ca-file": None}), pytest.raises(ClusterError) as caught:
+        security("tls://127.0.0.1:1", 1.0)
+    assert str(caught.value) == (
+        "--on tls://127.0.0.1:1: there is no distributed.comm.tls.ca-file in Dask's configuration; must "
+        "name a file in PEM (docs/clusters.md)"
+    )
 
 
 def test_without_tls_a_cluster_is_one_of_this_computer() -> None:

@@ -1,7 +1,5 @@
 """Comparisons of made-up trials of which it is known what they should say."""
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -146,7 +144,8 @@ def test_crashing_on_hard_seeds_improves_nobody(plain: RunResult) -> None:
     crashing = [*trials(plain, "one", lambda seed: None if seed % 2 else (31, None), 40)]
     steady = [*trials(plain, "other", lambda seed: (10, None) if seed % 2 else (30, None), 40)]
     made = study()
-    (found,) = judged([*crashing, *steady], made)
+    (found,) = judged([*steady, *crashing], made)
+    assert (found.sample.one, found.sample.other) == ("one", "other"), "as declared"
     assert found.deciding is not None and found.deciding.test.direction == -1
     assert "15.5 against 20, difference -4.5 places" in verdict(found)
     assert failures([*crashing, *steady], made) == [
@@ -174,20 +173,6 @@ def test_the_lexicographic_order_takes_places_first_and_then_running_time(plain:
     (both,) = compare(samples([*one, *other]), "lexicographic")
     assert both.effect.value == pytest.approx(0.5)
     assert (both.better, both.worse, both.difference) == (10, 10, None)
-
-
-def test_a_declared_pair_comes_first_and_the_way_round_that_it_was_declared(plain: RunResult) -> None:
-    records = [*trials(plain, "a", lambda seed: (1, None), 6), *trials(plain, "b", lambda seed: (2, None), 6)]
-    made = Study("s", "/s.toml", ("a", "b"), 6, primary=(("b", "a"),))
-    (found,) = samples(records, made)
-    assert (found.one, found.other) == ("b", "a")
-
-
-def test_too_few_pairs_are_said_to_be_too_few(plain: RunResult) -> None:
-    records = [*trials(plain, "a", lambda seed: (1, 1.0), 5), *trials(plain, "b", lambda seed: (2, 1.0), 5)]
-    found = samples(records)
-    assert compare(found) == []
-    assert too_few(found) == [f"a and b: {TOO_FEW}"]
 
 
 Runs = st.tuples(st.integers(0, 40), st.none() | st.floats(1, 600))
@@ -223,6 +208,8 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
 
 
 def test_variants_are_compared_apart(plain: RunResult) -> None:
+    few = [*trials(plain, "a", lambda seed: (1, 1.0), 5), *trials(plain, "b", lambda seed: (2, 1.0), 5)]
+    assert compare(samples(few)) == [] and too_few(samples(few)) == [f"a and b: {TOO_FEW}"]
     records = [
         TrialRecord(record.strategy, record.seed, {"robots.count": robots}, record.result)
         for robots in (4, 8)
@@ -233,9 +220,3 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
     assert [one.variant for one in made] == [(("robots.count", 4),), (("robots.count", 8),)]
     first, _ = judged(records, study())
     assert "one is as good as other by places done with robots.count = 4, within 1 place: " in verdict(first)
-
-
-def test_everything_written_about_a_result_can_be_found_again(plain: RunResult, tmp_path: Path) -> None:
-    record = TrialRecord("none", 1, {"robots.count": 4}, plain)
-    (tmp_path / "r.json").write_bytes(msgspec.json.encode(record))
-    assert msgspec.json.decode((tmp_path / "r.json").read_bytes(), type=TrialRecord) == record

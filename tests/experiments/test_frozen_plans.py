@@ -125,17 +125,10 @@ def test_anybody_can_compute_the_hash(folder: Path) -> None:
     assert [name for name, _ in told["files"]] == ["corridor.png", "corridor.toml", "corridor.yaml"]
 
 
-def test_without_a_plan_nothing_was_frozen(folder: Path) -> None:
-    kept, said = begun(folder)
-    assert said == []
-    assert judge(kept).declared == ["Nothing was frozen before."]
-
-
 @pytest.mark.parametrize(
     ("before", "after", "sentences"),
     [
         ("seeds = 8", "seeds = 8\nmargin_places = 2", ["margin_places is 2.0, frozen was 1.0"]),
-        ("seeds = 8", "seeds = 9", ["seeds is 9, frozen was 8"]),
         ("seeds = 8", "seeds = 7", ["seeds is 7, frozen was 8"]),
         (
             'primary = [["chapter", "none"]]',
@@ -144,11 +137,6 @@ def test_without_a_plan_nothing_was_frozen(folder: Path) -> None:
                 "the comparison of none with chapter was not declared beforehand",
                 "the comparison of chapter with none was declared beforehand, and is not any more",
             ],
-        ),
-        (
-            "seeds = 8",
-            'seeds = 8\nprimary_metric = "places"',
-            ['primary_metric is "places", frozen was "lexicographic"'],
         ),
         (
             "at = [60, 240]",
@@ -168,10 +156,6 @@ def test_a_study_that_was_edited_is_not_as_frozen(
     assert departures(folder) == [f"{one}." for one in sentences]
 
 
-def _scenario(folder: Path) -> None:
-    (folder / "corridor.toml").write_text((folder / "corridor.toml").read_text() + "\n")
-
-
 def _map(folder: Path) -> None:
     content = bytearray((folder / "corridor.png").read_bytes())
     content[-1] ^= 1
@@ -187,7 +171,6 @@ def _another_map(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "sentences"),
     [
-        (_scenario, ["corridor.toml has another content"]),
         (_map, ["corridor.png has another content"]),
         (
             _another_map,
@@ -299,13 +282,9 @@ def test_a_plan_is_not_frozen_anew(folder: Path) -> None:
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [('"margin_places": 1.0', '"margin_places": 9.0'), ('"seeds": 8', '"seeds": 80'), (COMMIT, "0" * 40)],
-)
-def test_a_plan_that_was_tampered_with_is_refused(folder: Path, before: str, after: str) -> None:
+def test_a_plan_that_was_tampered_with_is_refused(folder: Path) -> None:
     path = frozen(folder)
-    edited(path, before, after)
+    edited(path, '"margin_places": 1.0', '"margin_places": 9.0')
     with pytest.raises(AcrcError) as caught:
         begun(folder)
     assert f"{path}: no frozen plan: was changed after it was frozen, as its sha256 is " in str(caught.value)
@@ -327,7 +306,8 @@ def test_a_plan_whose_hash_was_computed_anew_is_another_plan(folder: Path, plain
 
 
 def test_a_campaign_that_had_runs_takes_no_plan(folder: Path, plain: RunResult) -> None:
-    kept, _ = begun(folder)
+    kept, said = begun(folder)
+    assert said == [] and judge(kept).declared == ["Nothing was frozen before."]
     over(kept, plain, 1)
     path = frozen(folder)
     _, said = begun(folder)

@@ -27,7 +27,7 @@ def drawn(
     return table.ravel(), places[0], places[1]
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(2))
 def test_the_fit_is_that_of_statsmodels(number: int) -> None:
     """Crossed effects, also where a quarter of the values is missing."""
     rng = np.random.default_rng([11, number])
@@ -68,16 +68,17 @@ def test_of_a_full_table_it_is_the_analysis_of_variance() -> None:
 @pytest.mark.parametrize(
     ("between", "of_seeds", "seeds"), [(2.0, 0.0, 6), (2.0, 1.0, 6), (0.0, 0.0, 6), (0.3, 0.0, 12)]
 )
-def test_intervals_hold_the_truth(between: float, of_seeds: float, seeds: int) -> None:
+def test_intervals_hold_the_truth(between: float, of_seeds: float, seeds: int, full: bool) -> None:
     """In 300 drawn tables, of which a ninth cell is the new one; three errors below 95 % are 91.2 %."""
-    rng = np.random.default_rng(8)
+    rng, count = np.random.default_rng(8), 300 if full else 100
     mean = new = 0
-    for _ in range(300):
+    for _ in range(count):
         values, cells, of_seed = drawn(rng, 9, seeds, between, of_seeds, 1.0)
         found = fit(values[:-seeds], cells[:-seeds], of_seed[:-seeds])
         mean += found.mean.low <= 3.0 <= found.mean.high
         new += found.new_cell.low <= values[-seeds:].mean() <= found.new_cell.high
-    assert mean / 300 >= 0.912 and new / 300 >= 0.912
+    least = 0.95 - 3 * (0.95 * 0.05 / count) ** 0.5
+    assert mean / count >= least and new / count >= least
 
 
 @pytest.mark.parametrize(
@@ -92,14 +93,11 @@ def test_nothing_makes_it_fail(values: list[float]) -> None:
 
 def test_one_value_a_cell_is_students_mean() -> None:
     values = [1.0, 4.0, 2.0, 7.0]
+    with pytest.raises(ValueError, match="2 cells, at least 3"):
+        fit([1.0, 2.0], [0, 1], [1, 1])
     found = fit(values, [0, 1, 2, 3], [1, 1, 1, 1])
     assert found.rest is None and found.between_cells == pytest.approx(np.std(values, ddof=1))
     assert found.mean == pytest.approx((3.5, *t.interval(0.95, 3, 3.5, np.std(values, ddof=1) / 2)))
-
-
-def test_two_cells_are_too_few() -> None:
-    with pytest.raises(ValueError, match="2 cells, at least 3"):
-        fit([1.0, 2.0], [0, 1], [1, 1])
 
 
 GAINS = {("maze", 4): 2, ("maze", 8): 4, ("flat", 4): -9, ("flat", 8): -7, ("hall", 4): 20, ("hall", 8): 22}
@@ -139,6 +137,9 @@ def test_each_map_is_left_out_in_turn(plain: RunResult) -> None:
 
 
 def test_a_singular_fit_is_told(plain: RunResult) -> None:
+    same = [msgspec.structs.replace(one, result=plain) for one in campaign(plain)]
+    (level,) = across_cells(same, STUDY)
+    assert level.turning == () and told(level)[-1].endswith("; there is no direction.")
     study = msgspec.structs.replace(STUDY, seeds=2)
     records = [
         msgspec.structs.replace(
@@ -151,12 +152,6 @@ def test_a_singular_fit_is_told(plain: RunResult) -> None:
     _, singular, maps = told(found)
     assert singular.startswith("The fit is singular: cells differ no more than chance makes them")
     assert maps.endswith("the direction holds.")
-
-
-def test_no_difference_at_all_has_no_direction(plain: RunResult) -> None:
-    same = [msgspec.structs.replace(one, result=plain) for one in campaign(plain)]
-    (found,) = across_cells(same, STUDY)
-    assert found.turning == () and told(found)[-1].endswith("; there is no direction.")
 
 
 def test_fewer_than_three_cells_say_nothing_or_why(plain: RunResult) -> None:

@@ -17,6 +17,7 @@ from experiments.statistics.effect_size import mean_interval
 from experiments.statistics.survival import Completion, restricted_mean
 from tests.experiments import campaign_rows
 
+DRAWS = 60_000
 PRIMARY = (("chapter", "none"), ("auction", "chapter"))
 ROWS = pd.read_csv(campaign_rows.ROWS)
 FACTOR = f"vary.{campaign_rows.FACTOR}"
@@ -87,14 +88,14 @@ def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, pl
 
 
 def flipped(step: ComparedMetric, found: Scores) -> float:
-    """The p-value of the step's statistic under 200 000 draws of signs, by scipy; with its own rounding."""
+    """The p-value of the step's statistic under draws of signs, by scipy; with its own rounding."""
     gains = found.gains
     sizes = np.abs(gains)
     if step.metric == metrics.PLACES.name:
         sizes = np.where(gains == 0, 0.0, stats.rankdata(sizes))
     drawn = stats.permutation_test(
         (np.sign(gains) * sizes,), lambda one, axis: one.sum(axis=axis), permutation_type="samples",
-        n_resamples=200_000, batch=20_000, rng=np.random.default_rng(1), vectorized=True,
+        n_resamples=DRAWS, batch=20_000, rng=np.random.default_rng(1), vectorized=True,
     )  # fmt: skip
     return float(drawn.pvalue)
 
@@ -104,7 +105,7 @@ def test_p_values_are_those_of_scipy_s_permutations_and_holm_s_those_of_statsmod
     for step in steps:
         if step.happened:
             p = flipped(step, scores(named(step.metric), step.sample.pairs))
-            assert step.test.p == pytest.approx(p, abs=5 * np.sqrt(p * (1 - p) / 200_000) + 2e-5)
+            assert step.test.p == pytest.approx(p, abs=5 * np.sqrt(p * (1 - p) / DRAWS) + 2e-5)
     tested = [step for step in steps if step.tested]
     adjusted = multipletests([step.test.p for step in tested], method="holm")[1]
     assert [step.adjusted for step in tested] == pytest.approx(adjusted)
@@ -131,6 +132,6 @@ def test_the_interval_of_a_mean_holds_on_real_differences() -> None:
             continue
         held = [
             low <= gains.mean() <= high
-            for _, low, high in (mean_interval(rng.choice(gains, 20)) for _ in range(300))
+            for _, low, high in (mean_interval(rng.choice(gains, 20)) for _ in range(100))
         ]
         assert np.mean(held) >= 0.85

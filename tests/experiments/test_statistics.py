@@ -59,7 +59,7 @@ def flipped(differences: Floats, sizes: Floats, *, two_sided: bool = True) -> fl
     return float(found.pvalue)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_tests_of_pairs_are_exact_with_ties_and_without_differences(seed: int) -> None:
     """Against scipy's enumeration of all signs: ranks with ties and zeros, differences, and a margin."""
     rng = np.random.default_rng(seed)
@@ -117,7 +117,7 @@ def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
 
 def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
     rng = np.random.default_rng(6)
-    drawn = rng.integers(len(TREATED), size=(40, len(TREATED)))
+    drawn = rng.integers(len(TREATED), size=(10, len(TREATED)))
     for horizon in (5.0, 20.0, 40.0):
         for mean, places in zip(restricted_means(TREATED, horizon, drawn), drawn, strict=True):
             curve = kaplan_meier([TREATED[place] for place in places])

@@ -1,0 +1,370 @@
+"""Uncertainty drawn per seed: the same for every strategy, kept, and good for one run to be repeated."""
+
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from actors.installation.usage import OptionError
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.errors import AcrcError
+from cleaning.strategies import STRATEGIES
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import Scenario
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison.comparison import samples
+from experiments.comparison.decision import rules_for
+from experiments.comparison.family import tests_of as count_tests
+from experiments.comparison.family import verdicts
+from experiments.study.cells import RandomFactor, draw_cells
+from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_for_all_seeds
+from experiments.study.draws import PARAMETERS, drawn
+from experiments.study.study import Distribution, Factor, Study, Trial, Variant
+from experiments.study.study_file import load_study
+from experiments.study.study_wishes import StudyWishes, check, study_of
+from experiments.study.vary_table import VaryTable
+from observation.results.result import RunResult
+
+ROOT = Path(__file__).parents[2]
+CORRIDOR = ROOT / "scenarios" / "corridor.toml"
+KILLS = Distribution("kills", (("count", (0, 2)), ("at", (5.0, 50.0))))
+JAMS = Distribution(
+    "jams", (("count", (1, 1)), ("at", (0.0, 2.0)), ("radius", (3.0, 9.0)), ("duration", (1.0, 5.0)))
+)
+DROPOUT = Distribution("dropout", (("share", (0.0, 0.2)),))
+ODOMETRY = Distribution("odometry", (("drift", (1.0, 5.0)),))
+DOORS = Distribution(
+    "doors", (("count", (1, 1)), ("points", ((12.5, 9.0), (17.0, 9.0))), ("radius", (0.4, 0.4)))
+)
+CLOSURES = Distribution("closures", (("count", (1, 2)), ("at", (0.0, 2.0)), ("duration", (1.0, 60.0))))
+TASKS = Distribution("tasks", (("count", (2, 3)), ("at", (0.0, 2.0))))
+ALL = (KILLS, JAMS, DROPOUT, ODOMETRY, DOORS)
+STUDY = Study("drawn", str(CORRIDOR), ("none", "chapter"), 40, distributions=ALL)
+
+
+def test_what_is_drawn_is_the_same_for_every_strategy_and_another_for_another_seed() -> None:
+    draws = {(trial.strategy, trial.seed): drawn(STUDY, trial) for trial in list(STUDY.trials())[:16]}
+    for (strategy, seed), settings_ in draws.items():
+        assert settings_ == draws["none", seed], strategy
+    assert len({msgspec.json.encode(one) for one in draws.values()}) == 8
+
+
+def test_every_distribution_stays_in_its_range() -> None:
+    kills = []
+    for trial in list(STUDY.trials())[::2]:
+        settings_ = drawn(STUDY, trial)
+        events = settings_["event"]
+        killed = [event["kill"] for event in events if "kill" in event]
+        assert len(set(killed)) == len(killed) <= 2
+        kills.append(len(killed))
+        assert all(5.0 <= event["at"] <= 50.0 for event in events if "kill" in event)
+        (jam,) = [event for event in events if "jam" in event]
+        assert 3.0 <= jam["radius"] <= 9.0 and 1.0 <= jam["duration"] <= 5.0
+        (door,) = [event for event in events if "obstacle" in event]
+        assert door["at"] == 0.0 and tuple(door["obstacle"]) in {(12.5, 9.0), (17.0, 9.0)}
+        assert 0.0 <= settings_["uncertainty.dropout"] <= 0.2
+        assert 1.0 <= settings_["uncertainty.drift"] <= 5.0
+        load_scenario(CORRIDOR, Overrides(settings=tuple(settings_.items())))
+    assert set(kills) == {0, 1, 2}
+
+
+def test_doors_that_close_and_places_that_come_stay_in_their_ranges() -> None:
+    study = msgspec.structs.replace(
+        STUDY, distributions=(CLOSURES, TASKS), settings=(("run.duration", 40.0),)
+    )
+    opened = set()
+    for trial in list(study.trials())[:8:2]:
+        settings_ = drawn(study, trial)
+        given = [event for event in settings_["event"] if "give" in event]
+        closed = [event for event in settings_["event"] if "close" in event]
+        openings = [event for event in settings_["event"] if "open" in event]
+        assert 2 <= len(given) <= 3 and 1 <= len(closed) <= 2
+        assert all(event["at"] <= 2.0 for event in given + closed)
+        assert len({tuple(event["close"]) for event in closed}) == len(closed)
+        for opening in openings:
+            (closing,) = [event for event in closed if event["close"] == opening["open"]]
+            assert 1.0 <= opening["at"] - closing["at"] < 40.0
+        opened.add(len(closed) - len(openings))
+        resolve(load_scenario(CORRIDOR, Overrides(settings=(*study.settings, *settings_.items()))))
+    assert len(opened) > 1, "some open again before the end, others do not"
+
+
+def test_another_factor_changes_nothing_of_the_others() -> None:
+    trial = next(STUDY.trials())
+    alone = msgspec.structs.replace(STUDY, distributions=(KILLS, JAMS, DROPOUT))
+    both, fewer = drawn(STUDY, trial), drawn(alone, trial)
+    assert both["uncertainty.dropout"] == fewer["uncertainty.dropout"]
+    assert [event for event in both["event"] if "obstacle" not in event] == fewer["event"]
+
+
+def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
+    text = CORRIDOR.read_text().replace("../maps", str(ROOT / "maps"))
+    (tmp_path / "s.toml").write_text(text + '\n[[event]]\nat = 7.0\nkill = "r1"\n')
+    study = msgspec.structs.replace(STUDY, scenario=str(tmp_path / "s.toml"), distributions=(KILLS,))
+    for trial in list(study.trials())[:20]:
+        found = drawn(study, trial).get("event", [{"at": 7.0, "kill": "r1"}])
+        assert found[0] == {"at": 7.0, "kill": "r1"}
+        assert "r1" not in [event["kill"] for event in found[1:]]
+
+
+def test_every_parameter_can_stand_in_a_file() -> None:
+    assert {name for names in PARAMETERS.values() for name in names} <= set(VaryTable.model_fields)
+
+
+@pytest.mark.parametrize("name", ["drawn_places", "all_strategies"])
+def test_the_studies_that_come_along_can_be_carried_out(name: str) -> None:
+    study = load_study(ROOT / "studies" / f"{name}.toml")
+    assert set(study.strategies) <= set(STRATEGIES)
+    assert name != "all_strategies" or set(study.strategies) == set(STRATEGIES)
+    first = next(study.trials())
+    resolve(load_scenario(Path(study.scenario), Overrides(settings=study.settings_of(first.variant))))
+
+
+HEAD = "scenario = 's.toml'\nstrategies = ['none', 'chapter']\n"
+FAULTS = [
+    ("strategies = ['none']", "scenario is missing, but must be"),
+    ("scenario = 's.toml'\nstrategies = []", "strategies is [], but must be a list of strategies"),
+    (HEAD + "seeds = 0", "seeds is 0, but must be a whole number from 1"),
+    (HEAD + "seed = 3", "seed is not known; did you mean seeds"),
+    (HEAD + "primary = [['none', 'auction']]", "primary compares 'auction', which is none of the study's"),
+    (HEAD + "conditions = 'same'", 'conditions is "same", but must be "drawn" or "as written"'),
+    (HEAD + "samples = 3", "samples is 3, but no factor has among or between; must have both or neither"),
+]
+VARY_FAULTS = [
+    ("key = 'robots.count'", "vary[0] must have a key and its values, or a distribution"),
+    ("distribution = 'kills'\ncount = 1", "vary[0] must have count, at beside the distribution kills"),
+    ("distribution = 'rain'", 'vary[0].distribution is "rain", but must be "kills", "jams", "dropout"'),
+    (
+        "distribution = 'dropout'\nshare = [0.3, 0.1]",
+        "vary[0].share is [0.3, 0.1], but must be a number from",
+    ),
+    ("key = 'a.b'\nbetween = [1, 3]", "samples is missing, but a factor has among or between"),
+    (
+        "key = 'a.b'\nvalues = [1]\n[[vary]]\nkey = 'a.b'\nvalues = [2]",
+        "vary[1] sets a.b once more; must leave",
+    ),
+    (
+        "factor = 'floor'\nvalues = ['maze']",
+        "vary[0].values[0] is 'maze'; must be a table with a name and keys",
+    ),
+    (
+        "factor = 'f'\nvalues = [{name = 'm', map = 'a'}, {name = 'm', map = 'b'}]",
+        "vary[0] has two levels of one name (m, m); each must have its own",
+    ),
+]
+SAMPLE_FAULTS = [
+    ("key = 'a.b'\nbetween = [1, 3]", "samples is 4, but the random factors have 3 combinations; must be at"),
+    ("key = 'a.b'\nbetween = [3, 1]", "vary[0].between is [3, 1], but must be two"),
+    ("key = 'a.b'\nbetween = [1, 3]\nvalues = [1]", "vary[0] must have a key and its values"),
+    ("key = 'run.duration'\nbetween = [100, 300]", "vary[0] draws run.duration; must be fixed, so that runs"),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        *FAULTS,
+        *((f"{HEAD}[[vary]]\n{vary}", sentence) for vary, sentence in VARY_FAULTS),
+        *((f"{HEAD}samples = 4\n[[vary]]\n{vary}", sentence) for vary, sentence in SAMPLE_FAULTS),
+    ],
+)
+def test_what_is_wrong_with_a_study_is_said(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(AcrcError) as caught:
+        load_study(path)
+    assert sentence in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_distributions_and_values_stand_side_by_side(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(
+        HEAD + "[[vary]]\ndistribution = 'kills'\ncount = [0, 2]\nat = 30\n"
+        "[[vary]]\nkey = 'robots.count'\nvalues = [4, 8]\n"
+    )
+    study = load_study(path)
+    assert study.distributions == (Distribution("kills", (("count", (0, 2)), ("at", (30, 30)))),)
+    assert len(study.variants()) == 2
+
+
+CHAPTER = ROOT / "scenarios" / "chapter.toml"
+CONDITIONS_STUDY = Study("s", str(CHAPTER), ("none", "chapter"), 3, conditions="drawn")
+EVERYTHING = {
+    "robots.start": [],
+    "places.preset": "areas",
+    "robots.odometry": "kobuki",
+    "radio.shadowing_db": SHADOWING_DB,
+}
+
+
+def world(study: Study, trial: Trial) -> tuple[object, object]:
+    """Where the robots of a trial start, and their places."""
+    own = (*study.settings_of(trial.variant), *drawn(study, trial).items())
+    overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
+    robots = resolve(load_scenario(Path(study.scenario), overrides)).world.robots
+    return tuple(one.start for one in robots), tuple(one.places for one in robots)
+
+
+def test_seeds_draw_starts_and_places_the_same_for_every_strategy() -> None:
+    worlds = {
+        (trial.strategy, trial.seed): world(CONDITIONS_STUDY, trial) for trial in CONDITIONS_STUDY.trials()
+    }
+    for seed in (1, 2, 3):
+        assert worlds["none", seed] == worlds["chapter", seed]
+    for part in (0, 1):
+        assert len({repr(worlds["none", seed][part]) for seed in (1, 2, 3)}) == 3
+
+
+def test_as_written_nothing_is_drawn_and_every_seed_begins_alike() -> None:
+    written = msgspec.structs.replace(CONDITIONS_STUDY, conditions="as written")
+    assert [drawn(written, trial) for trial in written.trials()] == [{}] * 6
+    assert len({repr(world(written, trial)) for trial in written.trials()}) == 1
+
+
+def chapter(own: Variant) -> Scenario:
+    return load_scenario(CHAPTER, Overrides(settings=own))
+
+
+@pytest.mark.parametrize("key", EVERYTHING)
+def test_all_is_drawn_but_what_the_study_names(key: str) -> None:
+    assert drawn_conditions(chapter, ()) == EVERYTHING
+    assert drawn_conditions(chapter, tuple(EVERYTHING.items())) == {}
+    written = {"robots.start": [[12.0, 5.0, 0.0]], "places.preset": "golden", "robots.odometry": "exact"}
+    left = drawn_conditions(chapter, ((key, written.get(key, 0.0)), ("run.duration", 10.0)))
+    assert left == {other: value for other, value in EVERYTHING.items() if other != key}
+    robots = {"count": 2, "start": [[12.0, 5.0, 0.0]]}
+    assert set(drawn_conditions(chapter, (("robots", robots),))) == {"places.preset", "radio.shadowing_db"}
+
+
+def test_on_another_map_starts_and_places_are_drawn_for_that_map() -> None:
+    maze = drawn_conditions(chapter, (("map", "../maps/maze.yaml"),))
+    assert (maze["robots.start"], maze["places.preset"]) == ([], "free")
+    offices = drawn_conditions(chapter, (("map", "offices:7"),))
+    assert (offices["robots.start"], offices["places.preset"]) == ([], "areas")
+    with pytest.raises(OptionError, match=r"must be set together with places\.preset=free"):
+        chapter((("map", "offices:7"), ("robots.start", [])))
+
+
+def test_a_sentence_says_what_all_seeds_have_in_common() -> None:
+    told = same_for_all_seeds(load_scenario(CHAPTER))
+    assert told is not None and told.startswith(
+        "with every seed all robots begin in the same positions, the places are the same, odometry is exact, "
+        "radio has no shadowing"
+    )
+    ten = same_for_all_seeds(load_scenario(CHAPTER, Overrides(robots=10)))
+    assert ten is not None and "9 of 10 robots begin in the same positions" in ten
+    overrides = Overrides(settings=tuple(EVERYTHING.items()))
+    assert same_for_all_seeds(load_scenario(CHAPTER, overrides)) is None
+
+
+def test_a_campaign_says_that_all_seeds_begin_alike() -> None:
+    written = msgspec.structs.replace(CONDITIONS_STUDY, conditions="as written")
+    (sentence,) = [line for line in check(written, Permit(), CHAPTER)[0] if "the same positions" in line]
+    assert sentence == same_for_all_seeds(load_scenario(CHAPTER))
+    assert not any("the same positions" in line for line in check(CONDITIONS_STUDY, Permit(), CHAPTER)[0])
+    assert study_of(StudyWishes(scenario=CHAPTER, strategies="none")).conditions == "as written"
+
+
+def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    plain = "scenario = 's.toml'\nstrategies = ['none']\n"
+    path.write_text(plain)
+    assert load_study(path).conditions == "drawn"
+    path.write_text(plain + "conditions = 'as written'\n")
+    assert load_study(path).conditions == "as written"
+    old = b'{"name":"s","scenario":"/s.toml","strategies":["none"],"seeds":3}'
+    assert msgspec.json.decode(old, type=Study).conditions == "as written", "study.json of earlier versions"
+
+
+def test_the_chapters_experiment_is_as_written() -> None:
+    study = load_study(ROOT / "studies" / "chapter.toml")
+    assert study == Study(
+        "chapter", str(CHAPTER), ("none-original", "none", "chapter"), 10,
+        primary=(("chapter", "none-original"), ("chapter", "none")),
+    )  # fmt: skip
+
+
+FLOORS = (
+    '{name = "one", map = "one.yaml", area = []}, {name = "two", map = "two.yaml", places.preset = "free"}'
+)
+RANDOM = (
+    f"{HEAD}seeds = 3\nsamples = 6\n[[vary]]\nkey = 'robots.count'\nbetween = [4, 12]\n"
+    f"[[vary]]\nfactor = 'floor'\namong = [{FLOORS}]\n"
+    "[[vary]]\nkey = 'navigation.preset'\nvalues = ['chapter', 'robust']\n"
+)
+
+
+def loaded(tmp_path: Path, text: str, *, tuning: bool = False) -> Study:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return load_study(path, tuning=tuning)
+
+
+@given(seed=some.integers(1, 10_000), samples=some.integers(2, 12), levels=some.integers(2, 5))
+def test_every_level_comes_up_equally_often_to_one(seed: int, samples: int, levels: int) -> None:
+    factors = [RandomFactor("a", tuple(range(levels))), RandomFactor("b", between=(0.5, 1.5))]
+    cells = draw_cells(factors, samples, seed)
+    assert len({repr(cell) for cell in cells}) == len(cells) == samples
+    counts = Counter(dict(cell)["a"] for cell in cells)
+    assert all(abs(counts[level] - samples / levels) < 2 for level in range(levels))
+    shares = sorted(int((dict(cell)["b"] - 0.5) * samples * (1 - 1e-9)) for cell in cells)
+    assert all(abs(share - place) <= 1 for place, share in enumerate(shares))
+
+
+def test_cells_are_of_the_seed_and_of_nothing_else() -> None:
+    factors = [RandomFactor("a", between=(4, 12)), RandomFactor("b", ("x", "y", "z"))]
+    first = draw_cells(factors, 6, 1)
+    np.random.seed(5)  # noqa: NPY002 - the global state, which must not count
+    assert draw_cells(factors, 6, 1) == first != draw_cells(factors, 6, 2)
+    assert all(isinstance(dict(cell)["a"], int) and 4 <= dict(cell)["a"] <= 12 for cell in first)
+
+
+def test_every_strategy_has_the_same_cells_with_every_value_of_fixed_factors(tmp_path: Path) -> None:
+    study = loaded(tmp_path, RANDOM)
+    by_strategy = {
+        name: [(trial.seed, trial.variant) for trial in study.trials() if trial.strategy == name]
+        for name in study.strategies
+    }
+    assert by_strategy["none"] == by_strategy["chapter"]
+    assert len(by_strategy["none"]) == len({repr(one) for one in by_strategy["none"]}) == 3 * 6 * 2
+    assert {dict(study.fixed_part(variant))["navigation.preset"] for variant in study.variants()} == {
+        "chapter", "robust",
+    }  # fmt: skip
+    assert loaded(tmp_path, RANDOM) == study
+    assert loaded(tmp_path, RANDOM, tuning=True).cells != study.cells
+
+
+def test_a_level_sets_all_its_keys(tmp_path: Path) -> None:
+    study = loaded(tmp_path, RANDOM)
+    settings = dict(study.settings_of((("robots.count", 5), ("floor", "two"))))
+    assert settings == {"robots.count": 5, "map": "two.yaml", "places.preset": "free"}
+    assert study == msgspec.json.decode(msgspec.json.encode(study), type=Study)
+
+
+def test_cells_are_compared_together_and_fixed_factors_one_by_one(plain: RunResult) -> None:
+    """Two cells of four seeds, in which one strategy is always better: eight pairs, one test."""
+    study = Study(
+        "s", "/s.toml", ("a", "b"), 4, primary=(("a", "b"),), primary_metric="places",
+        factors=(Factor("p", (1, 2)),), random=(Factor("r", (4, 8)),), cells=((("r", 4),), (("r", 8),)),
+    )  # fmt: skip
+    records = [made(plain, trial) for trial in study.trials()]
+    found = samples(records, study)
+    assert [(one.variant, len(one.pairs), one.cells) for one in found] == [
+        ((("p", 1),), 8, 2), ((("p", 2),), 8, 2),
+    ]  # fmt: skip
+    assert found[0].where == " with p = 1 over 2 cells"
+    assert [mine.places_done for mine, _ in found[0].pairs] == [14, 18] * 4, "seed by seed, cell by cell"
+    assert count_tests(study) == 2 and rules_for(study).differ.looks == (8,)
+    first = verdicts(found, study)[0]
+    assert first.steps[0].test.p == pytest.approx(2 / 2**8) and first.deciding is not None
+
+
+def made(plain: RunResult, trial: Trial) -> TrialRecord:
+    places = 10 + int(dict(trial.variant)["r"]) - (trial.strategy == "b")
+    result = msgspec.structs.replace(plain, seed=trial.seed, places_done=places)
+    return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result)
