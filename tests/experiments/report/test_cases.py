@@ -1,5 +1,6 @@
 """What a report is made from: campaigns, single runs, and what real robots have recorded."""
 
+import html
 from pathlib import Path
 
 import msgspec
@@ -49,7 +50,7 @@ def test_real_robots_stand_beside_a_run_and_what_nobody_knows_is_said(
     assert "Of real robots nobody knows the truth: places are as they reported them" in page
     assert "friday: r2: no frame connects its clock." in page
     assert "2 of the folders hold one run each" in page
-    assert "Real robots&#x27; places are those that they reported" in page
+    assert "Real robots' places are those that they reported" in html.unescape(page)
     assert "Nothing was compared." in page
 
 
