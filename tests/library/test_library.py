@@ -40,19 +40,19 @@ sys.stderr.write(json.dumps(told))
 
 
 SHORT = (("duration=60", "duration=20"), ('"run.duration" = 20', '"run.duration" = 5'))
-"""What the page has, and what it has by day."""
+"""Texts of the page that shorten its runs, and their replacements."""
 
 
-@pytest.fixture(scope="module", params=[SHORT, pytest.param((), marks=pytest.mark.nightly)])
-def told(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, object]:
-    """What the blocks of the page have come to, one after the other in one program, as in a notebook."""
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """Results of the page's blocks, run one after the other in one program, as in a notebook."""
     folder = tmp_path_factory.mktemp("notebook")
     (folder / "scenarios").symlink_to(REPOSITORY / "scenarios")
     (folder / "maps").symlink_to(REPOSITORY / "maps")
     blocks = list(PAGE.blocks())
     (study,) = (block.text for block in blocks if block.language == "toml")
     program = "\n".join(block.text for block in blocks if block.language == "python")
-    for page, day in request.param:
+    for page, day in SHORT:
         assert page in program + study
         program, study = program.replace(page, day), study.replace(page, day)
     program += FINDINGS
@@ -70,6 +70,8 @@ def told(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureReques
     return found | {"seconds": int(seconds)}
 
 
+@pytest.mark.nightly
+@pytest.mark.timeout(300)
 def test_the_page_does_what_it_shows(told: dict[str, object]) -> None:
     assert told["robots"] == ["r1", "r2"]
     seconds = told["seconds"]
@@ -82,19 +84,22 @@ def test_the_page_does_what_it_shows(told: dict[str, object]) -> None:
     assert (tables["poses"], tables["places"]) == (20 * seconds, 6)
 
 
-def test_a_run_is_that_of_the_command_line(told: dict[str, object], tmp_path: Path) -> None:
+def test_a_run_is_that_of_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = acrc.run("head_on", seed=3, duration=2, bus="memory")
     words = (
         "run",
-        str(REPOSITORY / "scenarios" / "head_on.toml"),
+        REPOSITORY / "scenarios" / "head_on.toml",
         "--seed",
-        "3",
+        3,
         "--duration",
-        str(told["seconds"]),
-        "--json",
+        2,
+        "--bus",
+        "memory",
     )
-    done = in_process.acrc(*words, "--bus", "memory", cwd=tmp_path)
-    assert isinstance(told["digests"], list)
-    assert json.loads(done.stdout)["digest"] == told["digests"][1]
+    done = in_process.acrc(*words, "--out", "command", "--json", cwd=tmp_path)
+    assert made.result is not None and json.loads(done.stdout)["digest"] == made.result.digest
+    assert made.evidence.true.shape == (20, 2, 3) and sorted(made.time_spent().robots) == ["r1", "r2"]
 
 
 def test_in_memory_with_settings_and_places_of_its_own(

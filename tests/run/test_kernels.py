@@ -34,6 +34,7 @@ def test_the_first_time_is_announced_and_the_second_time_is_silent(
     assert "compiling" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_a_person_at_a_terminal_sees_how_far_it_is(
     cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +81,7 @@ def test_a_robot_s_computer_compiles_what_a_robot_needs_and_nothing_of_the_world
     )
 
 
+@pytest.mark.nightly
 def test_what_a_robot_compiles_does_not_count_for_a_run(
     cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

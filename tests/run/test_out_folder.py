@@ -146,6 +146,7 @@ def test_a_disk_that_fills_up_in_a_run_is_the_cause_that_is_named(tmp_path: Path
     assert processes_of(out) == []
 
 
+@pytest.mark.nightly
 def test_a_file_that_may_not_grow_is_named_with_the_cause(tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = subprocess.run(

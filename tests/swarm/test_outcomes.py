@@ -43,7 +43,7 @@ def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tm
 
 @pytest.mark.parametrize(("make_way", "done"), [(False, 5), (True, 6)])
 def test_who_is_done_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
-    scenario = head_on("chapter", IN_THE_WAY, 200.0).model_copy(update={"strategy": {"make_way": make_way}})
+    scenario = head_on("chapter", IN_THE_WAY, 150.0).model_copy(update={"strategy": {"make_way": make_way}})
     result = outcome(scenario, tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
 
