@@ -17,13 +17,13 @@ import pytest
 from actors.installation import pins, version
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
-from benchmarks.hardware.standstill_rig import MAP, Rig
 from deploy.fleet import bundle, keys
 from deploy.fleet.bundle import RobotBundle
 from deploy.fleet.fleet_file import load_fleet
 from observation.replay import record_replay
 from tests.fleet.texts import OFFICE, ROOT
 from tests.in_process import acrc
+from tests.onboard.standstill_rig import MAP, Rig
 
 OWN = "from cleaning.strategies.none import behaviour\nimport helper\n"
 WHEELS = {"wheels/tiny-1.0-py3-none-any.whl": (b"a wheel", 0o644)}

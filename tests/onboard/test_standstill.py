@@ -1,7 +1,6 @@
-"""A robot in the loop stands whatever becomes of its processes, and drives again once it knows where it is.
+"""The base stands when a process or a device fails, and drives again once the robot knows its pose.
 
-How soon is a matter of wall time, so nothing runs beside these; what takes 0.2 s at most is given more.
-The figures come from `acrc verify standstill --full`, which does the same for all processes.
+These tests measure wall time, so nothing runs beside them; all but the full size allow for a slow computer.
 """
 
 import json
@@ -14,15 +13,33 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.recording import RecordingError, read_notes
-from benchmarks.hardware.standstill import StandstillCase, events, measured, meets
-from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
+from firmware_bridge.device_lines import RADIO, RANGE
 from firmware_bridge.kobuki.motion import LONGEST_GAP
+from tests.onboard.standstill_rig import GUARDIAN, Rig, Where, held, killed, stopped
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.claim("standstill")]
 SOON_S, NEAR_M = 0.8, 0.4
-ROBOT, BASE = "actors.robot", "firmware_bridge.onboard.base"
+ROBOT, BASE, BRIDGE = "actors.robot", "firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge"
+PROCESSES = {"robot": ROBOT, "bridge": BRIDGE, "base": BASE, "guardian": GUARDIAN, "supervisor": "onboard"}
+"""By a word of their command lines."""
+DEVICES = {
+    "lidar silent": f"silence r1 {RANGE}",
+    "lidar unplugged": f"unplug r1 {RANGE}",
+    "lidar without echo": "darken r1",
+    "lidar held fast": "jam r1",
+    "base's feedback silent": "silence r1 base",
+    "motor over-current": "strain r1 left",
+    "battery nearly empty": "battery r1 13.0",
+    "radio unplugged": f"unplug r1 {RADIO}",
+}
+MAY_DRIVE_ON = {
+    *(f"bridge {how}" for how in ("killed", "stopped", "held")),
+    *("supervisor stopped", "supervisor held", "radio unplugged"),
+}
+"""After these the robot still knows its pose, sees and obeys."""
+FEW = ("robot killed", "base stopped", "lidar silent")
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +48,55 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
         yield rig
 
 
-def stands_soon(rig: Rig, event: Callable[[Rig], None]) -> None:
+def told_to_stand(rig: Rig, event: Callable[[Rig], None]) -> tuple[Where, Where | None, Where | None]:
+    """Ground truth before the event, at the command to stand, and at standstill."""
     rig.until_driving()
-    found = measured(rig, event)
-    assert found.told_s is not None and found.told_s <= SOON_S, found
-    assert found.told_m <= NEAR_M, found
+    before = rig.where()
+    event(rig)
+    return before, *rig.standing(patience_s=2.0)
+
+
+def stands_soon(
+    rig: Rig, event: Callable[[Rig], None], within_s: float = SOON_S, within_m: float = NEAR_M
+) -> Where:
+    before, told, _ = told_to_stand(rig, event)
+    assert told is not None and told.time - before.time <= within_s
+    assert told.way - before.way <= within_m
+    return told
+
+
+def events() -> dict[str, Callable[[Rig], None]]:
+    ways = {"killed": killed, "stopped": stopped, "held": held}
+    made: dict[str, Callable[[Rig], None]] = {
+        f"{process} {way}": lambda rig, word=word, act=act: act(rig.processes(word))  # type: ignore[misc]
+        for process, word in PROCESSES.items()
+        for way, act in ways.items()
+    }
+    made["base and guardian stopped"] = lambda rig: stopped([*rig.processes(BASE), *rig.processes(GUARDIAN)])
+    for case, order in DEVICES.items():
+        made[case] = lambda rig, order=order: rig.expect_ok(order)  # type: ignore[misc]
+    return made
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(0)
+def test_the_base_stands_whatever_fails(
+    full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    """In full size three trials of each case, within 0.3 s and 0.15 m, as docs/deployment.md reports."""
+    limits = (0.3, 0.15) if full else (SOON_S, NEAR_M)
+    missed = []
+    for case, event in events().items():
+        for trial in range(3 if full else int(case in FEW)):
+            (folder := tmp_path / f"{len(list(tmp_path.iterdir()))}").mkdir()
+            with Rig(folder) as rig:
+                before, *after = told_to_stand(rig, event)
+            told, stood = (one and (one.time - before.time, one.way - before.way) for one in after)
+            record_property(f"{case}, trial {trial}: told, stood (s, m)", (told, stood))
+            in_time = told is not None and told[0] <= limits[0] and told[1] <= limits[1]
+            if not in_time and case not in MAY_DRIVE_ON:
+                missed.append((case, told))
+    assert missed == []
 
 
 def test_a_robot_that_is_stopped_stands_and_goes_on_when_it_does(rig: Rig) -> None:
@@ -101,13 +162,3 @@ def doubtful(rig: Rig) -> bool:
         return json.loads(read_notes(starts[-1])["run"])["setup"]["doubt"] is not None
     except (IndexError, KeyError, OSError, RecordingError):
         return False
-
-
-def test_the_bench_has_a_case_for_each_process_and_judges_them() -> None:
-    cases = events()
-    assert {case[0] for case in cases} >= {"robot", "bridge", "base", "guardian", "supervisor", "lidar"}
-    late = StandstillCase(0.31, 0.1, 0.5, 0.2, 0.5)
-    assert meets(("base", "killed"), [StandstillCase(0.3, 0.15, 0.6, 0.3, 0.5)])
-    assert not meets(("base", "killed"), [late])
-    assert not meets(("base", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)])
-    assert meets(("bridge", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)])

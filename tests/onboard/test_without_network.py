@@ -1,19 +1,26 @@
-"""Robots whose processes have no network at all: their boards are the only way from one to another."""
+"""Robots whose processes have no network: their boards are the only way from one to another."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from benchmarks.hardware import onboard
-from tests.seeds import sampled
+from actors.processes.launch import Launcher
+from deploy.laboratory import hardware_in_the_loop
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.replay import record_replay
+from observation.results.result import RunResult
 from tests.swarm.command import ROOT
 
+NO_NETWORK = ("unshare", "--map-root-user", "--net")
+"""util-linux; a namespace in which no link is up."""
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
 strategy = "chapter"
 [robots]
-count = 3
+count = 2
 [[robot]]
 id = "r1"
 start = [8.0, 12.5, 0.0]
@@ -23,23 +30,37 @@ id = "r2"
 start = [11.0, 12.5, 0.0]
 places = [[11.9, 12.5]]
 """
-THIRD = """
-[[robot]]
-id = "r3"
-start = [17.0, 12.5, 0.0]
-places = [[17.9, 12.5]]
-"""
 
 
+def run(scenario: Path, robots: int, duration: float, out: Path) -> RunResult:
+    """Run on board until no place is left, then replay each robot from what it received."""
+    plan = load_scenario(scenario, Overrides(robots=robots, duration=duration))
+    options = RunOptions(out, spawn="exec", hardware=True, json=True)
+    result = hardware_in_the_loop.run(plan, options, Launcher("exec", NO_NETWORK, reap=False))
+    for name, robot in result.per_robot.items():
+        assert robot.frames["copies_heard"] > 0
+        assert record_replay.replay_actor(out, name).outputs > 0
+    return result
+
+
+@pytest.mark.claim("onboard")
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize("robots", sampled((2, 3), (2,)))
-def test_robots_talk_by_serial_bytes_alone(tmp_path: Path, robots: int) -> None:
+def test_robots_talk_by_serial_bytes_alone(tmp_path: Path) -> None:
     scenario = tmp_path / "few.toml"
-    scenario.write_text((SCENARIO + THIRD * (robots == 3)).replace("count = 3", f"count = {robots}"))
-    found = onboard.check(scenario=scenario, robots=robots, duration=100.0)
-    figures = found.figures
-    assert (figures["places_done"], figures["places_total"], figures["contacts"]) == (robots, robots, 0)
-    heard = figures["copies_heard"]
-    assert sorted(heard) == [f"r{number + 1}" for number in range(robots)] and min(heard.values()) > 0
-    assert all(word.endswith("messages, all equal") for word in figures["executed_again"].values())
-    assert found.holds and str(found.shown[-1]).startswith("goal, 99 % of the steps answered within 20 ms: ")
+    scenario.write_text(SCENARIO)
+    result = run(scenario, 2, 100.0, tmp_path / "out")
+    assert (result.places_done, result.places_total, result.contacts) == (2, 2, 0)
+
+
+@pytest.mark.claim("onboard")
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_robots_that_meet_clean_all_places(
+    full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    robots, duration = (3, 300.0) if full else (2, 15.0)
+    result = run(ROOT / "scenarios" / "head_on.toml", robots, duration, tmp_path / "out")
+    record_property("places done", f"{result.places_done} of {result.places_total}")
+    late = {name: one.lateness_p99_ms for name, one in result.per_robot.items()}
+    record_property("99 % of the steps answered within, ms", late)
+    assert not full or result.places_done == result.places_total

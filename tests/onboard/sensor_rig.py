@@ -1,14 +1,13 @@
-"""Robots' vehicles on emulated devices in simulated time: what their sensors say, and how they are held.
+"""Vehicles on emulated devices in simulated time, without processes: repeatable trials of their sensors.
 
-The base process's vehicle (firmware_bridge.onboard.vehicle) with lines of memory to a laboratory, and a pilot
-in place of the robot's program: no process, no clock, the same on every run.
+The base process's vehicle (firmware_bridge.onboard.vehicle) with in-memory lines to a laboratory, and a pilot
+in place of the program of the robot.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -29,31 +28,29 @@ from firmware_bridge.onboard.vehicle import LastWord, Lidar, TurtleBot
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import SerialPort
 
-MODEL: Final = load_model("turtlebot2", "chapter")
-_STEP: Final = milliseconds(100)
-_TURN: Final = 1.2
-"""rad/s of a pilot who looks for a way."""
+MODEL = load_model("turtlebot2", "chapter")
+STEP = milliseconds(100)
+AVOIDING = 1.2
+"""rad/s, while the pilot turns away from an obstacle."""
 Starts = Sequence[tuple[float, float, float]]
 
 
 class Pilot:
-    """Drives at `speed`, now and then in arcs, away from what is near; as a stranger would, without a map."""
+    """Drives at `speed`, in arcs at times, and turns away from what is near, without a map."""
 
     def __init__(self, speed: float, random: Generator) -> None:
-        self._speed = speed
-        self._random = random
+        self._speed, self._random = speed, random
         self._omega = 0.0
-        self._rotates = 0
-        self._arc = 0
+        self._turning = self._arc = 0
         self.straight = False
         """True: no arcs."""
 
     def steer(self, scan: Scan | None) -> tuple[float, float]:
         """m/s and rad/s for the next step."""
-        if scan is not None:
-            self._look(scan)
-        if self._rotates:
-            self._rotates -= 1
+        if scan is not None and self._turning == 0:
+            self._avoid(scan)
+        if self._turning:
+            self._turning -= 1
             return 0.0, self._omega
         if self._arc == 0:
             self._arc = int(self._random.integers(10, 40))
@@ -62,17 +59,25 @@ class Pilot:
         self._arc -= 1
         return self._speed, self._omega
 
-    def _look(self, scan: Scan) -> None:
+    def _avoid(self, scan: Scan) -> None:
         ranges = np.frombuffer(scan.ranges_mm, "<u2").astype(np.float64)
         ranges[ranges == NO_ECHO_MM] = 60_000.0
-        sensor = MODEL.sensor
-        angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
-        ahead = np.abs(angles) < math.radians(35)
-        if self._rotates == 0 and ranges[ahead].min() < 700:
+        angles = MODEL.sensor.first_angle + MODEL.sensor.increment * np.arange(MODEL.sensor.rays)
+        if ranges[np.abs(angles) < math.radians(35)].min() < 700:
             left = np.median(ranges[(angles > 0.3) & (angles < 1.5)])
             right = np.median(ranges[(angles < -0.3) & (angles > -1.5)])
-            self._omega = math.copysign(_TURN, left - right)
-            self._rotates = int(self._random.integers(8, 18))
+            self._omega = math.copysign(AVOIDING, left - right)
+            self._turning = int(self._random.integers(8, 18))
+
+
+class Straight(Pilot):
+    """Keeps one velocity, whatever the sensors report."""
+
+    def __init__(self, v: float, omega: float = 0.0) -> None:
+        self._velocity = v, omega
+
+    def steer(self, scan: Scan | None) -> tuple[float, float]:
+        return self._velocity
 
 
 class MemoryPort(SerialPort):
@@ -82,38 +87,30 @@ class MemoryPort(SerialPort):
         self.inbox = self.outbox = b""
 
     def read(self) -> bytes:
-        """All that has come."""
         data, self.inbox = self.inbox, b""
         return data
 
     def write(self, data: bytes) -> None:
-        """Never waits."""
         self.outbox += data
 
-    def close(self) -> None:
-        """Nothing."""
+    def close(self) -> None: ...
 
 
-class Trusted(LastWord):
-    """A guardian that is there, without a process."""
+class PassiveGuardian(LastWord):
+    """A guardian without a process, which never intervenes."""
 
-    def __init__(self) -> None:
-        pass
+    def __init__(self) -> None: ...
 
-    def serve(self, now: Instant, port: object) -> None:
-        """Nothing."""
+    def serve(self, now: Instant, port: object) -> None: ...
 
     def holds(self, now: Instant) -> bool:
-        """It does."""
         return True
 
-    def close(self) -> None:
-        """Nothing."""
+    def close(self) -> None: ...
 
 
-@dataclass
-class Told:
-    """That a robot was held by other causes than before."""
+class HoldChange(NamedTuple):
+    """New causes for which a robot is held."""
 
     instant: Instant
     causes: frozenset[HoldCause]
@@ -126,56 +123,48 @@ class RigVehicle:
         self.pilot: Pilot | None = pilot
         self.lines = {BASE: MemoryPort(), RANGE: MemoryPort()}
         self.noise = {"in": CLEAN, "out": CLEAN}
-        """What happens to the bytes of the base's line, from and to the base."""
+        """Disturbance of the bytes from and to the base."""
         self._random = noise
+        self.log: list[str] = []
+        self.held: list[HoldChange] = []
         self.kobuki = KobukiDriver(START)
-        lidar = Lidar(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self._say)
-        mount = MODEL.sensor.mount
-        self.bot = TurtleBot(lambda: self.lines[BASE], self.kobuki, lidar, Trusted(), self._say, mount)
-        self.said: list[str] = []
-        self.told: list[Told] = []
+        lidar = Lidar(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self.log.append)
+        ports = (lambda: self.lines[BASE], self.kobuki, lidar, PassiveGuardian(), self.log.append)
+        self.bot = TurtleBot(*ports, MODEL.sensor.mount)
 
-    def scramble(self, share: float, ways: str) -> None:
-        """Damage so many of the bytes; `ways`: in, out or both."""
+    def disturb(self, share: float, ways: str) -> None:
+        """Damage this share of the bytes; `ways`: in, out or both."""
         for way in self.noise:
             if ways in (way, "both"):
                 self.noise[way] = Disturbance(share / 3, share / 3, share / 3)
 
     def from_device(self, device: str, data: bytes) -> None:
-        """Bytes on their way to the driver."""
-        if device == BASE:
-            data = self.noise["in"].apply(data, self._random)
-        self.lines[device].inbox += data
+        self.lines[device].inbox += self.noise["in"].apply(data, self._random) if device == BASE else data
 
     def to_device(self, device: str) -> bytes:
-        """Bytes that have left for the device."""
         line = self.lines[device]
         data, line.outbox = line.outbox, b""
         return self.noise["out"].apply(data, self._random) if device == BASE else data
 
     def serve(self, now: Instant) -> None:
-        """One round of the base process."""
+        """One cycle of the base process."""
         self.bot.serve(now)
         causes = frozenset(stop.cause for stop in self.kobuki.allowed.stops)
-        if causes != (self.told[-1].causes if self.told else frozenset()):
-            self.told.append(Told(now, causes))
-
-    def _say(self, line: str) -> None:
-        self.said.append(line)
+        if causes != (self.held[-1].causes if self.held else frozenset()):
+            self.held.append(HoldChange(now, causes))
 
 
 class SensorRig:
-    """A laboratory and the vehicles in it, from sub-step to sub-step of the physics."""
+    """A laboratory and its vehicles, advanced by sub-steps of the physics."""
 
     def __init__(self, floor: Path, starts: Starts, seed: int, speed: float = 0.5) -> None:
         bodies = tuple(
             BodySetup(f"r{number}", "turtlebot2", "chapter", "kobuki", start, ())
             for number, start in enumerate(starts, start=1)
         )
-        world = WorldSetup(str(floor), seed, _STEP, 1_000_000, bodies)
+        world = WorldSetup(str(floor), seed, STEP, 1_000_000, bodies)
         addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
-        radio = RadioSetup(seed, _STEP, addresses, "beeclick")
-        self.laboratory = Laboratory(LaboratorySetup(world, radio))
+        self.laboratory = Laboratory(LaboratorySetup(world, RadioSetup(seed, STEP, addresses, "beeclick")))
         self.vehicles = {
             body.id: RigVehicle(
                 Pilot(speed, generator(seed, "pilot", body.id)), generator(seed, "line noise", body.id)
@@ -185,35 +174,33 @@ class SensorRig:
 
     @property
     def now(self) -> Instant:
-        """Up to when everything has moved."""
         return self.laboratory.now
 
-    def run(self, time_s: float, each: Callable[[], bool] = lambda: False) -> None:
-        """Go on for so long, or until `each`, asked after every sub-step, says True."""
+    def run(self, time_s: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Advance for this time, or until the condition holds after a sub-step."""
         end = self.now + seconds(time_s)
         while self.now < end:
             self._step(Instant(self.now + SUBSTEP))
-            if each():
+            if until():
                 return
 
-    def speed(self, robot: str = "r1") -> float:
-        """True, m/s."""
-        return self.laboratory.robots[robot].body.truth().v
+    def speed(self) -> float:
+        """True speed of r1, m/s."""
+        return self.laboratory.robots["r1"].body.truth().v
 
-    def cruises(self, speed: float, bends: bool, robot: str = "r1") -> bool:
-        """True while it drives at that speed, and if it is to, in an arc."""
-        vehicle = self.vehicles[robot]
-        fast = self.speed(robot) > speed and not self.told_to_stand(robot)
-        return fast and (not bends or abs(vehicle.kobuki.allowed.omega) > 0.3)
+    def cruises(self, speed: float, in_arc: bool) -> bool:
+        """Whether r1 drives faster than this, and in an arc if that is wanted."""
+        omega = self.vehicles["r1"].kobuki.allowed.omega
+        return self.speed() > speed and not self.told_to_stand() and (not in_arc or abs(omega) > 0.3)
 
-    def told_to_stand(self, robot: str = "r1") -> bool:
-        """True if its wheels were last told not to turn."""
-        return self.laboratory.robots[robot].body.is_told_to_stand
+    def told_to_stand(self) -> bool:
+        """Whether the last command to the wheels of r1 was to stand."""
+        return self.laboratory.robots["r1"].body.is_told_to_stand
 
     def _step(self, now: Instant) -> None:
         self.laboratory.advance(now, self._deliver)
         for name, vehicle in self.vehicles.items():
-            if now % _STEP == 0:
+            if now % STEP == 0:
                 scan = vehicle.bot.scan()
                 if vehicle.pilot is not None:
                     vehicle.bot.command(now, now, *vehicle.pilot.steer(scan))

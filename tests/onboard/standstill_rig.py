@@ -1,4 +1,4 @@
-"""One robot in the loop, and what one can do to its processes while it drives."""
+"""One robot on emulated devices, with faults of its processes and devices while it drives."""
 
 import ctypes
 import os
@@ -26,7 +26,7 @@ MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 _START: Final = (8.0, 12.5, 0.0)
 _PLACES: Final = ((22.0, 12.5), (8.0, 12.5))
 _FAST: Final = 0.45
-"""m/s: it drives from then on; its highest speed is 0.5 m/s, and in the corridor it reaches it."""
+"""m/s, of 0.5: above it the robot counts as driving."""
 _FLEET: Final = """
 map = "{map}"
 [run]
@@ -46,25 +46,25 @@ _PTRACE_SEIZE: Final = 0x4206
 _PTRACE_INTERRUPT: Final = 0x4207
 
 TITLE: Final = "acrc r1"
-"""Of a sandboxed robot, whose command line tells nothing else."""
+"""Process title of a sandboxed robot."""
 
 
 class NotDrivingError(AcrcError):
-    """A robot that does not come to drive."""
+    """The robot does not start to drive."""
 
 
 class Where(NamedTuple):
-    """The truth of the emulated world."""
+    """Ground truth."""
 
     time: float
     way: float
     speed: float
     told: float
-    """1 if its wheels were last told not to turn."""
+    """1 if the last command to the wheels was to stand."""
 
 
 class Rig:
-    """Emulated devices and a robot on board; a context manager that leaves nothing running."""
+    """Emulated devices and the processes of a robot; a context manager."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -113,18 +113,18 @@ class Rig:
             stream.close()
 
     def write_fleet(self, map_file: str) -> Path:
-        """The file of a fleet that has this robot alone."""
+        """Write the file of a fleet of this robot alone."""
         fleet = self.folder / "fleet.toml"
         fleet.write_text(_FLEET.format(map=map_file, links=self._links))
         return fleet
 
     def onboard(self) -> list[str]:
-        """The command that is the robot; its devices are there."""
+        """Return the command that starts the robot."""
         words = ("fleet", "onboard", self.write_fleet(str(MAP)), "--robot", "r1", "--out", self.out)
         return [sys.executable, "-m", "command_line", *map(str, words)]
 
     def processes(self, word: str) -> list[int]:
-        """The robot's processes with that word in their command lines; a sandboxed one has a title there."""
+        """Return the robot's processes whose command line or title has this word."""
         found = []
         for entry in Path("/proc").iterdir():
             if not entry.name.isdigit() or int(entry.name) == os.getpid():
@@ -140,23 +140,23 @@ class Rig:
         return found
 
     def order(self, line: str) -> str:
-        """Let something go wrong with a device; the answer."""
+        """Cause a fault of a device; return the answer."""
         assert self._room.stdin is not None
         self._room.stdin.write(f"{line}\n".encode())
         self._room.stdin.flush()
         return self._answer(patience_s=10.0)
 
     def expect_ok(self, line: str) -> None:
-        """Let something go wrong. Raises NotDrivingError if that cannot be."""
+        """Cause a fault of a device. Raises NotDrivingError if it is refused."""
         if (answer := self.order(line)) != "ok":
             raise NotDrivingError(f"{line}: {answer}")
 
     def where(self) -> Where:
-        """Where the robot is, and how fast."""
+        """Return the ground truth."""
         return Where(*map(float, self.order("where r1").split()))
 
     def until_driving(self, patience_s: float = 90.0) -> None:
-        """Wait until it drives. Raises NotDrivingError."""
+        """Wait until the robot drives. Raises NotDrivingError."""
         deadline = time.monotonic() + patience_s
         while self.where().speed < _FAST:
             if time.monotonic() > deadline:
@@ -165,7 +165,7 @@ class Rig:
             time.sleep(0.02)
 
     def standing(self, patience_s: float) -> tuple[Where | None, Where | None]:
-        """Where it was when it was told to stand, and where it then stood; None where that did not happen."""
+        """Return the truth at the command to stand and at standstill; None if it did not happen."""
         deadline = time.monotonic() + patience_s
         told = None
         while time.monotonic() < deadline:
@@ -190,23 +190,20 @@ class Rig:
 
 
 def killed(processes: Sequence[int]) -> None:
-    """As by `kill -KILL`; who has just ended is left alone."""
+    """Send SIGKILL."""
     for process in processes:
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGKILL)
 
 
 def stopped(processes: Sequence[int]) -> None:
-    """As by `kill -STOP`."""
+    """Send SIGSTOP."""
     for process in processes:
         os.kill(process, signal.SIGSTOP)
 
 
 def held(processes: Sequence[int]) -> None:
-    """The main thread does nothing any more, as in an endless loop or a call that does not return.
-
-    All other threads go on. Raises OSError where the system does not let one do that.
-    """
+    """Stop the main thread only, as an endless loop would. Raises OSError where ptrace is not permitted."""
     libc = ctypes.CDLL(None, use_errno=True)
     for process in processes:
         for request in (_PTRACE_SEIZE, _PTRACE_INTERRUPT):

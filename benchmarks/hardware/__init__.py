@@ -1,1 +1,0 @@
-"""The robots' serial lines and processes on board, with emulated devices."""
