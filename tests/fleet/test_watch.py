@@ -22,7 +22,6 @@ from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.watch import WatchAnswer
 from deploy.hosts.certificates import SERVER
-from tests.cli.test_cli import acrc
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
 
@@ -130,8 +129,10 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
         for order in (Pause(), Resume()):
             assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
         assert got == [Pause(), Resume()]
-        done = acrc("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
-    assert done == (
+        words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", keys)
+        command = [sys.executable, "-m", "command_line", *words]  # it ends its process at once
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (
         1,
         f"acrc: {robots[0].endpoint}: has stopped\n",
         f"acrc: {nobody}: it was not reached within 2 s: connection refused\n",
