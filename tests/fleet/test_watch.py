@@ -129,7 +129,7 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
         for order in (Pause(), Resume()):
             assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
         assert got == [Pause(), Resume()]
-        words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", keys)
+        words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
         command = [sys.executable, "-m", "command_line", *words]  # it ends its process at once
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (
