@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.branching import Branched, branch
 from deploy.branches.change import Change
-from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.recorded_runs import record
 
 Leave = Callable[[Change], Branched]
 
@@ -21,10 +19,7 @@ Leave = Callable[[Change], Branched]
 def origin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two robots that meet, with the chapter's adaptation, for 12 s, in memory."""
     out = tmp_path_factory.mktemp("origin") / "run"
-    settled = load_scenario(
-        REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=12.0, strategy="chapter")
-    )
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    record(out, duration=12.0)
     return out
 
 

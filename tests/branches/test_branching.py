@@ -18,7 +18,7 @@ from deploy.branches.swarm_replay import SCENARIO, replay_swarm
 from observation.replay.run_recordings import recordings
 from observation.trace.program import whole
 from tests.branches.conftest import Leave
-from tests.swarm.command import acrc
+from tests.in_process import acrc
 
 STEP_S = 0.1
 
@@ -63,18 +63,6 @@ def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave)
     )
     assert ended.divergence.robots["r2"] == 6.0
     assert replay_swarm(Path(ended.result.out), permit=INSTALLED).orders == 1
-
-
-def test_one_frame_that_nobody_hears_is_named_with_who_missed_it(origin: Path, leave: Leave) -> None:
-    step, sender, receiver = _lone_frame(origin)
-    jammed = leave(Change(1.0, events=(event(f"jam 0 0 1000 0.1 at {step * STEP_S:.1f}", 1.0),)))
-    parted = jammed.divergence
-    assert parted is not None
-    assert (parted.step, parted.key) == (step + 1, f"swarm/down/{receiver}/received")
-    assert parted.words.startswith(
-        f"step {step + 1}: swarm/down/{receiver}/received: only in the run: Received("
-    )
-    assert f"sender={sender[1:]}" in parted.words
 
 
 @pytest.mark.claim("branches")

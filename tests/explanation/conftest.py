@@ -1,16 +1,13 @@
-"""Two short runs in memory in which the causes of decisions were planted; nobody changes their folders."""
+"""A short run in which the causes of decisions are planted, and the complete run in a doorway."""
 
 from pathlib import Path
 
 import pytest
 
-from actors.installation.repository import REPOSITORY
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario, parse
+from tests.recorded_runs import record
 
-PLANTED = f"""
-map = "{REPOSITORY / "maps" / "corridor.yaml"}"
+PLANTED = """
+map = "../maps/corridor.yaml"
 
 [run]
 duration = 16.0
@@ -43,21 +40,13 @@ duration = 3.0
 """r2 and r4 hear nothing from 4.9 s to 7.9 s; r3 is too far from r1 to hear it."""
 
 
-def _run(out: Path, scenario_text: str) -> Path:
-    settled = parse(scenario_text, REPOSITORY / "planted.toml")
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
-    return out
-
-
 @pytest.fixture(scope="session")
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return _run(tmp_path_factory.mktemp("planted") / "out", PLANTED)
+    out = tmp_path_factory.mktemp("planted") / "out"
+    record(out, PLANTED)
+    return out
 
 
 @pytest.fixture(scope="session")
-def doorway(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The chapter's robots in a doorway for a minute."""
-    out = tmp_path_factory.mktemp("doorway") / "out"
-    settled = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=64.0))
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
-    return out
+def doorway(complete_run: Path) -> Path:
+    return complete_run

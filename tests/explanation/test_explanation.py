@@ -11,7 +11,7 @@ from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from observation.explanation.chain import Link
 from observation.explanation.explain import Explainer, Explanation, ExplanationError, sentences, wish
-from tests.swarm.command import acrc
+from tests.in_process import acrc
 
 
 class Known(NamedTuple):
@@ -130,10 +130,6 @@ def check(out: Path, knowns: tuple[Known, ...]) -> None:
         if missing or not answer.exact:
             wrong[one.who] = (missing, list(sentences(answer)))
     assert wrong == {}
-
-
-def test_there_are_at_least_twenty_decisions_of_known_cause() -> None:
-    assert len(PLANTED) + len(DOORWAY) >= 20
 
 
 def test_planted_causes_are_named_whatever_the_strategy(planted: Path) -> None:

@@ -9,20 +9,18 @@ from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation import sandbox
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import parse
 from observation.explanation.explain import Explainer, ExplanationError, wish
 from observation.export.rows import ExportError, tables
 from observation.replay.sandboxed_calls import Bounds
 from observation.replay.trusted_replay import replay
 from observation.trace.coding import PART, TraceError, decode, encode, parts
 from observation.trace.program import whole
+from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start
 
 ABLE = sandbox.available() is None
-SCENARIO = f"""
-map = "{REPOSITORY / "maps" / "corridor.yaml"}"
+SCENARIO = """
+map = "../maps/corridor.yaml"
 [run]
 duration = 1.0
 strategy = "tests.explanation.hostile:behaviour"
@@ -39,8 +37,7 @@ per_robot = 1
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("hostile") / "out"
-    settled = parse(SCENARIO, REPOSITORY / "hostile.toml")
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    record(out, SCENARIO)
     return out
 
 
@@ -58,17 +55,6 @@ def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
 def test_one_that_hangs_is_ended(hostile: Path) -> None:
     said = fault(hostile, "hang", least_s=2.0)
     assert said == "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
-
-
-def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
-    (hostile / "mood").write_text("hang")
-    bounds = Bounds(1000, least_s=2.0, bytes_per_s=1e9)
-    with pytest.raises(ReplayError) as caught:
-        replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None, bounds=bounds)
-    assert str(caught.value) == (
-        "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
-    )
-    assert processes_of(hostile) == []
 
 
 def test_a_replay_that_lies_is_told(hostile: Path) -> None:

@@ -6,14 +6,11 @@ import pytest
 
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
-from tests.swarm.command import ROOT, run
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("pictures") / "run"
-    run(out, ROOT / "scenarios" / "head_on.toml", "--bus", "memory")
-    return out
+def folder(complete_run: Path) -> Path:
+    return complete_run
 
 
 @pytest.fixture(scope="session")

@@ -16,18 +16,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from command_line import look as look_commands
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, look, moving, run_html, run_page, side_by_side, style
 from tests import warm
-from tests.swarm.command import acrc
+from tests.in_process import acrc
+from tests.recorded_runs import record
 
 if TYPE_CHECKING:
     from tests.control.browser import Browser
@@ -127,8 +124,7 @@ def test_a_file_that_cannot_be_a_page_is_one_sentence(words: str, sentence: str)
 
 def test_a_run_too_short_to_judge_is_drawn_with_a_warning(tmp_path: Path) -> None:
     out = tmp_path / "short"
-    scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=2.0))
-    swarm.run(scenario, RunOptions(out, bus="memory", json=True))
+    record(out, duration=2.0)
     warning = f"acrc: {out}: the run lasts 2 s; nothing can be judged from less than 5 s\n"
     for words in (("--png",), ("--beside", out, "--svg")):
         done = acrc("view", out, *words)

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from actors.installation.repository import REPOSITORY as ROOT
 from actors.task.words import PlaceKey
 from deploy.scenario import scenario_picture, survey
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from tests.swarm.command import ROOT, acrc
+from tests.in_process import acrc
 
 CHAPTER = ROOT / "scenarios" / "chapter.toml"
 SHUT_IN = """

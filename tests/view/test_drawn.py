@@ -1,17 +1,13 @@
 """The view file of a run, read back without a window: every entity that a person looks at is there."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from shutil import copytree
 from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 from rerun.chunk import RrdReader
 
-from actors.observer import glyphs
-from actors.observer.glyphs import OWN_STATES
 from actors.observer.sheet import APPLICATION
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
@@ -24,8 +20,9 @@ from observation.trace.rows import Trace
 from observation.trace.traces import Traced
 from observation.view import beside, drawn
 from observation.view.drawn import Wishes, draw, place, read_story
+from tests.view.rrd import Rows, rows
 
-Rows = dict[str, list[dict[str, Any]]]
+pytestmark = pytest.mark.usefixtures("strict")
 WORLD = {
     *("map", "robots/r1", "robots/r1/turn", "robots/r1/turn/body", "robots/r1/turn/nose", "robots/r1/name"),
     *("trails/r1", "history/r1", "places/r1", "intent/r1", "heading/r1", "radio/links", "radio/losses"),
@@ -33,29 +30,11 @@ WORLD = {
 INSIDE = {"scan", "particles", "estimate", "costs", "plan", "arc"}
 
 
-@pytest.fixture(autouse=True)
-def strict() -> Iterator[None]:
-    """Let rerun raise where it would only warn."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
-
-
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch, insides: dict[str, Trace]) -> None:
     """Robots are looked into once for all tests."""
     traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
     monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
-
-
-def rows(path: Path) -> Rows:
-    """Everything that was logged, by entity, in the order of time; static rows have no sim_time."""
-    found: Rows = {}
-    for chunk in RrdReader(str(path)).stream():
-        found.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
-    for some in found.values():
-        some.sort(key=lambda row: row["sim_time"].total_seconds() if "sim_time" in row else -1.0)
-    return found
 
 
 def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
@@ -188,11 +167,3 @@ def test_a_folder_in_which_nobody_may_write_gets_its_view_elsewhere(
     elsewhere = place(folder)
     assert elsewhere.name == "view.rrd" and not elsewhere.is_relative_to(folder)
     elsewhere.parent.rmdir()
-
-
-def test_the_first_robots_colours_can_be_told_from_black_and_from_white() -> None:
-    floor = (glyphs.FLOOR,) * 3
-    for colour in glyphs.ROBOTS[:4]:
-        assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3
-    for glyph in OWN_STATES.values():
-        assert glyphs.contrast(glyph.colour, glyphs.WHITE) >= 3.8

@@ -10,15 +10,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from actors.installation.repository import REPOSITORY
-from actors.installation.usage import OptionError
 from actors.observer.sheet import Sheet
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.recording import Entry, read_recording
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_reader import RunReader
 from observation.recordings import topics
 from observation.recordings.topics import Standing, standing
@@ -142,19 +137,6 @@ def test_pieces_of_a_run_come_to_the_whole(growing: Growing, folder: Path) -> No
     assert told[-1].places == whole.places and told[-1].end == whole.end == 30.0
 
 
-def test_places_that_come_while_it_goes_on_are_known(tmp_path: Path) -> None:
-    shipped = (REPOSITORY / "scenarios" / "head_on.toml").read_text()
-    give = '\n[[event]]\nat = 1.0\ngive = "r2"\nplaces = [[9.0, 12.0]]\n'
-    scenario = tmp_path / "given.toml"
-    scenario.write_text(shipped.replace("../maps", str(REPOSITORY / "maps")) + give)
-    settled = load_scenario(scenario, Overrides(duration=2.0))
-    out = tmp_path / "run"
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
-    story = simulated_story(out)
-    assert story.places["r2"][-1] == (9.0, 12.0)
-    assert len(story.places["r2"]) == story.begun_with["r2"] + 1
-
-
 def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder: Path) -> None:
     assert standing(folder) is Standing.ENDED
     growing.grow(0.5)
@@ -219,11 +201,6 @@ def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: P
     shown = {path.name for path in own_files(tmp_path / "r1" / "r1.mcap")}
     assert {"r1.mcap", "map.yaml", "map.png"} <= shown
     assert not {"credentials", "router.sock", "r1.log"} & shown
-
-
-def test_a_robot_that_is_not_there_is_not_looked_into(folder: Path) -> None:
-    with pytest.raises(OptionError, match="--robot: r9; must be one of r1, r2"):
-        draw(read_story(folder), folder / "no.rrd", Wishes(("r9",)), send_to=None, say=lambda sentence: None)
 
 
 def test_who_hangs_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:

@@ -15,7 +15,6 @@ from observation.trace.coding import PART, TraceError, decode, encode
 from observation.trace.fates import by_outcome, read_fates
 from observation.trace.program import whole
 from observation.trace.rows import ACTIVITIES, Trace
-from observation.trace.traces import Traced
 from observation.trace.words import in_words
 from observation.view.painted_inside import over
 
@@ -96,10 +95,6 @@ def test_a_trace_that_does_not_fit_is_refused(insides: dict[str, Trace]) -> None
     for damaged in (b"", data[:100], data[:-1], b"\x00" + data[1:], data.replace(b"driving", b"DRIVING")):
         with pytest.raises(TraceError):
             decode(damaged)
-
-
-def test_what_is_no_robot_has_no_trace(traced: list[Traced]) -> None:
-    assert Traced("world", fault="world: is no robot") in traced
 
 
 def test_knowledge_is_told_in_words() -> None:

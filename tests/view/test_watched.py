@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -16,6 +15,7 @@ from actors.task.words import PlaceKey, PlaceReport
 from deploy.fleet import watched
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, Inbox, WatchedFleet
+from tests.view.rrd import rows, timed
 
 FLEET = """
 map = "{root}/maps/corridor.yaml"
@@ -42,18 +42,6 @@ def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
     return HeardMessage(second, ENDS[robot], key, message)
 
 
-def rows(path: Path) -> dict[str, list[dict[str, Any]]]:
-    """What was drawn after the beginning, by entity, in the order of time."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for chunk in RrdReader(str(path)).stream():
-        for row in chunk.to_record_batch().to_pylist():
-            if "sim_time" in row:
-                found.setdefault(str(chunk.entity_path), []).append(row)
-    for some in found.values():
-        some.sort(key=lambda row: row["sim_time"])
-    return found
-
-
 def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(tmp_path: Path) -> None:
     (tmp_path / "fleet.toml").write_text(FLEET.format(root=REPOSITORY))
     fleet = load_fleet(tmp_path / "fleet.toml")
@@ -71,7 +59,7 @@ def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(t
         view.draw(words, 0.5, 0)
         view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r2", 0),)))], 3.0, 4)
         view.draw((), 6.0, 4)
-    found = rows(tmp_path / "view.rrd")
+    found = {entity: timed(some) for entity, some in rows(tmp_path / "view.rrd").items()}
     poses = [row["Transform3D:translation"][0][:2] for row in found["/world/robots/r1"]]
     np.testing.assert_allclose(poses, [[12.0, 13.0], [12.1, 13.0]], atol=1e-5)
     names = {

@@ -62,5 +62,5 @@ def test_each_word_has_one_glyph() -> None:
 
 def test_what_is_put_there_can_be_seen_on_both_grounds() -> None:
     floor = (glyphs.FLOOR,) * 3
-    for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED):
+    for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED, *glyphs.ROBOTS[:4]):
         assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3

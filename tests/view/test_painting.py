@@ -1,6 +1,5 @@
 """What is drawn of a run on a sheet, read back without a window; and who gets a window."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-import rerun as rr
 from rerun.chunk import RrdReader
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -19,7 +17,6 @@ from actors.observer.drawing import things
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import APPLICATION, Sheet
-from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
 from observation.evidence.recorded import Deed, Route
 from observation.evidence.things_over_time import FloorThing, OrderedChange
@@ -27,30 +24,13 @@ from observation.view import __main__ as program
 from observation.view import live
 from observation.view.painting import Painting
 from observation.view.story import Story, Track
+from tests.view.rrd import Rows, rows
 
+pytestmark = pytest.mark.usefixtures("strict")
 GRID = OccupancyGrid(
     np.array([[OCCUPIED, FREE, FREE], [UNKNOWN, FREE, OCCUPIED]], dtype=np.uint8), 2.0, Point(-1.0, 3.0)
 )
 PLACES = {"r1": ((1.0, 4.0), (2.0, 4.0)), "r2": ((3.0, 5.0),)}
-Rows = dict[str, list[dict[str, Any]]]
-
-
-@pytest.fixture(autouse=True)
-def strict() -> Iterator[None]:
-    """Let rerun raise where it would only warn."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
-
-
-def rows(path: Path) -> Rows:
-    """Everything that was logged, by entity, in the order of time; static rows have no sim_time."""
-    found: Rows = {}
-    for chunk in RrdReader(str(path)).stream():
-        found.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
-    for some in found.values():
-        some.sort(key=lambda row: row["sim_time"].total_seconds() if "sim_time" in row else -1.0)
-    return found
 
 
 def times(some: list[dict[str, Any]]) -> list[float]:
@@ -174,12 +154,6 @@ def test_the_file_opens_with_its_own_layout(tmp_path: Path) -> None:
     assert blueprint.application_id == recording.application_id == APPLICATION
 
 
-def test_colours_follow_the_scenarios_order(tmp_path: Path) -> None:
-    found = painted(tmp_path / "view.rrd", story(range(2)))
-    drawn = [found[f"/world/robots/{robot}/turn/body"][0]["Cylinders3D:colors"] for robot in ("r1", "r2")]
-    assert drawn == [[packed(colour)] for colour in glyphs.ROBOTS[:2]]
-
-
 def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
     acts = {"r1": ((0.0, "frozen"), (0.3, "")), "r2": ((0.0, "off"),)}
     found = painted(tmp_path / "view.rrd", story(range(3), acts), story(range(3, 5), acts))
@@ -268,13 +242,6 @@ def test_a_viewer_that_does_not_open_costs_one_sentence(monkeypatch: pytest.Monk
 )
 def test_where_a_window_can_open(environment: dict[str, str], platform: str, display: bool) -> None:
     assert viewer.has_display(environment, platform) is display
-
-
-def test_a_place_where_nothing_can_be_written_is_named(tmp_path: Path) -> None:
-    with pytest.raises(AcrcError) as error:
-        Sheet(tmp_path / "nowhere" / "view.rrd", Arrangement(GRID, ("r1",)), name="a run")
-    path = tmp_path / "nowhere" / "view.rrd"
-    assert str(error.value) == f"{path}: the view cannot be written: No such file or directory."
 
 
 def test_a_disc_of_any_size_is_drawn_with_a_bounded_number_of_rings() -> None:
