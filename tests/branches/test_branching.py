@@ -163,16 +163,6 @@ def test_a_new_value_is_compared_with_the_same_strategy_made_anew(leave: Leave) 
     assert other.control is not None and other.control.divergence is None
 
 
-def test_the_command_tells_what_is_the_value_s_doing(origin: Path, tmp_path: Path) -> None:
-    words = ("branch", f"{origin}@11", "--set")
-    done = acrc(*words, "strategy.most_adopted=11", "--out", tmp_path / "other")
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.endswith(
-        "beside the control, the same strategy made anew at 11 s with the values it had: identical, so the "
-        "new values make no difference\n"
-    )
-
-
 @pytest.mark.parametrize(
     ("key", "had", "other"),
     [

@@ -89,12 +89,6 @@ def test_an_empty_route_is_no_crash(unblock: Unblock) -> None:
     assert (turned.waypoint, turned.attempt, turned.state) == (there, 2, State.FREE)
 
 
-def test_by_default_it_never_gives_up() -> None:
-    notes = Notes()
-    robot = checked(adaptive("r1", 0.0, 5.0), 1000, notes)
-    assert notes.gone == [] and robot.attempt > 80 and robot.tried == ()
-
-
 def test_it_gives_a_place_up_after_so_many_attempts_and_goes_on_with_the_next() -> None:
     notes = Notes()
     robot = replace(adaptive("r1", 0.0, 5.0), parameters=AdaptationParameters(attempts=3))

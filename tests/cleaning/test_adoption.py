@@ -13,7 +13,7 @@ from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Takeover
 from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, assignment, route
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, adaptive, assignment, route
 
 P = AdaptationParameters()
 ADOPTION = DestinationAdoption(P.adoption_distance, P.adoption_checks, P.adoption_backoff)
@@ -89,14 +89,6 @@ def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
     assert (r1.state, r1.blocked_for, r1.still_for) == (State.BLOCKED, 0, 9)
 
 
-def test_the_newest_ten_adoptions_are_published() -> None:
-    robot = adaptive("r1", 0.0)
-    for index in range(12):
-        robot = robot.adopting(assignment(1.0, index, "r2"), NOW)
-    assert [takeover.index for takeover in robot.adopted] == list(range(2, 12))
-    assert len(robot.route) == 12
-
-
 # --- whoever comes second ----------------------------------------------------------------------------------
 
 
@@ -119,15 +111,6 @@ def test_what_the_other_left_is_taken_from_nobody_else() -> None:
     assert removes(third, seen(r1)).route == (assignment(3.0, owner="r3"),)
     elsewhere = replace(seen(r1), destination=assignment(6.0, 1))
     assert removes(R2, elsewhere).destination == assignment(-6.0, 1, "r2")
-
-
-def test_who_loses_the_last_place_stops() -> None:
-    ways, notes = Ways(), Notes()
-    r2 = blocked("r2", 1.0, -5.0).drive(ways, notes, NOW)
-    r2 = removes(r2, seen(adopts(R1, seen(r2))), RELEASED)
-    assert (r2.destination, r2.route) == (None, ())
-    r2.drive(ways, notes, NOW)
-    assert ways.orders == [Point(-5.0, 0.0), None]
 
 
 def test_who_is_done_makes_way_for_who_is_blocked_near_by() -> None:

@@ -58,19 +58,6 @@ def test_with_ten_adopted_two_frames_and_three_after_restarts() -> None:
     assert len(Fragmenter(1).frames([packet(robot(0, assignment))])) == 1
 
 
-def test_what_the_strategy_itself_sends_first_is_one_frame_a_second() -> None:
-    start = Start("r500", 500, 0, Pose(1.0, 2.0, 0.0), (LONGEST.point,) * 10, np.random.default_rng(1))
-    hosted = behaviour(start)
-    sent = [
-        frame
-        for step in range(50)
-        for frame in hosted.advance(
-            View(Instant(step * 100_000), start.pose, False, None, ()), Instant((step + 1) * 100_000)
-        ).frames
-    ]
-    assert len(sent) == 5 and all(len(frame.data) <= FRAME_DATA_LIMIT for frame in sent)
-
-
 def test_a_restarted_robots_packets_have_other_numbers_than_those_it_sent_just_before() -> None:
     """Else peers would take what is left of a packet for a part of the next epoch's."""
     frames = [_first_frame(epoch) for epoch in range(20)]

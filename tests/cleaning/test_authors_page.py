@@ -4,7 +4,6 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from actors.installation.repository import REPOSITORY
@@ -25,10 +24,8 @@ from actors.robot.behaviour import (
 from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalStatus
 from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
-from deeco import Knowledge, in_seconds, role
+from deeco import in_seconds
 from deeco.component import Periodic, processes_of
-from deeco.knowledge import immutability_fault
-from deeco.replication.schema import RoleBook
 from tests.recorded_runs import record
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
@@ -67,23 +64,6 @@ def test_the_clocks_are_those_of_the_processes() -> None:
         if isinstance(process.schedule, Periodic)
     }
     assert told == true
-
-
-def test_a_place_key_travels_in_knowledge_and_a_struct_that_can_change_does_not() -> None:
-    @role
-    class Wishing(Knowledge):
-        wish: PlaceKey | None = None
-        others: tuple[PlaceKey, ...] = ()
-
-    book = RoleBook([Wishing])
-    told = Wishing(id="r1", wish=PlaceKey("r2", 3), others=(PlaceKey("r1", 0),))
-    unpacked = book.unpack("r1", book.pack(told))
-    assert unpacked is not None and unpacked.roles == (told,)
-
-    class Loose(msgspec.Struct):
-        place: int
-
-    assert "not among the types" in (immutability_fault(Loose) or "")
 
 
 def test_a_behaviour_without_the_component_model_cleans_its_places(

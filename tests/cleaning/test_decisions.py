@@ -78,11 +78,6 @@ def test_spells_of_being_blocked_are_told_and_the_last_may_be_open() -> None:
     assert log.outcome()["blocked"] == [[seconds(4), seconds(7)], [seconds(9), None]]
 
 
-def test_who_never_asks_whether_it_is_blocked_says_nothing_of_it() -> None:
-    plain = CleaningRobot(id="r1", position=HERE)
-    assert DecisionLog(plain).outcome()["blocked"] is None
-
-
 def test_the_list_is_bounded_and_says_what_it_leaves_out() -> None:
     log = DecisionLog(ROBOT)
     for _ in range(1002):

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import pytest
 
 from actors.geometry import Point, Pose
-from actors.instant import Instant, seconds
+from actors.instant import Instant
 from actors.messages import Heard
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View
@@ -43,15 +43,6 @@ def test_the_presets_differ_in_what_text_and_code_differ_in() -> None:
         "adoption_distance": (1.5, 3.0),
         "exchange": (True, False),
     }
-
-
-def test_a_scenario_sets_them_by_name() -> None:
-    made = from_settings(
-        ReleasedParameters, {"unblock": "queue", "adoption_backoff": 2.5, "attempts": 4, "retry": True}
-    )
-    assert made == replace(
-        ReleasedParameters(), unblock=Unblock.QUEUE, adoption_backoff=seconds(2.5), attempts=4, retry=True
-    )
 
 
 @pytest.mark.parametrize(

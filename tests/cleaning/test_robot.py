@@ -55,15 +55,6 @@ def test_places_that_it_is_given_come_last_in_its_route_and_once() -> None:
     assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
 
 
-def test_a_robot_that_was_done_goes_on_with_what_it_is_given() -> None:
-    tasks, notes, ways = Tasks((Point(0.1, 0.0),), at_start=1), Notes(), Ways()
-    robot = plain(0.1).set_destination(notes, NOW)
-    assert robot.target is None
-    tasks.places += (Point(8.0, 0.0),)
-    robot = robot.take_on(tasks).set_destination(notes, NOW).drive(ways, notes, NOW)
-    assert ways.orders == [Point(8.0, 0.0)] and notes.visits == keys(0)
-
-
 def test_a_robot_that_was_restarted_holds_them_by_a_later_word() -> None:
     robot = plain().take_on(Tasks((Point(8.0, 0.0),), at_start=0, epoch=2))
     assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from deeco.explain.command import main
-from deeco.explain.description import WIDTH
 
 ROOT = Path(__file__).parents[2]
 EXPLAINED = Path(__file__).parent / "explained"
@@ -54,16 +53,6 @@ def test_an_ensemble_by_its_class_has_the_parameters_of_its_class(capsys: pytest
     assert "layer" not in text, "there is no component to draw"
 
 
-def test_an_ensemble_that_a_component_cannot_meet_is_not_in_its_drawing(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    text = explained(capsys, f"{HERE}:Idler", f"{HERE}:Charging")
-    assert text.count("Charging") == 1, "in the text about itself only"
-    assert text.endswith(
-        "adaptation layer " + "─" * 90 + "\n  nothing\n── adapted layer " + "─" * 93 + "\n  nothing\n"
-    )
-
-
 def test_what_cannot_be_told_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     text = explained(capsys, f"{HERE}:Riddle")
     assert "    cannot tell  what `replace(self, **tables)` writes\n" in text
@@ -76,13 +65,6 @@ def test_a_module_is_all_that_it_defines_and_nothing_that_it_imports(
     lines = explained(capsys, HERE).splitlines()
     told = [line.split(",")[0] for line in lines if re.match(r"\w+, an? (component|ensemble)", line)]
     assert told == ["CleaningRobot", "Idler", "Riddle", "DestinationAdoption", "Charging"]
-
-
-@pytest.mark.parametrize("module", [HERE, "examples.convoy"])
-def test_no_line_is_too_long(capsys: pytest.CaptureFixture[str], module: str) -> None:
-    lines = explained(capsys, module).splitlines()
-    assert max(len(line) for line in lines) <= WIDTH
-    assert [line for line in lines if line != line.rstrip()] == []
 
 
 DEFINES = f"{HERE} defines CleaningRobot, Idler, Riddle, DestinationAdoption, Charging"

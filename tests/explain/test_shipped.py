@@ -21,7 +21,7 @@ from tests.documentation.markdown import MarkdownPage
 EXAMPLES = ("examples.courteous:behaviour",)
 UNKNOWN = {
     # The oracle puts itself on a board that all robots of the process read, at any later time.
-    ("oracle", "consult"): ("what is read of self by way of `board.known[self.id]`",),
+    ("oracle", "consult"): ("what is read of self by way of `board.known[self.id]`",)
 }
 """What remains untold, by strategy and process, and why."""
 

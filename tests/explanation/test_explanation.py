@@ -162,13 +162,6 @@ def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
     assert str(caught.value) == "r2 had decided nothing by 1 s; its first decision is at 3.5 s"
 
 
-def test_nobody_is_explained_who_is_not_there(doorway: Path) -> None:
-    for name in ("r9", "world"):
-        with pytest.raises(ExplanationError) as caught:
-            explainer(doorway).listed(name)
-        assert str(caught.value) == f"{name}: is no robot of this run; there are r1, r2"
-
-
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
 def test_a_wish_that_makes_no_sense(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:

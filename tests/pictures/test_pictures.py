@@ -141,12 +141,6 @@ def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None
     assert page.stderr == "acrc: --beside: cannot be combined with --html, --movie or --why\n"
 
 
-def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:
-    nothing = acrc("view", tmp_path, "--png")
-    assert nothing.returncode == 1
-    assert nothing.stderr == f"acrc: {tmp_path}: no run's folder: there is no */*.mcap in it\n"
-
-
 def test_a_page_needs_nothing_beside_itself_and_says_what_the_run_said(
     evidence: RunEvidence, tmp_path: Path
 ) -> None:

@@ -119,20 +119,6 @@ def test_a_map_and_a_robot_model_are_checked_and_drawn_alone(tmp_path: Path) -> 
             assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 20
 
 
-def test_what_is_wrong_with_a_map_or_a_model_is_one_sentence(tmp_path: Path) -> None:
-    two_rooms(tmp_path)
-    (tmp_path / "thin.toml").write_text("[footprint]\nradius = -1\n")
-    alone = "is no scenario; cannot be combined with --robots, --seed and --set"
-    for words, fault in (
-        ((tmp_path / "room.yaml", "--seed", 3), alone),
-        ((tmp_path / "gone.yaml",), "the map cannot be read: No such file or directory."),
-        ((tmp_path / "thin.toml",), "name is missing"),
-    ):
-        done = acrc("scenario", *words)
-        assert done.returncode in (1, 2), words
-        assert done.stderr.count("\n") == 1 and fault in done.stderr, done.stderr
-
-
 def test_what_a_run_would_refuse_of_a_strategy_is_said_behind_what_the_floor_is(tmp_path: Path) -> None:
     file = two_rooms(tmp_path)
     scenario = file.read_text()

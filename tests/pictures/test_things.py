@@ -19,6 +19,7 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.installation.repository import REPOSITORY as ROOT
 from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph, hexadecimal
 from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.world.world_setup import TimedOrder, WorldSetup
@@ -30,7 +31,7 @@ from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
 from observation.picture import labels, lanes, look, marks, moving, run_html, run_page, style
 from observation.replay.recorded_orders import GivenOrder
-from tests.swarm.command import ROOT, run
+from tests.recorded_runs import HEAD_ON, record
 
 EVENTS = """
 [[event]]
@@ -66,21 +67,14 @@ to = [20.0, 11.5, 0.0]
 at = 13.0
 kill = "r2"
 """
-SPANS = [
-    ("closed door", 2.0, 10.0),
-    ("obstacle", 3.0, 16.0),
-    ("jammer", 4.0, 9.0),
-    ("wall", 5.0, 16.0),
-]
+SPANS = [("closed door", 2.0, 10.0), ("obstacle", 3.0, 16.0), ("jammer", 4.0, 9.0), ("wall", 5.0, 16.0)]
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunEvidence:
-    folder = tmp_path_factory.mktemp("things")
-    shipped = (ROOT / "scenarios" / "head_on.toml").read_text().replace("../maps", str(ROOT / "maps"))
-    (folder / "put.toml").write_text(shipped + EVENTS)
-    run(folder / "run", folder / "put.toml", "--bus", "memory", "--duration", "16")
-    return read_run(folder / "run")
+    out = tmp_path_factory.mktemp("things") / "run"
+    record(out, HEAD_ON.read_text() + EVENTS, duration=16.0)
+    return read_run(out)
 
 
 @pytest.fixture(scope="module")
@@ -273,9 +267,8 @@ def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) 
 
 
 def test_orders_whose_numbers_make_no_sense_are_in_no_evidence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    short_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(tmp_path / "run", ROOT / "scenarios" / "head_on.toml", "--bus", "memory", "--duration", "1")
     hostile = (
         Obstacle(9.0, 11.5, math.inf),
         Obstacle(9.0, 11.5, 1e5),
@@ -289,4 +282,4 @@ def test_orders_whose_numbers_make_no_sense_are_in_no_evidence(
         return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))
 
     monkeypatch.setattr(run_reader, "world_setup", setup)
-    assert [one.order for one in read_run(tmp_path / "run").orders] == [Obstacle(9.0, 11.5, 0.3)]
+    assert [one.order for one in read_run(short_run).orders] == [Obstacle(9.0, 11.5, 0.3)]

@@ -13,12 +13,11 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import given as drawn
 from hypothesis import strategies as some
-from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
-from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, packing, read_recording
+from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, read_recording
 from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED
 from actors.runtime.recording.packing import MessageUnpacker, Packer
 from actors.runtime.recording.reading import FAULTS
@@ -91,14 +90,6 @@ def test_scans_of_any_shape_come_back() -> None:
             assert rough > 300 or rays < 40
 
 
-def test_what_a_recording_holds_most_of_becomes_small() -> None:
-    rng, packer = np.random.default_rng(5), Packer()
-    scan, heard = senses(1, wall(640, rng)), received(1, rng)
-    packer.packed(heard)
-    assert len(packer.packed(scan)[1]) < 0.6 * len(scan)
-    assert len(packer.packed(heard)[1]) < 0.1 * len(heard)  # for the second time
-
-
 def written(path: Path) -> list[bytes]:
     """A recording of large messages, sealed step by step; what it has been given."""
     rng, given = np.random.default_rng(6), []
@@ -150,28 +141,6 @@ def test_after_a_power_cut_readers_end_at_the_last_good_seal(
     assert taken == found
     assert kind == "cut" or data == whole or not strict.whole
     assert kind != "longer" or (strict.damage is not None and found == steps)
-
-
-def test_recordings_from_before_are_read_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packing, "WORTH", LARGEST_RECORD)
-    given = written(tmp_path / "r1.mcap")
-    assert read(tmp_path / "r1.mcap") == given
-    with (tmp_path / "r1.mcap").open("rb") as file:
-        found = {channel.message_encoding for _, channel, _ in make_reader(file).iter_messages(SENSES)}
-    assert found == {MESSAGES}
-
-
-def test_a_generic_reader_is_told_fields_and_packing(tmp_path: Path) -> None:
-    written(tmp_path / "r1.mcap")
-    with (tmp_path / "r1.mcap").open("rb") as file:
-        told = {
-            (channel.topic, channel.message_encoding): schema.data.decode()
-            for schema, channel, _ in make_reader(file).iter_messages()
-            if schema is not None
-        }
-    assert set(told) == {(SENSES, SCANNED), (RECEIVED, DEFLATED)}
-    assert '"Senses":["step",' in told[SENSES, SCANNED] and '"packing":["two bytes' in told[SENSES, SCANNED]
-    assert '"Heard":["tag' in told[RECEIVED, DEFLATED] and "RFC 1951" in told[RECEIVED, DEFLATED]
 
 
 def test_lies_about_packed_scans_are_refused() -> None:

@@ -90,10 +90,7 @@ def peak_mb() -> float:
 
 @pytest.mark.claim("mutations")
 def test_damaged_bytes_never_crash_a_parser(
-    short_run: Path,
-    tmp_path: Path,
-    full: bool,
-    record_property: Callable[[str, object], None],
+    short_run: Path, tmp_path: Path, full: bool, record_property: Callable[[str, object], None]
 ) -> None:
     budget = 10_000_000 if full else 50_000
     draw = np.random.default_rng(1)

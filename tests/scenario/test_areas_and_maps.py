@@ -15,7 +15,6 @@ from actors.world.world_setup import BodySetup
 from deploy.run.plan import copy_map
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, map_files, parse
-from deploy.scenario.survey import map_as_json, map_sentences, survey_map
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import to_toml
 from tests.floor.map_files import written
@@ -235,9 +234,3 @@ def test_the_copy_in_a_run_reads_as_the_map_itself(tmp_path: Path) -> None:
         "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     assert list(map_files(path)) == [path, tmp_path / "plan.png"]
-
-
-def test_a_survey_tells_the_warnings(tmp_path: Path) -> None:
-    found = survey_map(written(tmp_path, map_frame="map"))
-    assert "warning: plan.yaml: ignored keys: 'map_frame'" in list(map_sentences(found))
-    assert map_as_json(found)["warnings"] == ["plan.yaml: ignored keys: 'map_frame'"]

@@ -59,12 +59,6 @@ def test_the_shipped_scenario_is_the_testbed() -> None:
     assert [len(robot.places) for robot in world.robots] == [10] * 4
 
 
-def test_radio_and_world_have_the_same_robots_and_addresses_count_from_one() -> None:
-    radio = shipped(robots=3).radio
-    assert radio.robots == (("r1", 1), ("r2", 2), ("r3", 3))
-    assert (radio.seed, radio.step_us, radio.preset) == (1, 100_000, "chapter")
-
-
 def test_one_more_robot_changes_nothing_for_the_others() -> None:
     few, many = shipped(robots=10).world.robots, shipped(robots=14).world.robots
     assert many[:10] == few

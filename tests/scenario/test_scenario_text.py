@@ -134,12 +134,6 @@ def test_robots_are_told_the_areas_of_their_places_alone() -> None:
     assert free.adaptation == Adaptation({"lease": 3})
 
 
-def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
-    settled = resolve(load_scenario(None, Overrides(robots=10))).scenario
-    moved = settled.model_copy(update={"run": settled.run.model_copy(update={"seed": 99})})
-    assert resolve(moved).world.robots == resolve(settled).world.robots
-
-
 def test_the_text_of_a_small_scenario() -> None:
     small = scenario(
         "[strategy]\nlease = 3\n'wie lang?' = 'ja'\n[deeco]\nrelay = true\nforget = 5\n"

@@ -28,7 +28,7 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import load_scenario, parse
+from deploy.scenario.scenario_file import parse
 from deploy.scenario.stack_tables import stack
 from deploy.scenario.toml_text import to_toml
 from tests.navigation.course import DWA, LOCAL_MAPS
@@ -161,12 +161,6 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
     assert told.patches == (WallPatch("glass", (11.0, 14.0), (0.0, 7.0)),)
     assert told.wifi == (WifiParameters(15.0, 12.0, 6, 0.3),)
     assert Path(told.map).name == "corridor.yaml"
-
-
-def test_what_the_tables_leave_out_is_left_to_the_preset() -> None:
-    told = resolve(load_scenario(REPOSITORY / "scenarios" / "corridor.toml")).radio
-    assert (told.walls, told.shadowing_db, told.correlation_distance, told.channel) == (None,) * 4
-    assert not told.patches and not told.wifi
 
 
 def test_the_tables_read_back_from_the_text_of_a_settled_scenario() -> None:

@@ -15,7 +15,6 @@ from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.recording import Entry, read_recording
 from observation.evidence.run_reader import RunReader
-from observation.recordings import topics
 from observation.recordings.topics import Standing, standing
 from observation.replay.growing_replay import GrowingBus, GrowingReplay
 from observation.replay.record_replay import made_again
@@ -23,7 +22,7 @@ from observation.trace.frame_fates import frame_fates, replayed
 from observation.trace.kept import own_files
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
-from observation.view import command, drawn, live
+from observation.view import drawn, live
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.live import Following
 from observation.view.seen import Seen
@@ -63,11 +62,7 @@ def drawn_at(path: Path) -> dict[str, set[Any]]:
 
 
 def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
-    growing: Growing,
-    folder: Path,
-    insides: dict[str, Trace],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    growing: Growing, folder: Path, insides: dict[str, Trace], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
     monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
@@ -149,22 +144,6 @@ def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder:
     assert standing(growing.out) is Standing.DIED
     growing.grow(1.0)
     assert standing(growing.out) is Standing.ENDED
-
-
-def test_what_is_saved_of_a_run_without_an_end_says_until_when(
-    growing: Growing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(()))
-    growing.grow(0.5)
-    for how, begins in (
-        (Standing.DIED, "the run has died without a result: it is drawn as far as it was recorded, up to "),
-        (Standing.GOING_ON, "the run is going on: it is drawn as far as it was recorded, up to "),
-    ):
-        for module in (command, topics):
-            monkeypatch.setattr(module, "standing", lambda out, how=how: how)
-        said: list[str] = []
-        command.save(growing.out, Wishes(), tmp_path / "cut.rrd", said.append)
-        assert said[0].startswith(begins) and 10.0 < float(said[0].split()[-2]) < 20.0
 
 
 def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(growing: Growing) -> None:

@@ -8,7 +8,6 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
@@ -16,7 +15,7 @@ from actors.observer import glyphs, viewer
 from actors.observer.drawing import things
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.sheet import APPLICATION, Sheet
+from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey
 from observation.evidence.recorded import Deed, Route
 from observation.evidence.things_over_time import FloorThing, OrderedChange
@@ -130,14 +129,6 @@ def test_places_show_what_became_of_them_and_who_holds_them_piece_by_piece(tmp_p
     np.testing.assert_allclose(times(arrow), [0.5, 6.5], atol=1e-6)
 
 
-def test_a_place_that_comes_later_is_drawn_once_somebody_means_to_visit_it(tmp_path: Path) -> None:
-    given = {"r1": PLACES["r1"], "r2": (*PLACES["r2"], (4.0, 5.0))}
-    later = story(range(3, 5), places=given, routes=(Route("r2", 0.4, (PlaceKey("r2", 1),)),))
-    found = painted(tmp_path / "view.rrd", story(range(3)), later)["/world/places/r2"]
-    np.testing.assert_allclose(times(found), [0.0, 0.4], atol=1e-6)
-    assert [len(row["LineStrips3D:colors"]) for row in found] == [1, 2]
-
-
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
     (row,) = painted(tmp_path / "view.rrd", story(range(2)))["/world/map"]
     around, free, wall = glyphs.GROUND, glyphs.FLOOR, glyphs.WALL
@@ -145,13 +136,6 @@ def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> No
     assert bytes(row["GridMap:data"][0]) == bytes(part for cell in cells for part in (cell,) * 3)
     assert row["GridMap:translation"] == [[-1.0, 3.0, 0.0]]
     assert row["GridMap:cell_size"] == [2.0]
-
-
-def test_the_file_opens_with_its_own_layout(tmp_path: Path) -> None:
-    painted(tmp_path / "view.rrd", story(range(2)))
-    (blueprint,) = RrdReader(str(tmp_path / "view.rrd")).blueprints()
-    (recording,) = RrdReader(str(tmp_path / "view.rrd")).recordings()
-    assert blueprint.application_id == recording.application_id == APPLICATION
 
 
 def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
