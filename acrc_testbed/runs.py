@@ -174,10 +174,10 @@ def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
 
 def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "Figure":
     from deploy.run import out_folder
-    from observation.picture import look, style
+    from observation.picture import style
 
     path = None if file is None else output_file("file", Path(file), ".png", ".svg")
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = draw()
         if path is not None:
             with out_folder.writing(path.absolute().parent):

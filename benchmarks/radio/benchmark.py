@@ -26,7 +26,7 @@ from actors.radio.propagation.walls import build
 from actors.radio.radio_model import RadioParameters, RadioSetup, needed_dbm, preset, radio_model
 from benchmarks.measured import Measured, table_of
 from benchmarks.radio.trials import SECOND, LossTable, OperatingPoint, contend, points, scene
-from observation.picture import look, style
+from observation.picture import style
 
 PER_FLOOR: Final = 20
 """Robots to each copy of the floor plan."""
@@ -156,7 +156,7 @@ def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask 
 
 
 def _drawn(chart: Chart, path: Path) -> None:
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = style.new_figure(_WIDTH, _HEIGHT)
         axes = figure.subplots()
         if chart.logarithmic:

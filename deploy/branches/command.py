@@ -12,10 +12,9 @@ from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
-from deploy.branches.branching import Branched, branch
+from deploy.branches.branching import Branched, Divergence, branch
 from deploy.branches.change import Change, event, strategy_settings
 from deploy.branches.change import place as place_of
-from deploy.branches.divergence import Divergence
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked, folder_name

@@ -22,7 +22,7 @@ from actors.runtime import regular_file
 from actors.runtime.access.credentials import PRIVATE_KEY_FILE
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError, printable
-from deploy.fleet.doctor import robot as checks
+from deploy.fleet.doctor import checks
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.scenario.scenario_file import map_files, strategy_files

@@ -25,8 +25,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
 from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
+from deploy.fleet.doctor.checks import keys
 from deploy.fleet.doctor.machine import Machine
-from deploy.fleet.doctor.robot import keys
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import Onboard, Ports

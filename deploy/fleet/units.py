@@ -14,8 +14,7 @@ from typing import Final
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.fleet.udev_rules import GROUP, rules, unnamed
-from deploy.fleet.usb_ports import UsbPort
+from deploy.fleet.udev import GROUP, UsbPort, rules, unnamed
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
 RULES_FILE: Final = "60-acrc.rules"

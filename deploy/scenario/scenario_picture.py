@@ -15,7 +15,7 @@ from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
 from deploy.scenario.scenario_file import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
-from observation.picture import floor_picture, look, style
+from observation.picture import floor_picture, style
 
 
 def draw(found: ScenarioSurvey) -> Figure:
@@ -57,7 +57,7 @@ def draw(found: ScenarioSurvey) -> Figure:
 
 def write(found: ScenarioSurvey, path: Path) -> None:
     """The picture as a PNG or SVG file."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         style.save(draw(found), path)
 
 
@@ -92,13 +92,13 @@ _BODY, _SEEN, _FELT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
 
 def write_map(found: MapSurvey, path: Path) -> None:
     """The map as a PNG or SVG file."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         style.save(draw_map(found), path)
 
 
 def write_model(model: RobotModel, path: Path) -> None:
     """The robot as a PNG or SVG file."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         style.save(draw_model(model), path)
 
 

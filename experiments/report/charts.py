@@ -20,8 +20,8 @@ from actors.runtime.errors import printable
 from experiments.report.quantities import BoxSpread
 from experiments.statistics.effect_size import Interval
 from experiments.statistics.survival import Completion, SurvivalCurve
-from observation.picture.look import applied as settings_applied
-from observation.picture.look import dark_too
+from observation.picture.style import applied as settings_applied
+from observation.picture.style import dark_too
 
 INK: Final = "#1b1f24"
 FAINT: Final = "#6a737d"

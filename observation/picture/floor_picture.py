@@ -21,7 +21,7 @@ from observation.accounting.account import Spell
 from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.things_over_time import spans
-from observation.picture import marks, style, things_picture
+from observation.picture import marks, style
 from observation.picture.labels import PointLabel
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
@@ -90,7 +90,7 @@ def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
         kinds |= _trail(axes, run, index, few=few)
     for place in run.places:
         kinds.add(_place(axes, place, run, few=few))
-    labels += things_picture.draw(axes, put)
+    labels += marks.draw(axes, put)
     kinds |= {one.thing.kind for one in put}
     for spell in doing:
         if spell.cause in _STOPPED:

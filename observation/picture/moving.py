@@ -30,7 +30,7 @@ from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from observation.evidence.run_evidence import Floats, RunEvidence
 from observation.evidence.things_over_time import spans
-from observation.picture import floor_picture, look, marks, style, things_picture
+from observation.picture import floor_picture, marks, style
 
 _FRAMES_PER_S: Final = 10
 """Of the movie: robots move at 0.3 m/s."""
@@ -56,7 +56,7 @@ def check(path: Path) -> None:
 
 def write(run: RunEvidence, path: Path, speed: float) -> None:
     """The movie; `speed`: simulated seconds per second. Call `check` first."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         scene = _Scene(run)
         pictures = (scene.picture(step) for step in instants(run, speed))
         with regular_file.replaced(path) as part:
@@ -134,7 +134,7 @@ class _Scene:
             )
             for one in run.places
         }
-        self._put = [(one, things_picture.artist(axes, one.thing)) for one in spans(run)]
+        self._put = [(one, marks.artist(axes, one.thing)) for one in spans(run)]
         self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
         kinds = {"open", "done", *(one.thing.kind for one, _ in self._put)}
         told = (("door", doors), ("given", bool(self._begins)), ("given up", bool(run.given_up)))

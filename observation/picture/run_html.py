@@ -15,7 +15,7 @@ from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.things_over_time import ordered
 from observation.page import rendering
 from observation.page.rendering import PagePicture, PageSection, PageTable
-from observation.picture import floor_picture, look, run_page, style
+from observation.picture import floor_picture, run_page, style
 from observation.recordings.topics import goes_on
 from observation.replay.run_recordings import recordings
 from observation.results import summary
@@ -31,7 +31,7 @@ _CAPTION: Final = "Drawn from the recordings; the legend stands below the floor.
 
 def write(run: RunEvidence, path: Path) -> None:
     """The page as a file that needs nothing beside itself."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         drawn = style.svg(run_page.draw(run))
     regular_file.write(path, html(run, drawn).encode())
 

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from observation.accounting.account import spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, labels, lanes, look, style
+from observation.picture import floor_picture, labels, lanes, style
 
 
 def draw(run: RunEvidence) -> Figure:
@@ -44,7 +44,7 @@ def draw(run: RunEvidence) -> Figure:
 
 def write(run: RunEvidence, path: Path) -> None:
     """The page as a PNG or SVG file."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         style.save(draw(run), path)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from observation.picture import look, style
+from observation.picture import style
 
 Series = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 """By name: simulated s, and values."""
@@ -11,7 +11,7 @@ Series = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 
 def write(series: Series, label: str, path: Path) -> None:
     """One line for each name, as a PNG or SVG file; `label` says what the values are."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = style.new_figure(8.0, 3.5)
         axes = figure.add_subplot()
         for index, (name, (seconds, values)) in enumerate(series.items()):

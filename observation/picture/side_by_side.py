@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from observation.accounting.account import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, labels, lanes, look, style
+from observation.picture import floor_picture, labels, lanes, style
 from observation.picture.floor_picture import DrawnRun
 
 _MARGIN: Final = 1.5
@@ -48,7 +48,7 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
 
 def write(runs: Sequence[RunEvidence], path: Path) -> None:
     """The picture as a PNG or SVG file."""
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         style.save(draw(runs), path)
 
 

@@ -1,11 +1,14 @@
-"""How pictures look: colours that colour-blind people tell apart, and the same bytes for the same content."""
+"""Look of pictures: colours that colour-blind people tell apart, the same bytes for the same content."""
 
+import contextlib
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
+import matplotlib as mpl
 from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -14,8 +17,32 @@ from actors.observer import glyphs
 from actors.observer.glyphs import Colour
 from actors.runtime import regular_file
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture.look import dark_too
 from observation.recordings.topics import so_far
+
+
+@contextlib.contextmanager
+def applied(settings: Mapping[str, Any]) -> Iterator[None]:
+    """Pictures are made and written in here, by matplotlib's defaults and these settings of it."""
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # it becomes a box, as anywhere else
+        mpl.rcdefaults()
+        mpl.rcParams.update(cast(Any, settings))  # its type lists all settings by name
+        yield
+
+
+def dark_too(svg: bytes, dark: Mapping[str, str], rules: str = "") -> bytes:
+    """A drawing of matplotlib's that follows whether the reader's screen is light or dark.
+
+    `dark`: what colours, as "#22262b", become on a dark one; `rules`: what else holds there, in CSS.
+    """
+    changed = "".join(
+        f'[style*="{key}: {light}"]{{{key}:{other} !important}}'
+        for light, other in dark.items()
+        for key in ("fill", "stroke")
+    )
+    screen = f"@media (prefers-color-scheme: dark){{{changed}{rules}}}</style>"
+    return svg.replace(b"</style>", screen.encode(), 1)
+
 
 ROBOTS: Final = tuple(glyphs.hexadecimal(one) for one in glyphs.ROBOTS)
 """The same as in the viewer."""

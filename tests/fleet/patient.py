@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
-from deploy.fleet.usb_ports import UsbPort
+from deploy.fleet.udev import UsbPort
 from firmware_bridge.serial_port import PortDevice
 
 KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")

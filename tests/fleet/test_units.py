@@ -12,9 +12,8 @@ import pytest
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.udev_rules import rules, unnamed
+from deploy.fleet.udev import UsbPort, rules, unnamed
 from deploy.fleet.units import everyday_user, service, write
-from deploy.fleet.usb_ports import UsbPort
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot
 

@@ -21,7 +21,7 @@ from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from command_line import look as look_commands
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, look, moving, run_html, run_page, side_by_side, style
+from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
 from tests import warm
 from tests.in_process import acrc
 from tests.recorded_runs import record
@@ -209,7 +209,7 @@ def test_on_a_dark_screen_a_page_and_its_picture_are_dark(
 
 
 def test_what_is_drawn_for_a_dark_screen_can_be_seen_there(evidence: RunEvidence) -> None:
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         drawn = style.svg(run_page.draw(evidence)).decode()
     rules, shapes = drawn.split("@media (prefers-color-scheme: dark){")[1].split("</style>", 1)
     changed = dict(re.findall(r"fill: (#[0-9a-f]{6})\"\]\{fill:(#[0-9a-f]{6})", rules))

@@ -29,7 +29,7 @@ from observation.evidence import run_evidence, run_reader
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
-from observation.picture import labels, lanes, look, marks, moving, run_html, run_page, style
+from observation.picture import labels, lanes, marks, moving, run_html, run_page, style
 from observation.replay.recorded_orders import GivenOrder
 from tests.recorded_runs import HEAD_ON, record
 
@@ -124,7 +124,7 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, 
     with Image.open(tmp_path / "run.png") as image:
         seen = set(map(tuple, np.asarray(image.convert("RGB")).reshape(-1, 3).tolist()))
     assert {PUT, JAM, CLOSED} <= seen
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = run_page.draw(ordered_run)
     says = {text.get_text() for text in legend_of(figure.axes[0]).get_texts()}
     wanted = (
@@ -194,7 +194,7 @@ def boxes(texts: list[Annotation]) -> Iterator[Bbox]:
 
 
 def test_no_words_lie_on_others_however_near_their_points_are() -> None:
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = style.new_figure(6.0, 4.0)
         axes = figure.add_subplot()
         axes.set_xlim(0.0, 10.0)
@@ -218,7 +218,7 @@ def test_many_lanes_are_named_and_those_that_were_kept_most_come_first(ordered_r
             kept[one.robot] += 0.0 if one.cause in (Cause.DRIVING, Cause.IDLE) else one.end - one.begin
         found = lanes.order(ordered_run, doing)
         assert found == sorted(kept, key=lambda robot: -kept[robot])
-        with look.applied(style.LOOK):
+        with style.applied(style.LOOK):
             figure = run_page.draw(ordered_run)
         assert [one.get_text() for one in figure.axes[1].get_yticklabels()] == found
     finally:
@@ -255,7 +255,7 @@ def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:
 
 
 def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) -> None:
-    with look.applied(style.LOOK):
+    with style.applied(style.LOOK):
         figure = glyph_sheet()
         style.save(figure, tmp_path / "glyphs.png")
     with Image.open(tmp_path / "glyphs.png") as drawn, Image.open(ROOT / "docs/pictures/glyphs.png") as kept:

@@ -11,8 +11,7 @@ from actors.console import screen
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from deploy.fleet.doctor import computer, ports
-from deploy.fleet.doctor import robot as robot_checks
+from deploy.fleet.doctor import checks
 from deploy.fleet.doctor.machine import DoctorFinding, Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 
@@ -67,19 +66,19 @@ def findings(
     """What all checks find, the quick ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
     needed = ("base",) if robot is None else ("base", "hardware")
-    yield from computer.packages(machine, constraints, needed)
-    yield from computer.clock(machine)
-    yield from computer.disk(machine)
-    yield from computer.namespaces(machine)
-    yield from computer.kernels(machine)
+    yield from checks.packages(machine, constraints, needed)
+    yield from checks.clock(machine)
+    yield from checks.disk(machine)
+    yield from checks.namespaces(machine)
+    yield from checks.kernels(machine)
     if fleet is None or robot is None:
         return
-    yield from ports.group(machine)
-    yield from ports.ports(machine, robot)
-    yield from ports.camera(machine, robot)
-    yield from robot_checks.floor(fleet, robot)
-    yield from robot_checks.behaviour(fleet, robot, permit)
-    yield from robot_checks.keys(machine, fleet, robot)
+    yield from checks.group(machine)
+    yield from checks.ports(machine, robot)
+    yield from checks.camera(machine, robot)
+    yield from checks.floor(fleet, robot)
+    yield from checks.behaviour(fleet, robot, permit)
+    yield from checks.keys(machine, fleet, robot)
 
 
 def _print(finding: DoctorFinding) -> None:

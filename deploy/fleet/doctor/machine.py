@@ -22,8 +22,8 @@ from numba.core.dispatcher import Dispatcher
 from actors.kernels import cache_folder
 from actors.robot import assembly as robot_setup
 from actors.runtime.isolation import sandbox
-from deploy.fleet import usb_ports
-from deploy.fleet.usb_ports import UsbPort
+from deploy.fleet import udev
+from deploy.fleet.udev import UsbPort
 from firmware_bridge.range_sensors.depth_camera import CameraError, find_library
 from firmware_bridge.serial_port import PortDevice, PortError, SerialPort
 
@@ -127,11 +127,11 @@ class Machine:
 
     def usb_port(self, path: str) -> UsbPort | None:
         """The USB device behind a port's name; None if it is none."""
-        return usb_ports.usb_port(path)
+        return udev.usb_port(path)
 
     def usb_ports(self) -> list[UsbPort]:
         """All of them."""
-        return usb_ports.usb_ports()
+        return udev.usb_ports()
 
     def holders(self, path: str) -> list[str]:
         """The processes that have it open, as far as this user can see, such as "python3 (PID 812)"."""
