@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.robot.navigation.potential import UNREACHABLE, descent, fingerprint, potential
+from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
 Costs = NDArray[np.int32]
 SIDES = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)]
@@ -84,7 +84,3 @@ def test_a_goal_that_is_not_passable_is_reached_from_nowhere() -> None:
     costs = np.ones((3, 3), np.int32)
     costs[1, 1] = 0
     assert (potential(costs, 1, 1) == UNREACHABLE).all()
-
-
-def test_the_fingerprint_is_the_same_each_time() -> None:
-    assert fingerprint() == fingerprint()

@@ -157,8 +157,3 @@ def test_contacts_press_the_sectors_that_plain_python_finds(
         touching,
     )
     assert bumpers.tolist() == expected and touching.tolist() == touches and got == begun
-
-
-def test_the_fingerprint_is_the_same_every_time() -> None:
-    first: bytes = drive.fingerprint()
-    assert first == drive.fingerprint()

@@ -259,8 +259,3 @@ def test_what_no_robot_can_have_is_refused() -> None:
         with pytest.raises(AcrcError) as caught:
             Odometers([kind], [model], np.zeros((1, 3)), [np.random.default_rng(0)], SUBSTEP)
         assert str(caught.value) == sentence
-
-
-def test_the_fingerprint_is_the_same_every_time() -> None:
-    first: bytes = odometry_kernel.fingerprint()
-    assert first == odometry_kernel.fingerprint()

@@ -250,8 +250,3 @@ def test_the_noise_of_a_robot_is_its_own() -> None:
         assert 0 < (a != b).sum() < 20  # the rays that now meet the third robot
     again = sensors(hall(8.0), noisy, noisy, seed=1).scan([0, 1], poses[:2], NOBODY)
     assert (few[0] != again[0]).mean() > 0.9
-
-
-def test_the_fingerprint_is_the_same_every_time() -> None:
-    first = rays.fingerprint()
-    assert first == rays.fingerprint()
