@@ -3,7 +3,7 @@
 import dataclasses
 import importlib.util
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import pymunk
 from numpy.random import Generator
 from numpy.typing import NDArray
+from rich.table import Table
 
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
@@ -127,24 +128,8 @@ class _NavgroundSwarm:
 
 
 @dataclass(frozen=True)
-class ScanSpeed:
-    """One number of rays."""
-
-    rays: int
-    scans_per_second: float
-    """Of CPU time, all robots of the swarm in one call."""
-    pymunk_scans_per_second: float
-    """Of CPU time, one segment_query_first per ray."""
-    ratio: float
-    median_difference_mm: float
-    """Between both, over all rays of all robots that met something in both."""
-    disagreements: float
-    """Share of the rays that differ by more than 5 mm, or where one of both met nothing."""
-
-
-@dataclass(frozen=True)
 class ScanTask:
-    """What is measured."""
+    """Size of a measurement."""
 
     rays: tuple[int, ...] = (64, 128, 640)
     robots: int = 20
@@ -161,37 +146,24 @@ def measure_scans(map_file: Path, task: ScanTask | None = None) -> Measured:
     """The speeds for each number of rays on that map."""
     task = task or ScanTask()
     speeds = [_measure_scan(map_file, rays, task) for rays in task.rays]
-    goals = [
-        goal
-        for speed in speeds
-        for goal in (
-            at_least(f"times pymunk with {speed.rays} rays", speed.ratio, task.ratio_goal),
-            at_most(
-                f"mm from pymunk with {speed.rays} rays", speed.median_difference_mm, task.difference_goal_mm
-            ),
-        )
-    ]
-    figures = {
-        "task": asdict(task),
-        "speeds": [asdict(speed) for speed in speeds],
-        "goal_met": all(goal.met for goal in goals),
-    }
-    title = f"scans by {task.robots} robots on {map_file.name}"
-    return Measured(figures, (table_of(list(map(_scan_row, speeds)), title), *map(str, goals)))
+    goals = []
+    for speed in speeds:
+        rays = f"pymunk with {speed['rays']} rays"
+        goals.append(at_least(f"times {rays}", speed["ratio"], task.ratio_goal))
+        goals.append(at_most(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
+    figures = {"task": asdict(task), "speeds": speeds, "goal_met": all(goal.met for goal in goals)}
+    title = f"scans by {task.robots} robots on {map_file.name}; disagreements: share of rays beyond 5 mm"
+    return Measured(figures, (_table(speeds, title), *map(str, goals)))
 
 
-def _scan_row(one: ScanSpeed) -> dict[str, str]:
-    return {
-        "rays": str(one.rays),
-        "scans per CPU second": f"{one.scans_per_second:,.0f}",
-        "pymunk": f"{one.pymunk_scans_per_second:,.0f}",
-        "ratio": f"{one.ratio:.0f}",
-        "median difference": f"{one.median_difference_mm:.2f} mm",
-        "beyond 5 mm": f"{one.disagreements:.2%}",
-    }
+def _table(rows: Sequence[Mapping[str, float | None]], title: str) -> Table:
+    """Return a table of numbers with four significant digits."""
+    shown = [{name: "-" if value is None else f"{value:.4g}" for name, value in row.items()} for row in rows]
+    return table_of(shown, title)
 
 
-def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
+def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]:
+    """Return scans per CPU second of ours and of pymunk, one query per ray, and how far both differ."""
     grid, model = load_map(map_file), turtlebot(rays)
     rng = np.random.default_rng(task.seed)
     poses = strewn(grid, task.robots, rng)
@@ -209,9 +181,14 @@ def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     both = np.isfinite(scans) & np.isfinite(others)
     neither = np.isinf(scans) & np.isinf(others)
     agreeing = neither | (both & (difference <= 5.0))
-    return ScanSpeed(
-        rays, ours, theirs, ours / theirs, median(difference[both].tolist()), 1 - float(agreeing.mean())
-    )
+    return {
+        "rays": rays,
+        "scans_per_second": ours,
+        "pymunk_scans_per_second": theirs,
+        "ratio": ours / theirs,
+        "median_difference_mm": median(difference[both].tolist()),
+        "disagreements": 1 - float(agreeing.mean()),
+    }
 
 
 class _PymunkScene:
@@ -252,21 +229,15 @@ class _PymunkScene:
 
 _CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
 STAGE: Final = {
-    (640, 4): 71.0,
-    (640, 20): 9.3,
-    (640, 50): 3.5,
-    (640, 100): 1.9,
-    (60, 4): 422.0,
-    (60, 20): 61.0,
-    (60, 50): 24.0,
-    (60, 100): 9.6,
+    **{(640, 4): 71.0, (640, 20): 9.3, (640, 50): 3.5, (640, 100): 1.9},
+    **{(60, 4): 422.0, (60, 20): 61.0, (60, 50): 24.0, (60, 100): 9.6},
 }
 """Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine."""
 
 
 @dataclass(frozen=True)
 class WorldTask:
-    """What is measured."""
+    """Size of a measurement."""
 
     robots: tuple[int, ...] = (4, 20, 50, 100)
     rays: tuple[int, ...] = (640, 60)
@@ -279,25 +250,6 @@ class WorldTask:
     """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage or navground."""
 
 
-@dataclass(frozen=True)
-class WorldSpeed:
-    """One number of robots and rays; speeds in simulated seconds per CPU second."""
-
-    robots: int
-    rays: int
-    speed: float
-    stage: float
-    """Given."""
-    ratio: float
-    navground: float | None
-    """None if navground is not installed."""
-    substep_us: float
-    """CPU time per sub-step of 10 ms, physics alone, µs."""
-    scan_us: float
-    """CPU time per scan, the rest, µs."""
-    contacts: int
-
-
 def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measured:
     """The speeds for each number of robots and rays on that map, and those of scans beside pymunk's."""
     task = task or WorldTask()
@@ -307,7 +259,7 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     figures = {
         "task": asdict(task),
         "navground": peer,
-        "speeds": [asdict(speed) for speed in speeds],
+        "speeds": speeds,
         "goals": [asdict(goal) for goal in goals],
         "scans": scans.figures,
     }
@@ -315,7 +267,7 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     if peer is not None:
         beside = f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans."
     shown = (
-        table_of(list(map(_row, speeds)), f"physics and scans on {map_file.name}: simulated s per CPU s"),
+        _table(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s"),
         "Stage: given figures of Stage 4.3, one core of such a machine.",
         beside,
         *map(str, goals),
@@ -324,30 +276,18 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     return Measured(figures, shown)
 
 
-def _judged(speeds: list[WorldSpeed], task: WorldTask) -> list[SpeedGoal]:
+def _judged(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
     """Each goal that can be judged from what was measured."""
-    dense = [speed.ratio for speed in speeds if (speed.rays, speed.robots) == (640, 20)]
+    dense = [speed["ratio"] for speed in speeds if (speed["rays"], speed["robots"]) == (640, 20)]
     goals = [at_least("times Stage with 640 rays and 20 robots", dense[0], task.stage_goal)] if dense else []
-    goals.append(at_least("times Stage everywhere", min(speed.ratio for speed in speeds), 1))
-    beside = [speed.speed / speed.navground for speed in speeds if speed.navground is not None]
+    goals.append(at_least("times Stage everywhere", min(speed["ratio"] for speed in speeds), 1))
+    beside = [one["speed"] / one["navground"] for one in speeds if one["navground"] is not None]
     return [*goals, at_least("times navground everywhere", min(beside), 1)] if beside else goals
 
 
-def _row(one: WorldSpeed) -> dict[str, str]:
-    return {
-        "rays": str(one.rays),
-        "robots": str(one.robots),
-        "speed": f"{one.speed:,.0f}",
-        "Stage": f"{one.stage:g}",
-        "ratio": f"{one.ratio:.1f}",
-        "navground": "-" if one.navground is None else f"{one.navground:,.1f}",
-        "µs/sub-step": f"{one.substep_us:.1f}",
-        "µs/scan": f"{one.scan_us:.1f}",
-        "bumps": str(one.contacts),
-    }
+def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> dict[str, Any]:
+    """Return speeds, simulated s per CPU s, and CPU time of a sub-step of 10 ms and of a scan, µs."""
 
-
-def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> WorldSpeed:
     def swarm() -> _WanderingSwarm:
         return _WanderingSwarm(grid, robots, rays, task)
 
@@ -355,17 +295,17 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> Wo
     whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
     physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
     speed, stage = task.seconds_long / whole, STAGE[rays, robots]
-    return WorldSpeed(
-        robots=robots,
-        rays=rays,
-        speed=speed,
-        stage=stage,
-        ratio=speed / stage,
-        navground=navground_speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
-        substep_us=physics / (task.seconds_long * 100) * 1e6,
-        scan_us=(whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
-        contacts=contacts[0],
-    )
+    return {
+        "robots": robots,
+        "rays": rays,
+        "speed": speed,
+        "stage": stage,
+        "ratio": speed / stage,
+        "navground": navground_speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
+        "substep_us": physics / (task.seconds_long * 100) * 1e6,
+        "scan_us": (whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
+        "contacts": contacts[0],
+    }
 
 
 class _WanderingSwarm:

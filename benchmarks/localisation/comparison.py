@@ -1,7 +1,7 @@
 """Our particle filter on logged courses, beside the results of another localisation on the same logs."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,6 @@ from benchmarks.localisation import log
 from benchmarks.localisation.log import Course, CourseLogError
 from benchmarks.localisation.tracking import (
     BEYOND,
-    FOUND,
     LOST,
     NEES_BOUNDS,
     PRESETS,
@@ -23,159 +22,66 @@ from benchmarks.localisation.tracking import (
     FilterRun,
     Preset,
     beside_truth,
-    finite,
     localisation,
     replay,
 )
-from benchmarks.measured import Measured, proportion
+from benchmarks.measured import ConfidenceInterval, Measured, proportion, table_of
 
 _RESAMPLES: Final = 2000
 
 
-@dataclass(frozen=True)
-class Share:
-    """How many of all, with the 95 % interval of the share (Wilson, JASA 22(158), 1927)."""
-
-    count: int
-    of: int
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Summary:
-    """All runs of a cell, every seed counted."""
-
-    runs: int
-    rmse: float
-    """Over all poses of all runs, m."""
-    rmse_low: float
-    rmse_high: float
-    """Its 95 % interval: percentiles of a bootstrap over the runs (Efron and Tibshirani 1993, chapter 13)."""
-    rmse_median_run: float
-    """Of the runs' own values, m."""
-    median: float
-    """Error over all poses, m."""
-    max: float
-    share_beyond: float
-    """Of the time with an error above BEYOND."""
-    lost: Share
-    nees_median: float | None
-    """Over the steps with an error up to BEYOND."""
-    nees_below: float
-    nees_above: float
-    """Shares of the time outside NEES_BOUNDS; 2.5 % each where the covariance is right."""
-    spells: Share
-    """Of the spells of being lost those that were announced."""
-    false_alarms: int
-    hours: float
-    """Of robots under way."""
-    cpu_us_mean: float | None
-    """CPU time per call that weighed a scan, µs; the minimum over all runs beside it."""
-    cpu_us_min: float | None
-
-
-def summary(runs: Sequence[FilterRun]) -> Summary:
-    """What the runs of a cell, at least one, come to."""
-    squares = np.array([run.mean_square for run in runs])
-    errors = np.concatenate([run.errors for run in runs])
-    consistency = np.concatenate([run.tracking for run in runs])
-    spells = [announced for run in runs for announced in run.spells]
-    costs = np.concatenate([run.costs for run in runs])
-    low, high = interval(squares)
-    return Summary(
-        runs=len(runs),
-        rmse=math.sqrt(squares.mean()),
-        rmse_low=low,
-        rmse_high=high,
-        rmse_median_run=float(np.median(np.sqrt(squares))),
-        median=float(np.median(errors)),
-        max=float(errors.max()),
-        share_beyond=float(np.mean(errors > BEYOND)),
-        lost=share(sum(run.lost for run in runs), len(runs)),
-        nees_median=finite(np.median(consistency)) if consistency.size else None,
-        nees_below=float(np.mean(consistency < NEES_BOUNDS[0])) if consistency.size else 0.0,
-        nees_above=float(np.mean(consistency > NEES_BOUNDS[1])) if consistency.size else 0.0,
-        spells=share(sum(spells), len(spells)),
-        false_alarms=sum(run.false_alarms for run in runs),
-        hours=errors.size * STEP_US / 3.6e9,
-        cpu_us_mean=float(costs.mean() * 1e6) if costs.size else None,
-        cpu_us_min=float(costs.min() * 1e6) if costs.size else None,
-    )
-
-
-def interval(squares: NDArray[np.float64]) -> tuple[float, float]:
-    """The bootstrap's 95 % interval of the root of the mean of (runs,) mean squares."""
-    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
-    return low, high
-
-
 def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(_RESAMPLES,): means of as many values, drawn with replacement."""
+    """Return (_RESAMPLES,) means of as many values, drawn with replacement."""
     draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
     means: NDArray[np.float64] = values[draws].mean(axis=1)
     return means
 
 
-def share(count: int, of: int) -> Share:
-    """With Wilson's interval, which holds for 0 and all as well."""
-    if not of:
-        return Share(0, 0, 0.0, 1.0)
-    return Share(count, of, *proportion(count, of)[1:])
+def root_mean_square(runs: Sequence[FilterRun]) -> ConfidenceInterval:
+    """Return the error over all poses of all runs, m, with the 95 % interval of a bootstrap over the runs.
+
+    Percentiles of the bootstrap: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    """
+    squares = np.array([run.mean_square for run in runs])
+    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
+    return ConfidenceInterval(math.sqrt(squares.mean()), low, high)
 
 
-FIGURES = (
-    "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "told", "false",
-    "µs",
-)  # fmt: skip
+def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
+    """Return the columns of a table, as LEGEND describes them, for at least one run."""
+    rmse, lost = root_mean_square(runs), sum(run.lost for run in runs)
+    errors = np.concatenate([run.errors for run in runs])
+    nees = np.concatenate([run.tracking for run in runs])
+    spells = [announced for run in runs for announced in run.spells]
+    costs = 1e6 * np.concatenate([run.costs for run in runs])
+    share = proportion(lost, len(runs))
+    outside = [
+        float(np.mean(beyond)) if nees.size else 0.0
+        for beyond in (nees < NEES_BOUNDS[0], nees > NEES_BOUNDS[1])
+    ]
+    return {
+        "rmse": f"{rmse.value:.3f} [{rmse.low:.2f}, {rmse.high:.2f}]",
+        "median run": f"{np.median([run.rmse for run in runs]):.3f}",
+        "median": f"{np.median(errors):.3f}",
+        "max": f"{errors.max():.2f}",
+        f"> {BEYOND:g} m": f"{np.mean(errors > BEYOND):.1%}",
+        "lost": f"{lost}/{len(runs)} [{share.low:.0%}, {share.high:.0%}]",
+        "NEES": f"{np.median(nees):.2f}" if nees.size and math.isfinite(np.median(nees)) else "∞",
+        "low/high": "/".join(f"{one:.0%}" for one in outside),
+        "told": f"{sum(spells)}/{len(spells)}",
+        "false": f"{sum(run.false_alarms for run in runs)} in {errors.size * STEP_US / 3.6e9:.1f} h",
+        "µs": f"{costs.mean():.0f} ({costs.min():.0f})" if costs.size else "-",
+    }
 
 
-def log_table(title: str, rows: Iterable[tuple[str, Summary]]) -> Table:
-    """A row per preset."""
-    table = _table(("preset", *FIGURES), title)
-    for preset, one in rows:
-        table.add_row(preset, *_figures(one))
-    return table
-
-
-def legend() -> str:
-    """What the columns mean."""
-    return (
-        "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
-        f"lost: > {LOST:g} m off at the end, of all runs [95 %, Wilson]; NEES: median while at most "
-        f"{BEYOND:g} m off, where 2.37 is right; "
-        "low/high: share of that time below and above its two-sided 95 % bounds, where 2.5 % each is right; "
-        f"told: spells of being lost that the robot announced, of all that took 3 s; false: announcements "
-        f"while it was at most {BEYOND:g} m off for 5 s before and after; "
-        f"µs: CPU per update, mean (minimum). Found: within {FOUND[0]:g} m and 15° at that time."
-    )
-
-
-def _table(columns: Iterable[str], title: str) -> Table:
-    table = Table(title=title)
-    for column in columns:
-        table.add_column(column, no_wrap=True)
-    return table
-
-
-def _figures(one: Summary) -> tuple[str, ...]:
-    return (
-        f"{one.rmse:.3f} [{one.rmse_low:.2f}, {one.rmse_high:.2f}]",
-        f"{one.rmse_median_run:.3f}",
-        f"{one.median:.3f}",
-        f"{one.max:.2f}",
-        f"{one.share_beyond:.1%}",
-        _share(one.lost),
-        "∞" if one.nees_median is None else f"{one.nees_median:.2f}",
-        f"{one.nees_below:.0%}/{one.nees_above:.0%}",
-        f"{one.spells.count}/{one.spells.of}",
-        f"{one.false_alarms} in {one.hours:.1f} h",
-        "-" if one.cpu_us_mean is None else f"{one.cpu_us_mean:.0f} ({one.cpu_us_min:.0f})",
-    )
-
-
-def _share(one: Share) -> str:
-    return f"{one.count}/{one.of} [{one.low:.0%}, {one.high:.0%}]"
+LEGEND: Final = (
+    "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
+    f"lost: > {LOST:g} m off at the end, of all runs [95 %, Wilson]; NEES: median while at most {BEYOND:g} m "
+    "off, where 2.37 is right; low/high: share of that time below and above its two-sided 95 % bounds, where "
+    "2.5 % each is right; told: spells of being lost that the robot announced, of all that took 3 s; false: "
+    f"announcements while it was at most {BEYOND:g} m off for 5 s before and after; µs: CPU per update, mean "
+    "(minimum)."
+)
 
 
 _LARGEST: Final = 10_000_000
@@ -267,14 +173,20 @@ def as_good(
 
 
 def paired_table(found: Sequence[PairedRow]) -> Table:
-    """For people."""
-    shown = Table(title="beside another localisation, on the same logs")
-    for column in ("log", "preset", "error, m", "other's", "ratio", "lost", "NEES"):
-        shown.add_column(column, no_wrap=True)
-    for row in found:
-        ratio = f"{row.ratio:.2f} [{row.low:.2f}, {row.high:.2f}]"
-        shown.add_row(row.log, row.preset, f"{row.ours:.3f}", f"{row.theirs:.3f}", ratio, row.lost, row.nees)
-    return shown
+    """Return the rows as a table for people."""
+    rows = [
+        {
+            "log": row.log,
+            "preset": row.preset,
+            "error, m": f"{row.ours:.3f}",
+            "other's": f"{row.theirs:.3f}",
+            "ratio": f"{row.ratio:.2f} [{row.low:.2f}, {row.high:.2f}]",
+            "lost": row.lost,
+            "NEES": row.nees,
+        }
+        for row in found
+    ]
+    return table_of(rows, "beside another localisation, on the same logs")
 
 
 def _row(log: str, preset: str, runs: Sequence[FilterRun], other: Other) -> PairedRow:
@@ -345,10 +257,10 @@ def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
     figures = told if source.is_dir() else next(iter(told.values()))
     if known is None:
         tables = [
-            log_table(log, [(preset, summary(its)) for preset, its in by_preset.items()])
+            table_of([{"preset": preset, **table_row(its)} for preset, its in by_preset.items()], log)
             for log, by_preset in runs.items()
         ]
-        return Measured(figures, [*tables, legend()])
+        return Measured(figures, [*tables, LEGEND])
     beside = {log: {str(preset): by[preset] for preset in PRESETS} for log, by in runs.items()}
     rows = paired(beside, known)
     figures = {"logs": figures, "against": [asdict(row) for row in rows]}
