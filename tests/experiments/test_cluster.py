@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,10 +17,6 @@ from typing import Any
 import dask
 import pytest
 import yaml
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import NameOID
 
 from actors.installation.usage import OptionError
 from deploy.clusters.connection import ClusterError, check, is_safe, refuse_open, security
@@ -221,23 +216,6 @@ class Server:
         self._socket.close()
 
 
-def expired(folder: Path) -> Path:
-    """Keys as those of the page, from last year."""
-    folder.mkdir()
-    key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cluster")])
-    begin = datetime(2020, 1, 1, tzinfo=UTC)
-    builder = x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
-    builder = builder.not_valid_before(begin).not_valid_after(begin + timedelta(days=365))
-    certificate = builder.add_extension(x509.BasicConstraints(True, None), True).sign(key, hashes.SHA256())
-    pem = serialization.Encoding.PEM
-    (folder / "cluster.pem").write_bytes(certificate.public_bytes(pem))
-    (folder / "cluster.key").write_bytes(
-        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    )
-    return configure(folder, folder / "cluster.pem", folder / "cluster.pem", folder / "cluster.key")
-
-
 def reason(keys: Path, server: Path | None) -> str:
     """Why a client with these keys does not come to a scheduler with those; empty if it does."""
     there = Server(server)
@@ -253,17 +231,13 @@ def reason(keys: Path, server: Path | None) -> str:
 
 
 def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> None:
-    own, other, old = make_key(tmp_path / "own"), make_key(tmp_path / "other"), expired(tmp_path / "old")
+    own, other = make_key(tmp_path / "own"), make_key(tmp_path / "other")
     page = "(docs/clusters.md)"
     signed = f"must be signed by the ca-file {own / 'cluster.pem'}, and valid now {page}"
     refused = f"the scheduler does not accept the certificate {own / 'cluster.pem'}, or has no TLS"
     assert reason(own, own) == ""
     assert reason(own, other) == (
         f"the scheduler's certificate is not accepted: self-signed certificate; {signed}"
-    )
-    assert reason(old, old) == (
-        "the scheduler's certificate is not accepted: certificate has expired; "
-        f"{signed.replace('/own/', '/old/')}"
     )
     assert reason(own, None) == f"{refused}: wrong version number {page}"
     mixed = tmp_path / "mixed"  # takes the scheduler's word, and has another key of its own

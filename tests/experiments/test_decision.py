@@ -141,17 +141,6 @@ def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> N
     assert "chapter and none: not decided by the cap, after 20 pairs; at 10 " in told([found], watch.rules)[1]
 
 
-def test_the_last_look_takes_the_pairs_there_are_where_failed_runs_are_left_out(
-    tmp_path: Path, plain: RunResult
-) -> None:
-    short = msgspec.structs.replace(STUDY, seeds=20, failed_runs="left out")
-    kept = campaign(tmp_path / "out", plain, 2.5, seeds=20, study=short, failing=20)
-    (found,) = Watch(kept).looked_at()
-    assert (len(found.verdict.sample.pairs), found.at_cap) == (19, True)
-    assert found.looks[-1].threshold == Watch(kept).rules.differ.thresholds[-1]
-    assert found.verdict.deciding is not None
-
-
 def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain: RunResult) -> None:
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=12)
     kept.path(next(STUDY.trials_of(4))).unlink()

@@ -113,6 +113,9 @@ def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
     times = [run.at for run in PLACEBO]
     assert restricted_mean(PLACEBO, 100.0) == pytest.approx(mean_interval(times))
     assert restricted_mean([Completion(50.0, False)], 40.0).value == 40.0
+    never = [Completion(600.0, False)] * 3
+    assert restricted_mean(never, 600.0) == (600.0, 600.0, 600.0)
+    assert kaplan_meier(never).share_at(600.0) == 1.0
 
 
 def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
@@ -126,12 +129,6 @@ def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
             assert mean == pytest.approx(area)
 
 
-def test_nothing_done_at_all_has_a_flat_curve() -> None:
-    never = [Completion(600.0, False)] * 3
-    assert restricted_mean(never, 600.0) == (600.0, 600.0, 600.0)
-    assert kaplan_meier(never).share_at(600.0) == 1.0
-
-
 def test_sequential_bounds_against_published_values() -> None:
     """Lan and DeMets' spending function close to O'Brien and Fleming's, five looks, two-sided 5 %.
 
@@ -142,21 +139,15 @@ def test_sequential_bounds_against_published_values() -> None:
     assert bounds == pytest.approx([4.8769, 3.3569, 2.6803, 2.2898, 2.0310], abs=2e-3)
 
 
-def test_looks_that_do_not_grow_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"the looks \(20, 20\) should be numbers of pairs that grow"):
-        plan([20, 20])
-
-
 def test_pairs_needed_for_a_large_effect() -> None:
     """By simulation of the exact signed-rank test, give or take one or two."""
     assert pairs_needed(Effect()) == pytest.approx(40, abs=2)
     assert pairs_needed(Effect(correlation=0.3)) == pytest.approx(27, abs=2)
     assert pairs_needed(Effect(tests=6)) == pytest.approx(58, abs=2)
-
-
-def test_no_effect_needs_no_plan() -> None:
     with pytest.raises(ValueError, match=r"a12 should lie between 0 and 1 and not be 0\.5"):
         pairs_needed(Effect(a12=0.5))
+    with pytest.raises(ValueError, match=r"the looks \(20, 20\) should be numbers of pairs that grow"):
+        plan([20, 20])
 
 
 def test_the_power_is_that_of_the_test_itself() -> None:

@@ -23,11 +23,10 @@ from experiments.comparison.family import tests_of as count_tests
 from experiments.comparison.family import verdicts
 from experiments.study.cells import RandomFactor, draw_cells
 from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_for_all_seeds
-from experiments.study.draws import PARAMETERS, drawn
+from experiments.study.draws import drawn
 from experiments.study.study import Distribution, Factor, Study, Trial, Variant
 from experiments.study.study_file import load_study
 from experiments.study.study_wishes import StudyWishes, check, study_of
-from experiments.study.vary_table import VaryTable
 from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]
@@ -94,14 +93,6 @@ def test_doors_that_close_and_places_that_come_stay_in_their_ranges() -> None:
     assert len(opened) > 1, "some open again before the end, others do not"
 
 
-def test_another_factor_changes_nothing_of_the_others() -> None:
-    trial = next(STUDY.trials())
-    alone = msgspec.structs.replace(STUDY, distributions=(KILLS, JAMS, DROPOUT))
-    both, fewer = drawn(STUDY, trial), drawn(alone, trial)
-    assert both["uncertainty.dropout"] == fewer["uncertainty.dropout"]
-    assert [event for event in both["event"] if "obstacle" not in event] == fewer["event"]
-
-
 def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
     text = CORRIDOR.read_text().replace("../maps", str(ROOT / "maps"))
     (tmp_path / "s.toml").write_text(text + '\n[[event]]\nat = 7.0\nkill = "r1"\n')
@@ -110,10 +101,6 @@ def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
         found = drawn(study, trial).get("event", [{"at": 7.0, "kill": "r1"}])
         assert found[0] == {"at": 7.0, "kill": "r1"}
         assert "r1" not in [event["kill"] for event in found[1:]]
-
-
-def test_every_parameter_can_stand_in_a_file() -> None:
-    assert {name for names in PARAMETERS.values() for name in names} <= set(VaryTable.model_fields)
 
 
 @pytest.mark.parametrize("name", ["drawn_places", "all_strategies"])
@@ -279,14 +266,6 @@ def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
     assert load_study(path).conditions == "as written"
     old = b'{"name":"s","scenario":"/s.toml","strategies":["none"],"seeds":3}'
     assert msgspec.json.decode(old, type=Study).conditions == "as written", "study.json of earlier versions"
-
-
-def test_the_chapters_experiment_is_as_written() -> None:
-    study = load_study(ROOT / "studies" / "chapter.toml")
-    assert study == Study(
-        "chapter", str(CHAPTER), ("none-original", "none", "chapter"), 10,
-        primary=(("chapter", "none-original"), ("chapter", "none")),
-    )  # fmt: skip
 
 
 FLOORS = (

@@ -11,7 +11,7 @@ from actors.geometry import STILL, Point, Pose
 from actors.installation.repository import SHIPPED
 from actors.robot.cost_maps.cell_distance import half_gaps
 from actors.robot.navigation.planning import PLANNER_PRESETS, narrowest_door
-from tests.navigation.course import CELL, DOOR, HALL, RADIUS, ROBUST, Pilot, drive, neck
+from tests.navigation.course import CELL, DOOR, HALL, RADIUS, Pilot, drive, neck
 from tests.robot.base import plan
 
 CORNERS = plan(
@@ -140,15 +140,6 @@ def test_robust_gets_round_the_end_of_a_wall_that_the_goal_is_behind(heading: fl
     assert pilot.record.arrived and pilot.record.gap > 0.01
 
 
-def test_robust_turns_straight_to_a_plan_behind_it() -> None:
-    for heading, side in ((3.0, -1.0), (-2.6, 1.0)):
-        pilot = Pilot(HALL, Pose(3.0, 1.76, heading), Point(6.0, 1.76), preset="robust")
-        drive(pilot, steps=20)
-        turns = [steering.twist.omega for steering in pilot.record.steerings[:10]]
-        assert all(side * turn > 0 for turn in turns)
-        assert max(map(abs, turns)) == pytest.approx(ROBUST.spot_rate)
-
-
 @pytest.mark.parametrize("preset", PRESETS)
 def test_on_a_straight_plan_it_neither_weaves_nor_dawdles(preset: str) -> None:
     pilot = Pilot(HALL, Pose(0.8, 1.76, 0.3), Point(6.4, 1.76), preset=preset)
@@ -170,12 +161,6 @@ def test_it_comes_to_rest_at_the_goal_without_passing_it(preset: str, aside: flo
     along = [pose.x for pose in pilot.record.poses]
     assert max(along) < 5.0 and along == sorted(along)
     assert pilot.base.velocity.vx <= 0.1 + 1e-9
-
-
-def test_it_reaches_a_goal_beside_the_wall_it_faces() -> None:
-    pilot = Pilot(HALL, Pose(5.0, 1.76, 0.0), Point(6.92, 1.76))
-    drive(pilot, steps=200)
-    assert pilot.record.arrived and pilot.record.gap > 0.0
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.3])

@@ -89,13 +89,6 @@ def test_a_plan_ends_within_the_tolerance_of_its_last_point_at_any_speed() -> No
     assert not made.reached(near, STILL)
 
 
-@PRESETS
-def test_a_plan_that_is_elsewhere_is_no_plan(preset: str) -> None:
-    made, _ = planned(preset)
-    made.follow(np.add(EAST, (0.0, 2.5)))
-    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     preset=st.sampled_from(["chapter", "disc", "robust"]),

@@ -179,11 +179,6 @@ def test_without_areas_all_reachable_floor_counts_and_no_more() -> None:
     assert min(both) < 4.0 and max(both) > 6.0
 
 
-def test_a_start_where_planning_would_not_let_it_stand_is_as_good_as_the_nearest_that_would() -> None:
-    places = draws(floor(TWO_ROOMS, FLOOR_PLAN_WEST, start=Point(0.25 + RADIUS, 1.0)), 3)
-    assert all(within(FLOOR_PLAN_WEST, place) for place in places)
-
-
 def test_three_numbers_are_drawn_each_time_and_none_before() -> None:
     own, twin = generator(5, "behaviour", "r1"), generator(5, "behaviour", "r1")
     asked = ReachableFloor(ground(TWO_ROOMS, RADIUS), RADIUS, Point(1.0, 1.0), (FLOOR_PLAN_WEST,), own)

@@ -5,24 +5,18 @@ import csv
 import html
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
-from matplotlib.patches import Rectangle
 
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.judgement import judge
 from experiments.report import charts, report
 from experiments.report.cases import read
-from experiments.report.findings import Findings
 from experiments.report.section import Section
-from experiments.statistics.survival import Completion, kaplan_meier
 from experiments.study.study import Study, Trial
 from observation.results.result import RunResult
 from tests.experiments.report.made_up import LENGTH, campaign
@@ -120,23 +114,6 @@ def test_completion_counts_every_run_and_its_mean_is_the_area(
         assert float(row["restricted mean, s, low"]) <= mean <= float(row["restricted mean, s, high"])
 
 
-def test_curves_are_kaplan_and_meier_s(written: Path, records: dict[str, list[TrialRecord]]) -> None:
-    steps = rows(written, "completion_curves")
-    for name, kept in records.items():
-        runs = results(kept)
-        mine = [row for row in steps if row["strategy"] == name]
-        for row in mine:
-            before = sum(
-                run.completion_s is not None and run.completion_s <= float(row["time, s"]) for run in runs
-            )
-            assert float(row["complete"]) == pytest.approx(before / len(runs))
-        ends = [
-            Completion(LENGTH, False) if run.completion_s is None else Completion(run.completion_s, True)
-            for run in runs
-        ]
-        assert len(mine) == kaplan_meier(ends).times.size
-
-
 def test_shares_of_time_are_those_of_all_robot_seconds(
     written: Path, records: dict[str, list[TrialRecord]]
 ) -> None:
@@ -187,27 +164,6 @@ def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> No
     assert failed["failure"] == EVIL
     (cause,) = rows(written, "failures")
     assert (cause["cause"], cause["runs"], cause["seeds"]) == (EVIL, "1", "2")
-
-
-def test_pictures_show_the_numbers_of_their_tables(
-    sections: dict[str, Section], records: dict[str, list[TrialRecord]]
-) -> None:
-    picture = sections["Places done"].picture
-    assert picture is not None
-    (axes,) = picture.figure.axes
-    shown = np.concatenate([np.asarray(line.get_xdata(), np.float64) for line in axes.lines]).tolist()
-    for kept in records.values():
-        for run in results(kept):
-            assert run.places_done in shown
-    for row in sections["Places done"].tables[0].rows:
-        assert row[4] in shown  # the median
-    assert [label.get_text() for label in axes.get_yticklabels()] == list(records)
-    bars = sections["Where the time went"]
-    assert bars.picture is not None
-    patches = bars.picture.figure.axes[0].patches
-    widths = [patch.get_width() for patch in patches if isinstance(patch, Rectangle)]
-    for row in bars.tables[0].rows:
-        assert all(any(np.isclose(cell / 100, widths)) for cell in row[2:] if isinstance(cell, float))
 
 
 def test_every_picture_has_numbers_words_and_files(sections: dict[str, Section], written: Path) -> None:
@@ -268,12 +224,6 @@ def test_what_others_wrote_is_text_only(written: Path) -> None:
     assert "a$b_{&lt;i&gt;" in page
 
 
-def test_the_page_reads_from_the_question_to_how_it_was_made(written: Path) -> None:
-    titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", (written / "report.html").read_text())
-    assert titles[:4] == ["What was asked", "What was found", "Before you quote it", "Places done"]
-    assert titles[-2:] == ["Runs that failed", "How it was made"]
-
-
 def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
     said = judge(store.load(folder)).sentences()
@@ -283,18 +233,6 @@ def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) 
     assert len(said) == 4
     for one in said:
         assert one.replace("oracle", "oracle (upper bound)") in page
-
-
-def test_many_verdicts_are_a_table_and_counted(folder: Path) -> None:
-    judged = judge(store.load(folder))
-    (source,) = read([folder])
-    findings = Findings(source, replace(judged, verdicts=[judged.verdicts[0]] * 9))
-    assert findings.sentences()[-1] == "none beside oracle (upper bound), of 9 conditions: worse in 9."
-    table = next(iter(findings.tables()))
-    assert table.name == "verdicts_five"
-    assert [row[:5] for row in table.rows] == [
-        ("none", "oracle (upper bound)", "", "worse", "places done")
-    ] * 9
 
 
 def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
@@ -317,18 +255,6 @@ def test_the_same_campaign_gives_the_same_bytes(folder: Path, written: Path, tmp
         assert (written / name).read_bytes() == (tmp_path / name).read_bytes(), name
 
 
-def caution(plain: RunResult, where: Path, study: Study, **options: Any) -> str:
-    campaign(where, plain, study, options.pop("drawn", drawn), **options)
-    with charts.applied():
-        return " ".join(report.compose(read([where])).cautions)
-
-
-def test_too_few_runs_and_seeds_for_tuning_are_said(plain: RunResult, tmp_path: Path) -> None:
-    told = caution(plain, tmp_path / "few", Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True))
-    assert "these are seeds for tuning" in told
-    assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
-
-
 def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResult, tmp_path: Path) -> None:
     campaign(
         tmp_path / "all", plain, Study("all", "/s.toml", ("none",), 3), drawn, fails=lambda trial: "it rained"
@@ -336,19 +262,3 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
     page = report.write([tmp_path / "all"], tmp_path / "out").read_text()
     assert "it rained" in page and "<img" not in page
     assert not list((tmp_path / "out").glob("*.png"))
-
-
-def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> None:
-    study = Study("part", "/s.toml", ("none",), 3)
-    campaign(tmp_path / "part", plain, study, drawn)
-    store.load(tmp_path / "part").path(next(iter(study.trials()))).unlink()
-    with charts.applied():
-        told = report.compose(read([tmp_path / "part"])).cautions
-    assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
-
-
-def test_what_robots_said_and_the_run_did_not_believe_is_told(plain: RunResult, tmp_path: Path) -> None:
-    lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
-    lied = msgspec.structs.replace(plain, refused_reports=(lie,))
-    told = caution(lied, tmp_path / "lied", Study("lied", "/s.toml", ("none",), 1))
-    assert f"lied: none, seed 1: {lie}." in told
