@@ -11,12 +11,14 @@ from typing import Any
 from tests import in_process, warm
 
 ROOT = Path(__file__).resolve().parents[2]
+MODULE_PATH = os.environ.get("PYTHONPATH")
 ACRC = (sys.executable, "-m", "command_line")
 
 
 def acrc(*words: object, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:
     """Return exit code and output of `acrc WORDS…`: runs over the mesh in a fork, others in process."""
-    if words[0] != "run" or "memory" in words:
+    over_mesh = words[0] == "run" and "memory" not in words
+    if not over_mesh and os.environ.get("PYTHONPATH") == MODULE_PATH:
         return in_process.acrc(*words)
     return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True)
 
