@@ -1,6 +1,5 @@
 """An emulated RPLIDAR A1 on the wire; what it sees is a function from directions to ranges."""
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -43,29 +42,6 @@ class EmulatedRplidarParameters:
     info: LidarInfo = LidarInfo(0x18, (1, 29), 7, bytes(range(16)))  # noqa: RUF009 - frozen
 
 
-@dataclass(frozen=True)
-class Lie:
-    """How a lidar that measures says something else; what is not said here is true."""
-
-    turns: int = 0
-    """It says its last turns again, so many, for ever; 0: it does not."""
-    share: float = 1.0
-    """The part of each turn for which it does, from its beginning."""
-    comb: bool = False
-    """It does so for every other sample only."""
-    noisy: bool = False
-    """With fresh noise each time."""
-    late_s: float = 0.0
-    """It says everything so much later, s; 2 s at most."""
-    turned_deg: float = 0.0
-    """It has been turned on its mount, degrees counter-clockwise."""
-    mirrored: bool = False
-    """It takes left for right."""
-
-
-HONEST = Lie()
-
-
 class EmulatedRplidar:
     """One lidar; it scans when asked."""
 
@@ -81,13 +57,6 @@ class EmulatedRplidar:
         self._sight = sight
         self._p = parameters
         self._generator = generator
-        self._lie = HONEST
-        self._heard: deque[tuple[int, int]] = deque(maxlen=2 * parameters.samples)
-        """Angle and distance of the samples so far, true ones."""
-        self._said: list[tuple[int, int]] = []
-        """What is said again and again, and ..."""
-        self._since = 0
-        """... since which sample."""
         self._started = started
         self._pending = bytearray()
         self._out = bytearray()
@@ -103,12 +72,6 @@ class EmulatedRplidar:
         """Set it to let nothing give an echo."""
         self.stuck = False
         """Set it to hold the head: it measures on, in one direction."""
-
-    def lie(self, lie: Lie) -> None:
-        """Say from now on something else, or with HONEST the truth."""
-        self._lie, self._since = lie, self._sampled
-        turn = round(self._p.samples / self._p.turns)
-        self._said = list(self._heard)[-turn * lie.turns :] if lie.turns else []
 
     def take(self, now: Instant, data: bytes) -> None:
         """Bytes from the driver, that end `now`."""
@@ -153,7 +116,7 @@ class EmulatedRplidar:
             self._sampled = self._until(now)
 
     def _sample(self, now: Instant) -> None:
-        """Put the samples up to `now` on the"""
+        """Put the samples up to `now` on the wire."""
         numbers = np.arange(self._sampled, self._until(now))
         if not numbers.size:
             return
@@ -162,8 +125,7 @@ class EmulatedRplidar:
         if self.stuck:
             turns = np.full_like(turns, self._last_turn + 0.25)
         angles = turns % 1
-        looked = 2 * np.pi * angles + np.radians(self._lie.turned_deg)
-        ranges = self._sight(looked if self._lie.mirrored else -looked)
+        ranges = self._sight(-2 * np.pi * angles)
         if self._p.noise and self._generator is not None:
             ranges = ranges * (1 + self._p.noise * normals(self._generator, numbers.size))
         seen = (ranges >= self._p.range_min) & (ranges <= self._p.range_max)
@@ -171,27 +133,10 @@ class EmulatedRplidar:
         distances = np.where(seen, np.rint(np.where(seen, ranges, 0) * 4000), 0)
         rows = np.column_stack((numbers, turns // 1, angles * FULL_TURN_Q6 // 1, distances))
         for number, turn, angle, distance in rows.astype(int).tolist():
-            self._heard.append((angle, distance))
             start = turn != self._last_turn
             self._last_turn = turn
-            self._say(number, start, angle, distance)
+            self.send(number, Sample(start, 15 if distance else 0, angle, distance))
 
-    def _say(self, number: int, start: bool, angle: int, distance: int) -> None:
-        """Put one sample on the wire, or what is said in its place."""
-        lie = self._lie
-        if lie.late_s:
-            back = min(len(self._heard), round(lie.late_s * self._p.samples) + 1)
-            angle, distance = self._heard[-back]
-            start = back < len(self._heard) and angle < self._heard[-back - 1][0]
-        elif self._said and angle < lie.share * FULL_TURN_Q6 and (not lie.comb or number % 2):
-            at = (number - self._since) % len(self._said)
-            start = _starts(self._said, at)
-            angle, distance = self._said[at]
-            if lie.noisy and self._generator is not None:
-                distance = max(0, round(distance * (1 + self._p.noise * normals(self._generator, 1)[0])))
-        self._out += Sample(start, 15 if distance else 0, angle, distance).encode()
-
-
-def _starts(samples: list[tuple[int, int]], at: int) -> bool:
-    """True where a turn starts."""
-    return samples[at][0] < samples[at - 1][0]
+    def send(self, number: int, sample: Sample) -> None:
+        """Put the sample of this number on the wire."""
+        self._out += sample.encode()

@@ -14,7 +14,6 @@ from actors.radio.radio_model import RadioSetup, radio_model
 from deeco.replication.fragments import Fragmenter, Reassembly
 from firmware_bridge.beeclick.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.lab import Desk, Lab
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reception import PacketEnd
@@ -22,6 +21,7 @@ from firmware_bridge.device_lines import Disturbance
 from firmware_bridge.serial_port import BoardPort, PortError
 from tests.beeclick.hosts import boards as row_of_boards
 from tests.beeclick.hosts import causes, states
+from tests.beeclick.lab import Desk, Lab
 
 QUICK = BeeClickParameters(
     answer_timeout=milliseconds(100),

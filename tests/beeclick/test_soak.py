@@ -14,12 +14,12 @@ from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.lab import Desk, Lab
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import Answer, PacketSent, byte_time
 from firmware_bridge.device_lines import CLEAN, Disturbance
+from tests.beeclick.lab import Desk, Lab
 
 pytestmark = pytest.mark.claim("boards")
 ENDS = (Sent, AccessFailure, UnconfirmedPacket, Overflow, Refused)

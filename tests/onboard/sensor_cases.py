@@ -13,8 +13,7 @@ from actors.geometry import Point, Pose
 from actors.installation.repository import SHIPPED
 from actors.randomness import generator
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.range_sensors.rplidar_emulator import Lie
-from tests.onboard.sensor_rig import SensorRig, Starts, Straight
+from tests.onboard.sensor_rig import LidarFault, SensorRig, Starts, Straight
 
 Act = Callable[[SensorRig], None]
 AT_ONCE = (0.3, 0.15)
@@ -43,8 +42,8 @@ def base(**values: object) -> Act:
     return act
 
 
-def lidar(lie: Lie) -> Act:
-    return lambda rig: rig.laboratory.robots["r1"].lidar.lie(lie)
+def lidar(fault: LidarFault) -> Act:
+    return lambda rig: rig.lidars["r1"].fail(fault)
 
 
 def noise(share: float, ways: str) -> Act:
@@ -59,19 +58,19 @@ def noise(share: float, ways: str) -> Act:
 
 
 FAULTS = {
-    "lidar: repeats one turn": SensorFault(lidar(Lie(turns=1)), AT_ONCE),
-    "lidar: repeats 5 turns": SensorFault(lidar(Lie(turns=5)), AT_ONCE),
-    "lidar: half of each turn repeated": SensorFault(lidar(Lie(turns=1, share=0.5)), AT_ONCE),
-    "lidar: every other beam repeated": SensorFault(lidar(Lie(turns=1, comb=True))),
-    "lidar: one turn, with fresh noise": SensorFault(lidar(Lie(turns=1, noisy=True))),
-    "lidar: turned by 90°": SensorFault(lidar(Lie(turned_deg=90.0))),
+    "lidar: repeats one turn": SensorFault(lidar(LidarFault(turns=1)), AT_ONCE),
+    "lidar: repeats 5 turns": SensorFault(lidar(LidarFault(turns=5)), AT_ONCE),
+    "lidar: half of each turn repeated": SensorFault(lidar(LidarFault(turns=1, share=0.5)), AT_ONCE),
+    "lidar: every other beam repeated": SensorFault(lidar(LidarFault(turns=1, comb=True))),
+    "lidar: one turn, with fresh noise": SensorFault(lidar(LidarFault(turns=1, noisy=True))),
+    "lidar: turned by 90°": SensorFault(lidar(LidarFault(turned_deg=90.0))),
     "lidar: turned by 90°, from the start": SensorFault(
-        lidar(Lie(turned_deg=90.0)), FROM_REST, from_start=True
+        lidar(LidarFault(turned_deg=90.0)), FROM_REST, from_start=True
     ),
-    "lidar: turned by -45°": SensorFault(lidar(Lie(turned_deg=-45.0))),
-    "lidar: turned by 180°": SensorFault(lidar(Lie(turned_deg=180.0))),
-    "lidar: mirrored": SensorFault(lidar(Lie(mirrored=True)), in_arc=True),
-    "lidar: 1 s late, from the start": SensorFault(lidar(Lie(late_s=1.0)), FROM_REST, from_start=True),
+    "lidar: turned by -45°": SensorFault(lidar(LidarFault(turned_deg=-45.0))),
+    "lidar: turned by 180°": SensorFault(lidar(LidarFault(turned_deg=180.0))),
+    "lidar: mirrored": SensorFault(lidar(LidarFault(mirrored=True)), in_arc=True),
+    "lidar: 1 s late, from the start": SensorFault(lidar(LidarFault(late_s=1.0)), FROM_REST, from_start=True),
     "both encoders: stand still": SensorFault(base(left_scale=0.0, right_scale=0.0)),
     "both encoders: count double": SensorFault(base(left_scale=2.0, right_scale=2.0)),
     "both encoders: count backward": SensorFault(base(left_scale=-1.0, right_scale=-1.0)),

@@ -5,15 +5,19 @@ in place of the program of the robot.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import NO_ECHO_MM, Scan
+from actors.portable.draws import normals
 from actors.radio.radio_model import RadioSetup
 from actors.randomness import generator
 from actors.robot_model import load_model
@@ -22,10 +26,11 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, Disturbance, Jack
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.laboratory.laboratory import Laboratory
+from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.onboard.vehicle import LastWord, Lidar, TurtleBot
-from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.range_sensors.rplidar import FULL_TURN_Q6, Rplidar, Sample
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.serial_port import SerialPort
 
 MODEL = load_model("turtlebot2", "chapter")
@@ -33,6 +38,69 @@ STEP = milliseconds(100)
 AVOIDING = 1.2
 """rad/s, while the pilot turns away from an obstacle."""
 Starts = Sequence[tuple[float, float, float]]
+
+
+class LidarFault(NamedTuple):
+    """What a lidar reports instead of its measurements."""
+
+    turns: int = 0
+    """It repeats so many of its last turns for ever; 0: it does not."""
+    share: float = 1.0
+    """The part of each turn that is repeated, from its beginning."""
+    comb: bool = False
+    """Only every other sample is repeated."""
+    noisy: bool = False
+    """Repeated with fresh noise."""
+    late_s: float = 0.0
+    """Delay of all samples, s; at most 2 s."""
+    turned_deg: float = 0.0
+    """Turned on its mount, degrees counter-clockwise."""
+    mirrored: bool = False
+    """Left and right exchanged."""
+
+
+class FaultyRplidar(EmulatedRplidar):
+    """A lidar that measures and reports something else."""
+
+    def __init__(self, sight: Sight, noise: Generator) -> None:
+        super().__init__(self._view, LIDAR, generator=noise)
+        self._true_sight = sight
+        self._noise = noise
+        self._fault = LidarFault()
+        self._measured: deque[Sample] = deque(maxlen=2 * LIDAR.samples)
+        self._repeated: list[Sample] = []
+        self._since = 0
+
+    def fail(self, fault: LidarFault) -> None:
+        """Have this fault from now on."""
+        self._fault, self._since = fault, self._sampled
+        turn = round(LIDAR.samples / LIDAR.turns)
+        self._repeated = list(self._measured)[-turn * fault.turns :] if fault.turns else []
+
+    def send(self, number: int, sample: Sample) -> None:
+        self._measured.append(sample)
+        fault, said = self._fault, self._measured
+        if fault.late_s:
+            back = min(len(said), round(fault.late_s * LIDAR.samples) + 1)
+            start = back < len(said) and said[-back].angle_q6 < said[-back - 1].angle_q6
+            sample = replace(said[-back], start=start)
+        elif self._repeated and self._repeats(number, sample):
+            at = (number - self._since) % len(self._repeated)
+            sample = self._repeated[at]
+            sample = replace(sample, start=sample.angle_q6 < self._repeated[at - 1].angle_q6)
+            if fault.noisy:
+                noise = 1 + LIDAR.noise * normals(self._noise, 1)[0]
+                distance = max(0, round(sample.distance_q2 * noise))
+                sample = replace(sample, distance_q2=distance, quality=15 if distance else 0)
+        super().send(number, sample)
+
+    def _repeats(self, number: int, sample: Sample) -> bool:
+        in_share = sample.angle_q6 < self._fault.share * FULL_TURN_Q6
+        return in_share and (not self._fault.comb or number % 2 == 1)
+
+    def _view(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        looked = np.radians(self._fault.turned_deg) - angles
+        return self._true_sight(looked if self._fault.mirrored else -looked)
 
 
 class Pilot:
@@ -165,6 +233,14 @@ class SensorRig:
         world = WorldSetup(str(floor), seed, STEP, 1_000_000, bodies)
         addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
         self.laboratory = Laboratory(LaboratorySetup(world, RadioSetup(seed, STEP, addresses, "beeclick")))
+        self.lidars = {
+            name: FaultyRplidar(hardware.lidar._sight, generator(seed, "laboratory lidar", name))
+            for name, hardware in self.laboratory.robots.items()
+        }
+        self.laboratory.robots = {
+            name: hardware._replace(lidar=self.lidars[name])
+            for name, hardware in self.laboratory.robots.items()
+        }
         self.vehicles = {
             body.id: RigVehicle(
                 Pilot(speed, generator(seed, "pilot", body.id)), generator(seed, "line noise", body.id)

@@ -9,8 +9,8 @@ from actors.processes.launch import Launcher
 from deploy.laboratory import hardware_in_the_loop
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.field_trial.trial_result import TrialResult
 from observation.replay import record_replay
-from observation.results.result import RunResult
 from tests.swarm.command import ROOT
 
 NO_NETWORK = ("unshare", "--map-root-user", "--net")
@@ -32,7 +32,7 @@ places = [[11.9, 12.5]]
 """
 
 
-def run(scenario: Path, robots: int, duration: float, out: Path) -> RunResult:
+def run(scenario: Path, robots: int, duration: float, out: Path) -> TrialResult:
     """Run on board until no place is left, then replay each robot from what it received."""
     plan = load_scenario(scenario, Overrides(robots=robots, duration=duration))
     options = RunOptions(out, spawn="exec", hardware=True, json=True)
