@@ -189,8 +189,7 @@ def commands_to_run(name: str) -> list[Command]:
 def test_the_commands_of_a_page_run(name: str, clone: Path) -> None:
     if name == "docs/localisation-log.md":
         (clone / "logs").mkdir()
-        for file in ("course.zip", "logs/course.zip"):
-            courses.write_log(clone / file, courses.drive(courses.Setup(seconds=20.0)))
+        courses.write_log(clone / "logs" / "course.zip", courses.drive(courses.Setup(seconds=20.0)))
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
     if name == "docs/experiments.md":

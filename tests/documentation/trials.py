@@ -31,6 +31,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         "--robots 2 --seeds 2 --duration 2",
     "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
+    ".venv/bin/python -m tests.localisation.courses course.zip --seed 7": "--duration 9",
     "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
     "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
 })  # fmt: skip
