@@ -106,39 +106,29 @@ CONTROLS: Final = 10
 """Sub-steps from one decision of the follower to the next, and from one scan to the next."""
 
 
-@dataclass(frozen=True)
-class FollowerParameters:
-    """Pure pursuit (Coulter, CMU-RI-TR-92-01) on the true pose; all own choices for smooth driving."""
-
-    speed: float = 0.5
-    """The highest, m/s."""
-    turn_rate: float = 1.2
-    """The highest, rad/s."""
-    braking: float = 0.5
-    """Deceleration planned with before a goal, m/s²."""
-    turning: float = 2.0
-    """Turn rate per angle when turning on the spot, 1/s."""
-    spot: float = 1.0
-    """Beyond this angle to the way ahead the robot turns on the spot, rad."""
-    pursued: tuple[float, ...] = (0.45, 0.3, 0.2, 0.1)
-    """How far ahead the point aimed at lies, m: the first to which the straight line is free."""
-    arrived: float = 0.05
-    """So near a goal the next one is drawn, m."""
+# Pure pursuit (Coulter, CMU-RI-TR-92-01) on the true pose; own choices for smooth driving.
+SPEED: Final = 0.5
+"""Highest speed, m/s."""
+TURN_RATE: Final = 1.2
+"""Highest turn rate, rad/s."""
+BRAKING: Final = 0.5
+"""Planned deceleration before a goal, m/s²."""
+TURNING: Final = 2.0
+"""Turn rate per angle when turning on the spot, 1/s."""
+SPOT: Final = 1.0
+"""Beyond this angle to the path the robot turns on the spot, rad."""
+PURSUED: Final = (0.45, 0.3, 0.2, 0.1)
+"""Distances of the pursued point ahead, m: the first to which the straight line is free."""
+ARRIVED: Final = 0.05
+"""At this distance from a goal the next one is drawn, m."""
 
 
 class WanderingRoute:
     """One robot on its way; the same generator gives the same route."""
 
-    def __init__(
-        self,
-        site: Site,
-        start: Pose,
-        generator: Generator,
-        parameters: FollowerParameters = FollowerParameters(),
-    ) -> None:
+    def __init__(self, site: Site, start: Pose, generator: Generator) -> None:
         self._site = site
         self._generator = generator
-        self._parameters = parameters
         self._radius = site.model.footprint.circumradius
         self._pose, self._speed, self._turn = start, 0.0, 0.0
         self._way: NDArray[np.float64] = np.empty((0, 2))
@@ -178,20 +168,17 @@ class WanderingRoute:
 
     def _decision(self) -> tuple[float, float]:
         """The speed and turn rate wished for."""
-        told = self._parameters
         remaining = self._remaining()
-        while remaining < told.arrived:
+        while remaining < ARRIVED:
             self._set_out()
             remaining = self._remaining()
         aim = self._aim()
         ahead = self._pose.relative(Pose(*aim, 0.0))
         angle, apart = math.atan2(ahead.y, ahead.x), max(math.hypot(ahead.x, ahead.y), 1e-6)
-        if abs(angle) > told.spot:
-            return 0.0, _limited(told.turning * angle, told.turn_rate)
+        if abs(angle) > SPOT:
+            return 0.0, _limited(TURNING * angle, TURN_RATE)
         curvature = 2 * math.sin(angle) / apart
-        speed = min(
-            told.speed, math.sqrt(2 * told.braking * remaining), told.turn_rate / max(abs(curvature), 1e-6)
-        )
+        speed = min(SPEED, math.sqrt(2 * BRAKING * remaining), TURN_RATE / max(abs(curvature), 1e-6))
         return speed, speed * curvature
 
     def _set_out(self) -> None:
@@ -223,7 +210,7 @@ class WanderingRoute:
         """The point of the way to drive at."""
         rest = self._way[self._passed :]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))])
-        for ahead in self._parameters.pursued:
+        for ahead in PURSUED:
             aim = Point(*rest[min(int(np.searchsorted(along, ahead)), len(rest) - 1)].tolist())
             if self._is_clear(aim):
                 return aim
@@ -247,28 +234,22 @@ _HEADINGS: Final = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
 """By how much a peer turns off the straight line to where it wants to be, degrees; tried in this order."""
 
 
-@dataclass(frozen=True)
-class CrowdParameters:
-    """How the others move around the robot. The distances are those of the dose; the rest is own choice."""
-
-    nearest: float = 0.45
-    """Between the centres of the robot and a peer at least, m."""
-    farthest: float = 2.0
-    """Between the two at most, m; a peer that was left behind so far comes in anew."""
-    radius: float = 0.177
-    """Of a peer's body, m: a TurtleBot 2."""
-    speed: float = 0.7
-    """A peer's highest, m/s: a Kobuki's, so that it can go before or after a robot of 0.5 m/s."""
-    circling: float = 0.25
-    """A peer's wish goes round the robot at up to this rate either way, rad/s."""
-    whim: float = 0.02
-    """Chance per step that a peer wishes for another distance and another way round."""
-    near: float = 15.0
-    """Of the realistic dose: the others are near for so long, s …"""
-    every: float = 60.0
-    """… once in so long, s; when within the period is drawn."""
-    tries: int = 60
-    """A peer that comes in tries so many places, then waits for the next step."""
+NEAREST: Final = 0.45
+"""Least distance between the centres of the robot and a peer, m."""
+FARTHEST: Final = 2.0
+"""Largest distance between the two, m; a peer that was left behind enters again."""
+RADIUS: Final = 0.177
+"""Of a peer's body, m: a TurtleBot 2."""
+PEER_SPEED: Final = 0.7
+"""Highest speed of a peer, m/s: a Kobuki's."""
+CIRCLING: Final = 0.25
+"""Largest rate at which a peer's target circles the robot, rad/s."""
+WHIM: Final = 0.02
+"""Chance per step that a peer changes its distance and direction."""
+NEAR, EVERY = 15.0, 60.0
+"""With `at_times` the others are near for so long of every period, s."""
+TRIES: Final = 60
+"""Places that an entering peer tries before it waits for the next step."""
 
 
 @dataclass
@@ -291,15 +272,13 @@ class Crowd:
         generator: Generator,
         *,
         at_times: bool = False,
-        parameters: CrowdParameters = CrowdParameters(),
     ) -> None:
         """`at_times`: the realistic dose, else they are near all the time."""
         self._grid = grid
         self._generator = generator
-        self._told = parameters
-        self._begin = generator.uniform(0.0, parameters.every - parameters.near) if at_times else 0.0
+        self._begin = generator.uniform(0.0, EVERY - NEAR) if at_times else 0.0
         self._at_times = at_times
-        self._free = (grid.clearance >= parameters.radius + grid.resolution * 0.75).tolist()
+        self._free = (grid.clearance >= RADIUS + grid.resolution * 0.75).tolist()
         self._open = grid.free.tolist()
         self._peers = [self._born() for _ in range(count)]
 
@@ -308,7 +287,7 @@ class Crowd:
 
         `step`: since the call before, s.
         """
-        present = not self._at_times or 0 <= time % self._told.every - self._begin < self._told.near
+        present = not self._at_times or 0 <= time % EVERY - self._begin < NEAR
         for peer in self._peers:
             self._move(peer, robot, step, present)
         return np.array([peer.at or (math.nan, math.nan) for peer in self._peers]).reshape(-1, 2)
@@ -320,12 +299,12 @@ class Crowd:
 
     def _change_mind(self, peer: _Peer) -> None:
         distance, rate, side = self._generator.random(3).tolist()
-        peer.distance = self._told.nearest + distance * (self._told.farthest - self._told.nearest)
-        peer.rate = (2 * rate - 1) * self._told.circling
+        peer.distance = NEAREST + distance * (FARTHEST - NEAREST)
+        peer.rate = (2 * rate - 1) * CIRCLING
         peer.side = 1.0 if side < 0.5 else -1.0
 
     def _move(self, peer: _Peer, robot: Point, step: float, present: bool) -> None:
-        if self._generator.random() < self._told.whim:
+        if self._generator.random() < WHIM:
             self._change_mind(peer)
         peer.bearing += peer.rate * step
         if not present:
@@ -341,7 +320,7 @@ class Crowd:
         x = robot.x + peer.distance * math.cos(peer.bearing)
         y = robot.y + peer.distance * math.sin(peer.bearing)
         apart = math.hypot(x - here.x, y - here.y)
-        way = min(apart, self._told.speed * step)
+        way = min(apart, PEER_SPEED * step)
         if apart < 1e-6 and self._has_room(here, robot, peer):
             return here
         direction = math.atan2(y - here.y, x - here.x)
@@ -349,7 +328,7 @@ class Crowd:
             if turn == 120.0 and self._has_room(here, robot, peer):
                 return here
             # who gives way does so at full speed, however near the wish is
-            length = way if turn <= 90.0 else self._told.speed * step
+            length = way if turn <= 90.0 else PEER_SPEED * step
             for side in (peer.side, -peer.side):
                 angle = direction + side * math.radians(turn)
                 there = Point(here.x + length * math.cos(angle), here.y + length * math.sin(angle))
@@ -359,10 +338,9 @@ class Crowd:
 
     def _entrance(self, peer: _Peer, robot: Point) -> Point | None:
         """A random place in the robot's sight for a peer to come in at; None if none was found."""
-        told = self._told
-        for _ in range(told.tries):
+        for _ in range(TRIES):
             distance, angle = self._generator.random(2).tolist()
-            distance = told.nearest + distance * (told.farthest - told.nearest)
+            distance = NEAREST + distance * (FARTHEST - NEAREST)
             angle *= math.tau
             there = Point(robot.x + distance * math.cos(angle), robot.y + distance * math.sin(angle))
             if self._has_room(there, robot, peer) and self._sees(robot, there):
@@ -373,12 +351,12 @@ class Crowd:
     def _has_room(self, there: Point, robot: Point, peer: _Peer) -> bool:
         """True if the peer can stand there: within its distances from the robot, off walls and the others."""
         apart = there.distance_to(robot)
-        if not self._told.nearest <= apart <= self._told.farthest or not self._on(self._free, there):
+        if not NEAREST <= apart <= FARTHEST or not self._on(self._free, there):
             return False
         for other in self._peers:
             if other is peer or other.at is None:
                 continue
-            if there.distance_to(other.at) < 2 * self._told.radius:
+            if there.distance_to(other.at) < 2 * RADIUS:
                 return False
         return True
 
@@ -484,10 +462,9 @@ def _scans(
     draws = generator(setup.seed, "localisation/sensor", ROBOT)
     sensors = RangeSensors(place.grid, [place.model], [draws])
     scans = np.empty((len(truth), place.model.sensor.rays), np.uint16)
-    radius = CrowdParameters().radius
     for k, pose in enumerate(truth):
         there = peers[k][~np.isnan(peers[k, :, 0])]
-        discs = np.column_stack([there, np.full(len(there), radius)])
+        discs = np.column_stack([there, np.full(len(there), RADIUS)])
         scans[k] = sensors.scan([0], pose[None, :], discs)[0]
     return scans
 

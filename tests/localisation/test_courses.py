@@ -12,7 +12,7 @@ from actors.geometry import Point
 from actors.world.uncertainty import Uncertainty
 from benchmarks.localisation.comparison import root_mean_square
 from benchmarks.localisation.tracking import FilterRun, Preset, beside_truth, localisation, replay
-from tests.localisation.courses import APARTMENT, CORRIDOR, MAZE, CrowdParameters, Setup, drive
+from tests.localisation.courses import APARTMENT, CORRIDOR, MAZE, NEAREST, RADIUS, Setup, drive
 
 Record = Callable[[str, object], None]
 ALONE: Final = Setup()
@@ -110,14 +110,14 @@ def test_a_lost_robot_finds_itself(
 
 
 def test_courses_keep_off_walls_and_other_robots() -> None:
-    course, crowd = drive(replace(CROWD, plan=CORRIDOR, seconds=40.0)), CrowdParameters()
+    course = drive(replace(CROWD, plan=CORRIDOR, seconds=40.0))
     again = drive.__wrapped__(replace(CROWD, plan=CORRIDOR, seconds=40.0))
     for name in ("truth", "odometry", "scans"):
         np.testing.assert_array_equal(getattr(course, name), getattr(again, name))
     clearances = [course.grid.clearance_at(Point(*pose[:2]), 1.0) for pose in course.truth.tolist()]
-    assert min(clearances) >= crowd.radius
+    assert min(clearances) >= RADIUS
     alone = drive(replace(CROWD, plan=CORRIDOR, robots=0, seconds=40.0))
     np.testing.assert_array_equal(course.truth, alone.truth)
     assert (course.scans != alone.scans).mean() > 0.2
-    nearest = (crowd.nearest - crowd.radius - math.hypot(course.sensor.x, course.sensor.y)) * 1000
+    nearest = (NEAREST - RADIUS - math.hypot(course.sensor.x, course.sensor.y)) * 1000
     assert course.scans[course.scans != alone.scans].min() > nearest - 1
