@@ -211,10 +211,7 @@ def wrong(change: Callable[[Thermometer], object]) -> type[Knowledge]:
             lambda one: Thermometer(id="a"),
             "Wrong.go of 'a' at 1.5 s gives a Thermometer; it should give the next Wrong",
         ),
-        (
-            lambda one: replace(one, id="b"),
-            "Wrong.go of 'a' at 1.5 s changes the id to 'b'; it should stay",
-        ),
+        (lambda one: replace(one, id="b"), "Wrong.go of 'a' at 1.5 s changes the id to 'b'; it should stay"),
     ],
 )
 def test_what_a_process_must_not_give(change: Callable[[Thermometer], object], sentence: str) -> None:

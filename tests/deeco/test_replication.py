@@ -179,9 +179,7 @@ class Near:
 
 
 def cars(
-    positions: Sequence[float],
-    relay: RelayParameters | None = RELAY,
-    ensembles: tuple[object, ...] = (),
+    positions: Sequence[float], relay: RelayParameters | None = RELAY, ensembles: tuple[object, ...] = ()
 ) -> dict[str, Node]:
     return {
         f"c{number}": Node(
@@ -261,12 +259,7 @@ def test_who_hears_it_too_strongly_leaves_it_to_those_farther_off() -> None:
 
 @pytest.mark.parametrize(
     ("below", "rssi", "wanted"),
-    [
-        (-80.0, -79.9, False),
-        (-80.0, -80.0, True),
-        (-80.0, None, True),
-        (None, -30.0, True),
-    ],
+    [(-80.0, -79.9, False), (-80.0, -80.0, True), (-80.0, None, True), (None, -30.0, True)],
 )
 def test_what_is_heard_at_the_threshold_or_at_unknown_strength_is_relayed(
     below: float | None, rssi: float | None, wanted: bool

@@ -115,10 +115,7 @@ def test_every_type_has_its_form(annotation: Any, value: Any, there: Any) -> Non
 
 def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
     (here,) = RoleBook([Sweeper, Sweeper]).pack(robot(0))
-    assert here == (
-        fingerprint(Sweeper),
-        ((45123, -12500), 1, ("r13", 3, (34234, -12500), 6), ()),
-    )
+    assert here == (fingerprint(Sweeper), ((45123, -12500), 1, ("r13", 3, (34234, -12500), 6), ()))
     got = BOOK.unpack("r12", (here,))
     value = robot(0)
     expected = Sweeper(

@@ -143,8 +143,7 @@ def test_a_singular_fit_is_told(plain: RunResult) -> None:
     study = msgspec.structs.replace(STUDY, seeds=2)
     records = [
         msgspec.structs.replace(
-            one,
-            result=msgspec.structs.replace(plain, places_done=30 + one.seed * (one.strategy == "a")),
+            one, result=msgspec.structs.replace(plain, places_done=30 + one.seed * (one.strategy == "a"))
         )
         for one in campaign(plain, study)
     ]

@@ -14,13 +14,7 @@ from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, larg
 from actors.floor.map_file import load_map
 from actors.geometry import ORIGIN, Point, Pose, wrap
 from actors.messages import NO_ECHO_MM
-from actors.robot.localisation import (
-    Amcl,
-    AmclParameters,
-    LikelihoodField,
-    beams,
-    likelihood_field,
-)
+from actors.robot.localisation import Amcl, AmclParameters, LikelihoodField, beams, likelihood_field
 from actors.robot.navigation.planning import Ground, Planner, ground
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model

@@ -102,10 +102,7 @@ def distances(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArra
 
 
 def weighed(
-    parameters: AmclParameters,
-    points: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    together: bool = True,
+    parameters: AmclParameters, points: NDArray[np.float64], poses: NDArray[np.float64], together: bool = True
 ) -> tuple[NDArray[np.float64], float, int]:
     """The weights of all but the last of some particles of different weights, the fit, and skipped beams."""
     count = poses.shape[1] - 1

@@ -129,9 +129,7 @@ def test_a_place_that_walls_contradict_is_never_given(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", sampled(range(3), SAMPLE))
-def test_off_its_map_it_gives_hardly_anything_and_nothing_that_walls_contradict(
-    seed: int,
-) -> None:
+def test_off_its_map_it_gives_hardly_anything_and_nothing_that_walls_contradict(seed: int) -> None:
     """The robot is in a house that is not on the map."""
     for plan, here in (
         (FIELD, scans(APARTMENT, anywhere(seed), seed)),

@@ -38,8 +38,7 @@ ALL = ["chapter", *PRESETS]
 
 
 @pytest.mark.parametrize(
-    ("preset", "goal"),
-    [("disc", Point(3.4, 0.8)), ("robust", Point(3.4, 0.8)), ("robust", Point(0.8, 0.8))],
+    ("preset", "goal"), [("disc", Point(3.4, 0.8)), ("robust", Point(3.4, 0.8)), ("robust", Point(0.8, 0.8))]
 )
 def test_it_reaches_a_goal_round_a_corner_and_touches_nothing(preset: str, goal: Point) -> None:
     pilot = Pilot(CORNERS, Pose(0.8, 2.6, 0.0), goal, preset=preset)

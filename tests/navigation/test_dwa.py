@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from actors.robot.cost_maps.cell_distance import squared_within
 from actors.robot.cost_maps.footprint import outline
 from actors.robot.cost_maps.inflation import Inflation
-from actors.robot.local_planning.dwa import (
-    CRITICS,
-    INVALID,
-    CheapestVelocity,
-    Singles,
-    cheapest,
-    samples,
-)
+from actors.robot.local_planning.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
 from actors.robot.local_planning.map_grid import wavefront
 from benchmarks import navigation as original
 from tests.navigation.dwa_twin import Numbers, Twin
