@@ -29,7 +29,7 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.failure import FailureNote, failure_note, own_frames
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
-from deploy.run.household import exits_caught
+from deploy.run.memory_swarm import exits_caught
 from deploy.run.plan import Debugged, RunPlan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario, robot_setup
 

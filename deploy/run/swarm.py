@@ -22,7 +22,7 @@ from actors.processes.resource_watch import ResourceWatch
 from actors.processes.robot_logs import check_names, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.silence import HoldUp, Timeout
-from actors.processes.turn_board import warded
+from actors.processes.warden import warded
 from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus

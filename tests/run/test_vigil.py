@@ -11,7 +11,7 @@ import pytest
 from actors.messages import Progress
 from actors.processes.launch import Child, Program
 from actors.processes.silence import Telling, Timeout
-from deploy.run.vigil import Vigil
+from deploy.run.supervisor import Vigil
 
 AWAITED = Progress(3, 300_000, 1, 0, False, awaited=("r2",), awaits="step 3 (0.3 s): no Drive from r2")
 
