@@ -17,7 +17,7 @@ from tests.cli.test_acrc import extras_of
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
     "rerun": "observe", "websockets": "control", "pyarrow": "observe experiments", "distributed": "cluster",
-    "matplotlib": "pictures", "scipy": "experiments",
+    "matplotlib": "pictures", "jinja2": "pictures cluster docs", "scipy": "experiments",
     "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
     "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
 }  # fmt: skip
