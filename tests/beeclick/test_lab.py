@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 
 from actors.instant import START, Instant, milliseconds, seconds
-from actors.messages import Heard
 from actors.radio.radio_model import RadioSetup, radio_model
-from deeco.replication.fragments import Fragmenter, Reassembly
 from firmware_bridge.beeclick.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reception import PacketEnd
-from firmware_bridge.device_lines import Disturbance
 from firmware_bridge.serial_port import BoardPort, PortError
 from tests.beeclick.hosts import boards as row_of_boards
 from tests.beeclick.hosts import causes, states
@@ -127,59 +124,6 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     desk.send(room.now, 99, b"again")
     room.run(milliseconds(100))
     assert states(desk.events)[-1].up and ("Sent", 99) in ends(desk)
-
-
-def test_many_restarts_lose_no_packet_from_the_books() -> None:
-    room = lab(1, parameters=QUICK, poll=10_000)
-    (desk,) = room.desks
-    rng = np.random.default_rng(5)
-    tag = 0
-    books: dict[int, str] = {}
-    room.run(milliseconds(50))
-    for _ in range(150):
-        for _ in range(int(rng.integers(0, 6))):
-            desk.send(room.now, tag, b"x" * 60)
-            tag += 1
-        room.run(milliseconds(float(rng.integers(1, 40))))
-        desk.board.reboot(room.now)
-        room.run(milliseconds(260))
-        assert desk.link.phase is LinkPhase.READY
-        for kind, one in ends(desk):
-            assert one not in books
-            books[one] = kind
-        desk.events.clear()
-    desk.unplug(room.now)
-    assert len(books) + len(ends(desk)) + desk.link.waiting == tag
-    assert {"Sent", "UnconfirmedPacket"} <= set(books.values())
-    assert desk.link.counters["ups"] == 151
-
-
-def test_what_the_line_damages_in_a_packet_the_components_checksum_finds() -> None:
-    """Also where the host does not go by the frame check sequence."""
-    room = lab(2, parameters=BeeClickParameters(drop_bad_fcs=False))
-    sender, receiver = room.desks
-    room.run(milliseconds(50))
-    sender.send(room.now, 7, b"")
-    room.run(milliseconds(50))
-    assert ends(sender) == [("Sent", 7)]
-    assert [(e.sender, e.data) for e in receiver.events if isinstance(e, Heard)] == [(1, b"")]
-    receiver.events.clear()
-    fragmenter, reassembly = Fragmenter(1), Reassembly()
-    rng = np.random.default_rng(1)
-    wanted = [rng.bytes(40) for _ in range(60)]
-    got: list[bytes] = []
-    receiver.to_host = Disturbance(change=0.005)
-    for number, packet in enumerate(wanted):
-        (frame,) = fragmenter.frames([packet])
-        sender.send(room.now, number, frame)
-        room.run(milliseconds(100))
-    for event in receiver.events:
-        if isinstance(event, Heard):
-            got += reassembly.take(Instant(event.instant), event.sender, event.data)
-    assert set(got) <= set(wanted)
-    assert reassembly.counters()["bad_checksum"] > 0
-    assert receiver.link.counters["bad_fcs"] >= reassembly.counters()["bad_checksum"]
-    assert len(got) > 30
 
 
 class Terminal:

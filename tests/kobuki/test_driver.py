@@ -27,7 +27,6 @@ from firmware_bridge.kobuki.wire import (
     Command,
     GeneralOutput,
     SoundSequence,
-    encode_frame,
 )
 from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 from tests.kobuki.drives import Rig
@@ -139,10 +138,6 @@ def test_a_noisy_line_loses_frames_and_no_more() -> None:
     truth = rig.body.truth().pose
     odometry = rig.driver.odometry.read()
     assert (odometry.x, odometry.y) == pytest.approx((truth.x - 10, truth.y - 10), abs=0.02)
-
-
-def test_the_last_word_is_to_stand() -> None:
-    assert Rig().driver.farewell() == encode_frame(bytes.fromhex("01 04 00 00 00 00"))
 
 
 def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:

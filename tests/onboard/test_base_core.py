@@ -203,22 +203,14 @@ def test_a_restarted_robot_is_taken_along_and_owes_nothing() -> None:
     assert len(stage.at(3 * STEP)) == 1 and stage.core.overruns == 0
 
 
-def test_the_bridge_hears_of_a_new_epoch_before_the_robot_of_its_first_step() -> None:
-    stage = Stage()
-    first_step(stage)
-    assert len(stage.at(STEP + 60_000, at(READY, "r1"), Ready(0, "r1", 5, ""))) == 0
-    (truth,) = stage.at(2 * STEP)
-    assert isinstance(truth, Truth) and truth.robots[0].epoch == 5
-    assert [type(message) for message in stage.aired(2 * STEP + 100, 1)] == [Senses]
-
-
 def test_what_a_slow_bridge_says_of_a_robot_that_has_ended_is_not_counted_for_its_successor() -> None:
     """It would wait for a Received that has gone to nobody, for ever."""
     stage = Stage()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
     stage.at(2 * STEP + 60_000, at(READY, "r1"), Ready(0, "r1", 1, ""))
-    assert [type(message) for message in stage.at(3 * STEP)] == [Truth], "asked again, of the new one"
+    (truth,) = stage.at(3 * STEP)
+    assert isinstance(truth, Truth) and truth.robots[0].epoch == 1, "asked again, of the new one"
     assert stage.aired(3 * STEP + 100, 1, events=4) == [], "the answer to the first"
     (senses,) = stage.aired(3 * STEP + 200, 1)
     assert isinstance(senses, Senses) and senses.events == 0
