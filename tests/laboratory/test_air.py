@@ -1,4 +1,4 @@
-"""One air: boards and simulated transceivers hear what a simulated radio reports; the line without a board."""
+"""One air: boards and simulated transceivers hear what a simulated radio reports."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
