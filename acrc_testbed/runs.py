@@ -58,7 +58,7 @@ class Run:
         from actors.runtime.isolation.sandbox import choose
         from observation.export import parquet_files, rows
         from observation.replay.run_recordings import all_recordings
-        from observation.replay.trust import check_trust
+        from observation.replay.sandboxed_calls import check_trust
 
         permit = self._permit(modules, trust=trust)
         for actor in all_recordings(self.folder):

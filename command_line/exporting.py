@@ -68,7 +68,7 @@ def export(
 def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bool) -> None:
     from actors.runtime import regular_file
     from observation.replay.run_recordings import recordings
-    from observation.replay.trust import check_trust
+    from observation.replay.sandboxed_calls import check_trust
 
     for actor in recordings(out):
         check_trust(out, actor, permit)

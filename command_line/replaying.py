@@ -137,7 +137,7 @@ def _one(
     from deploy.branches import swarm_replay
     from observation.replay import debugging
     from observation.replay.record_replay import Onlook, replay_actor
-    from observation.replay.trust import check_trust
+    from observation.replay.sandboxed_calls import check_trust
 
     permit = permit_of(words[0], trust=words[1])
     if strategy is None:

@@ -28,8 +28,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.tables import Scenario
-from observation.replay.record_check import check
-from observation.replay.record_pass import STAMP, read_pass
+from observation.replay.record_check import STAMP, check, read_pass
 from observation.replay.recorded_orders import OrderBus, recorded_orders
 from observation.replay.run_recordings import all_recordings, recordings
 from observation.results.result import BranchOrigin, RunResult

@@ -18,12 +18,11 @@ from cleaning.strategies import entry
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
-from observation.replay.record_check import check
-from observation.replay.record_pass import STAMP, read_pass
+from observation.replay.record_check import STAMP, check, read_pass
 from observation.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
 from observation.replay.recorded_orders import OrderBus, recorded_orders
 from observation.replay.run_recordings import all_recordings
-from observation.replay.trust import say_unhashed
+from observation.replay.sandboxed_calls import say_unhashed
 
 SCENARIO: Final = "scenario.toml"
 _FOREVER: Final = 1 << 62

@@ -17,7 +17,7 @@ from deeco.replication.fragments import HEADER
 from observation.evidence.recorded import taken
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import all_recordings
-from observation.trace.fates import Fates, fate_name, read_fates
+from observation.trace.frame_fates import Fates, fate_name, read_fates
 from observation.trace.rows import Arrival
 
 _TOGETHER_US: Final = 2_000_000

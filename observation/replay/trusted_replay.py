@@ -15,8 +15,7 @@ from actors.runtime.recording.reading import report_damage
 from observation.replay.record_replay import ReplayReport, replay_actor
 from observation.replay.replay_program import ReplayAnswer
 from observation.replay.run_recordings import all_recordings
-from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
-from observation.replay.trust import check_trust
+from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask, check_trust
 
 BOUNDS: Final = Bounds(1 << 16)
 """A difference between two messages is one sentence, with both of them in it."""

@@ -14,7 +14,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from observation.recordings.topics import is_closed
 from observation.replay.run_recordings import recordings
-from observation.replay.sandboxed_calls import Call, failed, start, told
+from observation.replay.sandboxed_calls import Call, failed, program_words, start
 from observation.trace.coding import PART, TraceError, decode, parts
 from observation.trace.kept import inputs, keep
 from observation.trace.rows import Trace
@@ -62,7 +62,7 @@ class Followed:
                 continue
             try:
                 call = Call(actor, (actor,), ("--follow",))
-                words = told(self._out, call, permit=self._permit, isolate=self._isolate)
+                words = program_words(self._out, call, permit=self._permit, isolate=self._isolate)
                 if self._launched is None:
                     self._launched = self._stack.enter_context(launcher("forkserver"))
                 child = start(self._launched, _PROGRAM, self._home, call, words)

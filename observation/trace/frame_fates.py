@@ -1,4 +1,4 @@
-"""What became of every frame, and of each at every other robot; from replaying the radio.
+"""Fates of frames and their copies, from a replay of the radio: whole, as arrays, and while a run goes on.
 
 Recordings have what was heard. Who has not heard a frame, and why, the medium knows alone. It is this
 project's own code, so it is replayed in this process; what came of it is kept like a robot's trace.
@@ -7,8 +7,9 @@ project's own code, so it is replayed in this process; what came of it is kept l
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, Self, cast
 
 import msgspec
 import numpy as np
@@ -20,7 +21,8 @@ from actors.radio.medium.state import Kind, Outcome
 from actors.radio.radio_model import RadioSetup
 from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
-from observation.replay.record_replay import Onlook, replay_actor
+from observation.replay.growing_replay import GrowingReplay
+from observation.replay.record_replay import Onlook, made_again, replay_actor
 from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.trace.kept import inputs, keep, kept
@@ -174,3 +176,93 @@ class FrameWatch:
             if outcome != Outcome.NOT_COUNTED:
                 strength = 10.0 * math.log10(power) if power > 0.0 else -math.inf
                 yield CopyFate(self._ids[other], Outcome(outcome).name.lower(), round(strength, 1))
+
+
+LOSSES: Final = tuple(
+    one for one in Outcome if one not in (Outcome.HEARD, Outcome.FILTERED, Outcome.NOT_COUNTED)
+)
+"""Why a copy may be lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fates:
+    """Copies of frames, in the order of the instants at which these ended; (n,) each."""
+
+    seconds: NDArray[np.float64]
+    senders: NDArray[np.int64]
+    """Index among the robots."""
+    receivers: NDArray[np.int64]
+    outcomes: NDArray[np.int64]
+    """Of `Outcome`."""
+
+    def part(self, which: NDArray[np.bool_]) -> "Fates":
+        """Those that are wanted, (n,)."""
+        return Fates(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
+
+
+def read_fates(out: Path, robots: tuple[str, ...]) -> Fates:
+    """Of a run; its radio is replayed unless that was done before. AcrcError where that goes wrong.
+
+    `robots`: in the order of the scenario.
+    """
+    return fates_of(frame_fates(out), robots)
+
+
+def fates_of(frames: Iterable[FrameFate], robots: tuple[str, ...]) -> Fates:
+    """What became of the copies of frames; `robots`: in the order of the scenario."""
+    place = {robot: number for number, robot in enumerate(robots)}
+    filtered = Outcome.FILTERED.name.lower()
+    found = [
+        (frame.ended, place[frame.robot], place[copy.robot], Outcome[copy.fate.upper()])
+        for frame in frames
+        for copy in frame.copies
+        if copy.fate != filtered
+    ]
+    instants, senders, receivers, outcomes = np.array(found, np.int64).reshape(-1, 4).T
+    return Fates(instants / 1e6, senders, receivers, outcomes)
+
+
+def by_outcome(fates: Fates, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+    """(bins, outcomes): copies per second from `begin` on, s, by what became of them; the last bin has what
+    is later, too."""
+    table = np.zeros((bins, len(Outcome)))
+    places = np.clip(((fates.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
+    np.add.at(table, (places, fates.outcomes), 1)
+    return table / bin_s
+
+
+def fate_name(outcome: Outcome) -> str:
+    """In words: "half duplex"."""
+    return outcome.name.lower().replace("_", " ")
+
+
+class GrowingFates:
+    """Follows the radio, which is this project's own code; a context manager that closes its recording."""
+
+    def __init__(self, out: Path, robots: tuple[str, ...]) -> None:
+        """`robots`: in the order of the scenario. AcrcError where there is no radio that has begun."""
+        self._robots = robots
+        self._watch = FrameWatch()
+        self._replay = GrowingReplay(made_again(out, "radio", Onlook(self._watch.prepare)))
+        self._parts: list[bytes] = []
+        """To be kept at the end."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._replay.__exit__()
+
+    def poll(self, budget_s: float) -> tuple[Fates, float, bool]:
+        """What is new after about so long of computing; until when it is known, s; whether that is all.
+
+        Raises ReplayError where the radio does otherwise than it did, RecordingError for a damaged file.
+        """
+        whole = self._replay.advance(budget_s)
+        found, self._watch.found = self._watch.found, []
+        self._parts += [msgspec.msgpack.encode(found)] if found else []
+        if self._replay.ended and self._parts:
+            self._replay.settle()
+            keep(self._replay.path, inputs(self._replay.path), self._parts)
+            self._parts = []
+        return fates_of(found, self._robots), self._watch.instant / 1e6, whole

@@ -1,5 +1,6 @@
-"""What a robot knew, change by change, and what each change came of; taken down while it is replayed."""
+"""Changes of knowledge in a replayed robot, and the values that each one came from."""
 
+import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, NamedTuple, cast
@@ -11,12 +12,12 @@ from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.robot.behaviour.decision_log import Deciding
 from actors.runtime.core import Core, Inputs
+from deeco.explain.anatomy import ensemble_type, method_flow, methods
+from deeco.explain.dataflow import flow
 from deeco.knowledge import Knowledge, type_of
 from deeco.local import Commit
 from deeco.replication.network import Replica
-from observation.trace.dependence import Dependence, dependence
-from observation.trace.orders import OrderWatch
-from observation.trace.points import KnownPoints
+from observation.trace.orders import KnownPoints, OrderWatch
 from observation.trace.rows import (
     Arrival,
     Changed,
@@ -27,6 +28,51 @@ from observation.trace.rows import (
     ReplicaRead,
 )
 from observation.trace.words import in_words, seconds
+
+
+class Dependence(NamedTuple):
+    """What a process or an exchange reads."""
+
+    own: tuple[str, ...]
+    """Fields of the component's own."""
+    peer: tuple[str, ...]
+    """Fields of the peer, for an exchange."""
+
+
+def dependence(
+    kind: type[Knowledge], by: str, ensembles: tuple[object, ...], *, exchange: bool
+) -> Dependence:
+    """What is read by the process or exchange `by` of a component; nothing where the source does not say."""
+    owner, _, name = by.rpartition(".")
+    if not exchange:
+        function = getattr(kind, name, None)
+        if function is None:
+            return Dependence((), ())
+        own = next(iter(inspect.signature(function).parameters))
+        return Dependence(flow(function, {own: kind}).read(own), ())
+    for one in ensembles:
+        described = ensemble_type(type(one))
+        if described is not None and described.name == owner:
+            return _of_exchange(type(one), name, kind)
+    return Dependence((), ())
+
+
+def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence:
+    """Membership and exchange together: both had to agree."""
+    described = ensemble_type(ensemble)
+    assert described is not None
+    local = name.removeprefix("at_")
+    own: dict[str, None] = {}
+    peer: dict[str, None] = {}
+    for method in methods(described):
+        if method.name not in ("membership", name):
+            continue
+        found = method_flow(ensemble, method, local, kind)
+        other = next(side for side, _ in method.sides if side != local)
+        own |= dict.fromkeys(found.read(local))
+        peer |= dict.fromkeys(found.read(other))
+    return Dependence(tuple(own), tuple(peer))
+
 
 ABSENT: Final = object()
 """Stands where a mapping has no such key."""

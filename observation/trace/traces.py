@@ -9,8 +9,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime.recording.reading import report_damage
 from observation.replay.recorded_setup import run_of
 from observation.replay.run_recordings import all_recordings
-from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
-from observation.replay.trust import check_trust
+from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask, check_trust
 from observation.trace.coding import MOST_BYTES, TraceError, decode, joined, parts
 from observation.trace.kept import inputs, keep, kept
 from observation.trace.rows import Trace

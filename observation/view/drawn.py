@@ -23,7 +23,7 @@ from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer, ExplanationError
 from observation.replay.run_recordings import recordings
 from observation.results.hosts_file import elsewhere, where
-from observation.trace.fates import read_fates
+from observation.trace.frame_fates import read_fates
 from observation.trace.traces import traces
 from observation.view.painting import Painting, arrangement, looked_into
 from observation.view.story import Source, Story, collected_story, simulated_story

@@ -23,7 +23,7 @@ from observation.recordings.topics import Standing, standing
 from observation.replay.run_recordings import recordings
 from observation.trace.collector import PERIOD
 from observation.trace.following import Followed
-from observation.trace.growing_fates import GrowingFates
+from observation.trace.frame_fates import GrowingFates
 from observation.trace.traces import Traced
 from observation.view.drawn import Say
 from observation.view.painting import Painting, looked_into

@@ -15,7 +15,7 @@ from actors.observer.glyphs import FATES
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
 from observation.explanation.explain import Explanation
-from observation.trace.fates import LOSSES, Fates, fate_name
+from observation.trace.frame_fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace
 from observation.view.painted_inside import DrawnParts, PaintedInside, RobotLane, Way
 from observation.view.plots import Happenings, Plots, name

@@ -19,7 +19,7 @@ from observation.trace import traces as tracing
 from observation.trace.coding import PART
 from observation.trace.frame_fates import frame_fates, replayed
 from observation.trace.knowledge import ABSENT, PathDifference, differences, root
-from observation.trace.points import KnownPoints
+from observation.trace.orders import KnownPoints
 from observation.trace.program import whole
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces

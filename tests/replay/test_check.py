@@ -23,8 +23,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from observation.replay.record_check import check
-from observation.replay.record_pass import CheckError
+from observation.replay.record_check import CheckError, check
 from observation.replay.record_replay import replay_actor
 from tests.in_process import acrc
 from tests.replay.forging import forge, with_payload

@@ -12,7 +12,7 @@ from actors.task.words import PlaceKey
 from cleaning.cleaner import State
 from observation.evidence.run_evidence import RunEvidence
 from observation.trace.coding import PART, TraceError, decode, encode
-from observation.trace.fates import by_outcome, read_fates
+from observation.trace.frame_fates import by_outcome, read_fates
 from observation.trace.program import whole
 from observation.trace.rows import ACTIVITIES, Trace
 from observation.trace.words import in_words
