@@ -126,11 +126,11 @@ class RadioSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robots: tuple[tuple[str, int], ...]
     """Id and short address (IEEE 802.15.4) of every robot, in the order of the scenario."""
     preset: str = "chapter"
-    """Name of the model's parameters, see `presets.PRESETS`."""
+    """Name of the model's parameters, see `PRESETS`."""
     map: str = ""
     """Path of the floor plan's YAML; empty: there are no walls."""
     walls: str | None = None
-    """Material of what the floor plan has as occupied, see `materials.MATERIALS`."""
+    """Material of what the floor plan has as occupied, see `walls.MATERIALS`."""
     patches: tuple[WallPatch, ...] = ()
     """Where it is of another one."""
     shadowing_db: float | None = None

@@ -227,13 +227,13 @@ class PropagationParameters:
     path_loss: PathLossParameters = field(default_factory=PathLossParameters)
     """Over distance, in line of sight."""
     walls: str = "air"
-    """Material of what the floor plan has as occupied (`materials.MATERIALS`); "air": walls cost nothing."""
+    """Material of what the floor plan has as occupied (`walls.MATERIALS`); "air": walls cost nothing."""
     shadowing: ShadowingParameters = field(default_factory=ShadowingParameters)
     """Random differences between places."""
 
 
 class IndoorPropagation:
-    """A `channel.Propagation`: path loss, the walls of a floor plan, shadowing.
+    """A `medium.Propagation`: path loss, the walls of a floor plan, shadowing.
 
     The loss depends on the two places and on the draws at construction alone, is the same in both directions,
     to the last bit, and never below 0 dB.

@@ -1,4 +1,4 @@
-"""What disturbs the medium and is no transceiver on it: Wi-Fi stations and jammers (`channel.Interferer`)."""
+"""What disturbs the medium and is no transceiver on it: Wi-Fi stations and jammers (`medium.Interferer`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -87,7 +87,7 @@ class Wifi:
         self._drawn_until = self._forgotten = 0
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """As `channel.Interferer` says; asking for an earlier time than before draws all anew."""
+        """As `medium.Interferer` says; asking for an earlier time than before draws all anew."""
         if since_ns < self._forgotten:
             self._begin_anew()
         while self._drawn_until < until_ns:
@@ -100,14 +100,14 @@ class Wifi:
         return found
 
     def power_dbm(self, receivers: Floats) -> Floats:
-        """As `channel.Interferer` says."""
+        """As `medium.Interferer` says."""
         flat = receivers.reshape(-1, 2)
         loss = self._propagation.loss_db(self._place, flat)
         power: Floats = self._radiated_dbm - loss.reshape(receivers.shape[:-1])
         return power
 
     def over(self, now_ns: int) -> bool:
-        """As `channel.Interferer` says: never."""
+        """As `medium.Interferer` says: never."""
         return False
 
     def _begin_anew(self) -> None:
@@ -140,16 +140,16 @@ class Jammer:
     until_ns: int
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """As `channel.Interferer` says: one."""
+        """As `medium.Interferer` says: one."""
         if since_ns <= self.since_ns < until_ns and self.since_ns < self.until_ns:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
         return _NONE
 
     def over(self, now_ns: int) -> bool:
-        """As `channel.Interferer` says."""
+        """As `medium.Interferer` says."""
         return self.until_ns < now_ns
 
     def power_dbm(self, receivers: Floats) -> Floats:
-        """As `channel.Interferer` says."""
+        """As `medium.Interferer` says."""
         away = np.square(receivers[..., 0] - self.x) + np.square(receivers[..., 1] - self.y)
         return np.where(away <= self.radius * self.radius, DROWNING_DBM, -np.inf)

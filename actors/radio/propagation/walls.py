@@ -143,7 +143,7 @@ class WallPatch:
     """A rectangle of the floor in which what is occupied is of a material of its own."""
 
     material: str
-    """Name, see `materials.MATERIALS`."""
+    """Name, see `walls.MATERIALS`."""
     x: tuple[float, float]
     """From west to east, m."""
     y: tuple[float, float]
