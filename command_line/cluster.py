@@ -32,7 +32,7 @@ def start(address: Address) -> None:
 
     It listens at the address, by which others reach this computer.
     """
-    from deploy.clusters.connection import host_and_port, plain
+    from deploy.clusters.address import host_and_port, plain
 
     place = plain(address, "ADDRESS")
     host, port = host_and_port(place)
@@ -53,7 +53,8 @@ def join(
     The first time it installs and compiles what that needs.
     """
     from actors.processes.kernels import compile_kernels
-    from deploy.clusters.connection import PATIENCE_S, plain, security
+    from deploy.clusters.address import plain
+    from deploy.clusters.connection import PATIENCE_S, security
 
     place = plain(address, "ADDRESS")
     if place.startswith("tls://"):
@@ -74,7 +75,7 @@ def fetch(
     json: Json = False,
 ) -> None:
     """Bring what a run has left on other computers, and remove it there."""
-    from deploy.clusters.connection import plain
+    from deploy.clusters.address import plain
     from deploy.hosts.fetching import fetch
     from observation.recordings.topics import goes_on
 

@@ -174,7 +174,7 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
-    from deploy.clusters.connection import plain
+    from deploy.clusters.address import plain
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 

@@ -16,7 +16,7 @@ from actors.installation.usage import typed
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.sandbox import choose
-from deploy.clusters.connection import plain
+from deploy.clusters.address import plain
 from deploy.run.progress import lines
 from experiments.campaign import campaign, plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions

@@ -16,15 +16,8 @@ from distributed import Client
 
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
-from deploy.clusters.connection import (
-    PAGE,
-    PATIENCE_S,
-    ClusterError,
-    answer,
-    connect,
-    host_and_port,
-    machines,
-)
+from deploy.clusters.address import PAGE, host_and_port
+from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
 from deploy.hosts.channel import ERRAND, FOLDER, PART, RUN, FilePart, HostErrand
 from observation.results import hosts_file
 from observation.results.hosts_file import HostPart, HostsFile, LeftFile, Size, Sum

@@ -21,15 +21,8 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance
-from deploy.clusters.connection import (
-    PAGE,
-    PATIENCE_S,
-    ClusterError,
-    answer,
-    connect,
-    host_and_port,
-    machines,
-)
+from deploy.clusters.address import PAGE, host_and_port
+from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
 from deploy.hosts import certificates, host_probe, host_program
 from deploy.hosts.channel import (
     PART,

@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.processes.last_word import last_line, where_it_crashed, where_it_stands
@@ -20,7 +20,9 @@ from actors.runtime.lifecycle.failure import FailureNote, in_words
 from actors.runtime.lifecycle.process_table import ProcessGlance, glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded
 from actors.topic import Message, Topic
-from deploy.hosts.run_hosts import HostedLauncher
+
+if TYPE_CHECKING:  # it needs the packages of a cluster
+    from deploy.hosts.run_hosts import HostedLauncher
 
 
 def on_host(children: Iterable[Child], actor: str) -> str:
@@ -132,7 +134,7 @@ class Supervisor:
 
     def __init__(
         self,
-        launcher: Launcher | HostedLauncher,
+        launcher: "Launcher | HostedLauncher",
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
         timeout: Timeout,

@@ -19,7 +19,8 @@ import pytest
 import yaml
 
 from actors.installation.usage import OptionError
-from deploy.clusters.connection import ClusterError, check, is_safe, refuse_open, security
+from deploy.clusters.address import check, is_safe
+from deploy.clusters.connection import ClusterError, refuse_open, security
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

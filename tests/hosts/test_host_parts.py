@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
-from deploy.clusters.connection import plain
+from deploy.clusters.address import plain
 from deploy.hosts import certificates, channel, host_program
 from deploy.hosts.channel import (
     LONGEST,
