@@ -1,12 +1,9 @@
 """Pictures have what they are for, look the same every time, and are made by commands."""
 
 import io
-import os
 import re
 import shutil
 import subprocess
-import tempfile
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,9 +17,9 @@ from actors.installation.usage import OptionError
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from command_line import look as look_commands
+from deploy.run import demonstration
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
-from tests import warm
 from tests.in_process import acrc
 from tests.recorded_runs import record
 
@@ -265,17 +262,16 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
         moving.write(evidence, tmp_path / "run.mp4", 500.0)
 
 
-@pytest.fixture
-def short() -> Iterator[Path]:
-    """A folder with a path shorter than pytest's, as sockets will lie in it."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        yield Path(name)
-
-
-def test_the_demonstration_shows_the_problem_and_its_cure(short: Path) -> None:
-    done = warm.run(["demo"], short, os.environ, 100.0, finds_cwd=False)
+def test_the_demonstration_shows_the_problem_and_its_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over_processes = demonstration.demonstrate
+    monkeypatch.setattr(
+        demonstration, "demonstrate", lambda options: over_processes(replace(options, bus="memory"))
+    )
+    done = acrc("demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    (out,) = (short / "runs").iterdir()
+    (out,) = (tmp_path / "runs").iterdir()
     without, adapted, pictures = done.stdout.splitlines()
     assert without == (
         "Without adaptation: 0 of 6 places are clean by 150 s. One robot wants out of the office, one wants "
