@@ -13,7 +13,7 @@ COMMANDS: Final = {
     "compare": ("command_line.experiments.app", "compare"),
     "bundle": ("command_line.experiments.app", "bundle"),
     "report": ("command_line.experiments.app", "report"),
-    "study": ("command_line.experiments.study_app", "app"),
+    "study": ("command_line.experiments.app", "study_app"),
     "docs": ("command_line.documentation", "docs"),
     "verify": ("command_line.bench.verify", "verify"),
     "bench": ("command_line.bench.bench", "bench"),

@@ -1,4 +1,4 @@
-"""The commands of experiments, each by itself."""
+"""Command lines of experiments: campaign, compare, causes, report, bundle, study."""
 
 from pathlib import Path
 from typing import Annotated
@@ -96,7 +96,7 @@ def campaign(
     It runs each strategy in each variant of a scenario. An interrupted campaign is resumed.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from command_line.experiments import campaign_command
+    from command_line.experiments import campaigns
     from experiments.campaign.campaign import CampaignOptions
     from experiments.study.study_wishes import StudyWishes
 
@@ -114,9 +114,7 @@ def campaign(
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
     permit = permit_of(modules, trust=trust)
-    campaign_command.run(
-        wishes, out, options, permit, plan=plan, until_decided=until_decided, json_output=json
-    )
+    campaigns.campaign(wishes, out, options, permit, plan=plan, until_decided=until_decided, json_output=json)
 
 
 def causes(
@@ -130,9 +128,9 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    from command_line.experiments import causes_command
+    from command_line.experiments import results
 
-    causes_command.run(folder, json_output=json)
+    results.causes(folder, json_output=json)
 
 
 def compare(
@@ -148,9 +146,9 @@ def compare(
     json: Json = False,
 ) -> None:
     """Say which strategies differ, by how much, how surely."""
-    from command_line.experiments import compare_command
+    from command_line.experiments import results
 
-    compare_command.run(folder, metric, json_output=json)
+    results.compare(folder, metric, json_output=json)
 
 
 def report(
@@ -169,9 +167,9 @@ def report(
     json: Json = False,
 ) -> None:
     """Write an HTML report of runs, with the data behind it."""
-    from command_line.experiments import report_command
+    from command_line.experiments import campaigns
 
-    report_command.run(folders, out, json=json)
+    campaigns.report(folders, out, json=json)
 
 
 def bundle(
@@ -186,6 +184,75 @@ def bundle(
     json: Json = False,
 ) -> None:
     """Pack a campaign so that others can check and repeat it."""
-    from command_line.experiments import bundle_command
+    from command_line.experiments import campaigns
 
-    bundle_command.run(folder, out, tuple(author or ()), json=json)
+    campaigns.bundle(folder, out, tuple(author or ()), json=json)
+
+
+def plan(
+    a12: Annotated[
+        float,
+        typer.Option(metavar="A", min=0.0, max=1.0, help="Effect size to detect (Vargha and Delaney's A12)."),
+    ] = 0.71,
+    power: Annotated[
+        float, typer.Option(metavar="P", min=0.5, max=0.999, help="Probability of detecting it.")
+    ] = 0.9,
+    correlation: Annotated[
+        float,
+        typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
+    ] = 0.0,
+    comparisons: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, max=1000, help="Number of declared comparisons that share the 5 %."),
+    ] = 1,
+    pilot: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Draw campaigns from this one, and judge them."),
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Compute how many pairs of runs an effect needs."""
+    from command_line.experiments import results
+
+    if pilot is not None:
+        results.plan_from_pilot(pilot, metric, power, comparisons, json=json)
+    else:
+        results.plan(a12, power, correlation, comparisons, json=json)
+
+
+def freeze(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY.toml", show_default=False, help="What is to be compared.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File for the plan.  [default: STUDY.frozen.json beside it]"),
+    ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option("--until-decided", help="Plan interim looks, as the campaign's --until-decided."),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Freeze a study before its first run, and print the plan's SHA-256.
+
+    The plan has the commit, margins, primary comparisons, number of seeds, stop rule, and a hash of every
+    file that the study reads. Campaigns are held against it, and acrc compare says what was declared before.
+    """
+    from command_line.experiments import campaigns
+
+    campaigns.freeze(study, out, until_decided=until_decided, json=json)
+
+
+study_app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Plan a study, and freeze the plan.",
+)
+for _command in (plan, freeze):
+    study_app.command()(_command)

@@ -76,6 +76,7 @@ class Failures(NamedTuple):
     lost: int
     no_trajectory: int
     """Spells without a valid trajectory that ended by themselves."""
+    aborted_without_plan: int
     blocked: int
     at_end: int
     """Blockings that last to the end of the run."""
@@ -97,6 +98,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
     return Failures(
         lost=sum(len(lost(errors[:, robot])) for robot in range(robots)),
         no_trajectory=result.navigation.no_valid_trajectory.get("itself", 0),
+        aborted_without_plan=result.navigation.aborted.get("no plan", 0),
         blocked=len(blocked),
         at_end=sum(one.end == len(tracks.true) for one in blocked),
         in_passages=sum(bool(floor.passages.at(each, STANDARD.beside).any()) for each in middles),

@@ -12,7 +12,7 @@ import pytest
 
 from actors.installation import version
 from actors.runtime.errors import AcrcError
-from command_line.experiments import freeze_command
+from command_line.experiments import campaigns
 from experiments.bundle import bundle
 from experiments.campaign import plan_taken, store
 from experiments.campaign.trial_record import TrialRecord, keep
@@ -49,13 +49,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     scenario = (ROOT / "scenarios" / "corridor.toml").read_text()
     (tmp_path / "corridor.toml").write_text(scenario.replace("../maps/", ""))
     (tmp_path / "study.toml").write_text(STUDY)
-    for module in (freeze_command, plan_taken, store):
+    for module in (campaigns, plan_taken, store):
         monkeypatch.setattr(module, "software", lambda: COMMIT)
     return tmp_path
 
 
 def frozen(folder: Path, *, until_decided: bool = False) -> Path:
-    freeze_command.run(folder / "study.toml", None, until_decided=until_decided, json=False)
+    campaigns.freeze(folder / "study.toml", None, until_decided=until_decided, json=False)
     return folder / "study.frozen.json"
 
 

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from actors.messages import Progress
-from command_line.experiments import campaign_command
+from command_line.experiments import campaigns
 from deploy.run import progress
 from experiments.campaign.campaign import CampaignProgress
 
@@ -31,7 +31,7 @@ def test_a_campaign_says_the_same_of_its_runs(
 ) -> None:
     now = [0.0]
     monkeypatch.setattr("deploy.run.progress.time.monotonic", lambda: now[0])
-    with campaign_command.shown(quiet=False) as follow:
+    with campaigns.shown(quiet=False) as follow:
         for second in range(35):
             now[0] = float(second)
             left_s = None if second < 15 else 400.0 - second
@@ -41,7 +41,7 @@ def test_a_campaign_says_the_same_of_its_runs(
         "acrc: 20 of 20 runs, 2 failed, repeating some to check them, about 6 min left",
         "acrc: 20 of 20 runs, 3 failed, repeating some to check them, about 6 min left",
     ]
-    with campaign_command.shown(quiet=True) as follow:
+    with campaigns.shown(quiet=True) as follow:
         now[0] = 99.0
         follow(CampaignProgress(1, 0, 20, 9.0))
     assert capsys.readouterr().err == ""

@@ -1,8 +1,8 @@
-"""`acrc campaign`: the study that the words mean, its progress, and what has come of it."""
+"""Commands that make campaigns, and files of them: campaign, study freeze, report, bundle."""
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,25 +13,36 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from actors.console import screen
 from actors.installation.usage import typed
+from actors.installation.version import software
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
+from command_line.options import answer
 from deploy.clusters.address import plain
+from deploy.run import out_folder
 from deploy.run.progress import lines
-from experiments.campaign import campaign, plan_taken, results_table, store
+from experiments.bundle import bundle as bundles
+from experiments.campaign import campaign as campaigns
+from experiments.campaign import plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
+from experiments.campaign.plan_taken import declared
 from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.family import foreseen
+from experiments.comparison.family import foreseen, step_names
 from experiments.comparison.sentences import summaries
+from experiments.report import report as reports
 from experiments.statistics.paired_tests import LEAST_PAIRS
+from experiments.study import frozen_plan
+from experiments.study.study_file import load_study
 from experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
 from observation.results.seal import seal
 
 
-def run(
+def campaign(
     wishes: StudyWishes,
     out: Path | None,
     options: CampaignOptions,
@@ -84,7 +95,7 @@ def run(
 
 
 def _lines(
-    kept: store.Store, folder: Path, progress: campaign.CampaignProgress, watch: decision.Watch | None
+    kept: store.Store, folder: Path, progress: campaigns.CampaignProgress, watch: decision.Watch | None
 ) -> Iterator[str]:
     """What is said at the end."""
     yield from protection(kept)
@@ -108,7 +119,7 @@ def _causes(kept: store.Store) -> list[str]:
     return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
 
 
-def _print_json(kept: store.Store, folder: Path, progress: campaign.CampaignProgress) -> None:
+def _print_json(kept: store.Store, folder: Path, progress: campaigns.CampaignProgress) -> None:
     told = {
         "out": str(folder),
         **msgspec.to_builtins(progress),
@@ -122,15 +133,15 @@ def _print_json(kept: store.Store, folder: Path, progress: campaign.CampaignProg
 
 def _carried_out(
     kept: store.Store, options: CampaignOptions, watch: decision.Watch | None, *, quiet: bool
-) -> campaign.CampaignProgress:
+) -> campaigns.CampaignProgress:
     with shown(quiet=quiet) as follow:
         if watch is None:
-            return campaign.carry_out(kept, options, follow)
-        return campaign.carry_out(kept, options, follow, watch.enough)
+            return campaigns.carry_out(kept, options, follow)
+        return campaigns.carry_out(kept, options, follow, watch.enough)
 
 
 @contextmanager
-def shown(*, quiet: bool) -> Iterator[campaign.OnProgress]:
+def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
     """Says on standard error how far the campaign is: by a bar at a terminal, else by a line now and then."""
     console = screen(stderr=True, soft_wrap=False)
     if quiet:
@@ -151,7 +162,7 @@ def shown(*, quiet: bool) -> Iterator[campaign.OnProgress]:
         )
 
 
-def _stands(progress: campaign.CampaignProgress) -> str:
+def _stands(progress: campaigns.CampaignProgress) -> str:
     """What there is to say beside how many runs have ended, each behind a comma."""
     failed = f", {progress.failed} failed" if progress.failed else ""
     decided = ", decided" if progress.enough else ""
@@ -163,3 +174,44 @@ def _stands(progress: campaign.CampaignProgress) -> str:
 
 def _span(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: bool) -> None:
+    """Freeze the study beside its file, or where it is asked for. Raises AcrcError over a file."""
+    target = out or study_file.with_suffix(frozen_plan.SUFFIX)
+    if target.exists():
+        raise AcrcError(f"{target}: is there already; must be another file, for what is frozen stays")
+    study = load_study(study_file)
+    step_names(study)
+    looks = decision.rules_for(study).differ.looks if until_decided else ()
+    content = frozen_plan.freeze(study, software(), looks)
+    with out_folder.writing(target):
+        regular_file.write(target, content)
+    plan = frozen_plan.read(target)
+    said = [
+        f"Frozen {declared(plan)}",
+        f"written to {target}; a hash proves no date: publish it before the first run to prove one",
+    ]
+    answer(said, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)
+
+
+def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
+    """Write the report beside the first folder's content, or where it is asked for."""
+    target = out or folders[0] / "report"
+    with out_folder.writing(target):
+        page = reports.write(folders, out or regular_file.no_link(target))
+    said = f"written to {page}, with its pictures and tables beside it"
+    answer([said], {"page": page}, json=json)
+
+
+def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
+    """Write the bundle beside the campaign's folder, or where it is asked for."""
+    target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
+    with out_folder.writing(target):
+        has_software = bundles.make(folder, target, authors)
+    said = [f"written to {target}; unpack it and call ./reproduce.sh to repeat the runs"]
+    if not has_software:
+        said.append("without the software: it was changed after its last commit, or that commit is gone")
+    if not authors:
+        said.append("its CITATION.cff names no author; give --author NAME")
+    answer(said, {"file": target, "has_software": has_software, "authors": authors}, json=json)
