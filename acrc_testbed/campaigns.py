@@ -56,7 +56,7 @@ class Campaign:
 
     def _kept(self) -> "Store":
         from experiments.campaign import store
-        from experiments.campaign.trust import differing
+        from experiments.campaign.store import differing
 
         kept = store.load(self.folder)
         for sentence in differing(kept):

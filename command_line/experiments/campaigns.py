@@ -28,12 +28,12 @@ from experiments.campaign import campaign as campaigns
 from experiments.campaign import plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.plan_taken import declared
-from experiments.campaign.trust import differing, protection
+from experiments.campaign.store import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.family import foreseen, step_names
-from experiments.comparison.sentences import summaries
+from experiments.comparison.judgement import summaries
 from experiments.report import report as reports
 from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study import frozen_plan

@@ -18,18 +18,16 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from command_line.options import answer
 from experiments.campaign import store
-from experiments.campaign.trust import differing, protection
-from experiments.comparison import decision, metrics, sentences
+from experiments.campaign.store import differing, protection
+from experiments.comparison import decision, metrics
 from experiments.comparison.across_cells import told as across_told
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.comparison import Comparison, PairedSample, samples
 from experiments.comparison.family import primary, tests_of
-from experiments.comparison.judgement import CampaignJudgement, judge
+from experiments.comparison.judgement import CampaignJudgement, failures, judge, verdict
 from experiments.comparison.pilot import Promise, ceilings, promises
-from experiments.comparison.sentences import failures
-from experiments.statistics.effect_size import Interval
-from experiments.statistics.sample_size import Effect, pairs_needed
+from experiments.statistics.paired_tests import Effect, Interval, pairs_needed
 from experiments.study.study import Study
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, TimeSpent
@@ -70,7 +68,7 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
                 "one": one.sample.one,
                 "other": one.sample.other,
                 "variant": one.sample.variant,
-                "says": sentences.verdict(one),
+                "says": verdict(one),
                 "decided_by": one.deciding.metric if one.deciding is not None else None,
                 "steps": [
                     {
@@ -103,7 +101,7 @@ def _print_comparison(kept: store.Store, found: CampaignJudgement) -> None:
     for line in (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family):
         console.print(line)
     for one in found.verdicts:
-        console.print(sentences.verdict(one))
+        console.print(verdict(one))
     for across in found.across:
         for line in across_told(across):
             console.print(line)

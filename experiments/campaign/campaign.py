@@ -15,8 +15,7 @@ from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from experiments.campaign.pool import EndedTrial, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.trial_order import received
-from experiments.campaign.trial_record import compared, keep
+from experiments.campaign.trial_record import compared, keep, received
 
 _Kind = tuple[str, tuple[tuple[str, object], ...], bool]
 

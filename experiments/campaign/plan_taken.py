@@ -10,12 +10,10 @@ import msgspec
 from actors.installation.version import changed_since, software
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from experiments.campaign.store import Store
+from experiments.campaign.store import Store, other_software
 from experiments.campaign.trial_record import keep, keep_bytes
-from experiments.campaign.trust import other_software
 from experiments.study import frozen_plan
-from experiments.study.frozen_plan import SUFFIX, FrozenPlan
-from experiments.study.inputs import inputs
+from experiments.study.frozen_plan import SUFFIX, FrozenPlan, inputs
 
 _MOST_NAMED: Final = 3
 NOTHING_FROZEN: Final = "Nothing was frozen before."

@@ -14,7 +14,7 @@ import msgspec
 from actors.processes.last_word import last_line
 from actors.processes.launch import Child, Launcher, Program
 from experiments.campaign.store import Pending
-from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
+from experiments.campaign.trial_record import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
 from experiments.study.study import Study
 
 TRIAL: Final = "experiments.campaign.trial_program"

@@ -24,9 +24,7 @@ from actors.runtime.lifecycle.parent import die_with_parent
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.campaign.trace import trace
-from experiments.campaign.trial_order import ORDER, RECORD, TrialOrder
-from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.campaign.trial_record import ORDER, RECORD, TrialOrder, TrialRecord, keep, trace
 from experiments.study.draws import drawn
 from observation.accounting.account import account
 from observation.accounting.time_spent import TimeSpent

@@ -6,8 +6,7 @@ from itertools import combinations
 from statistics import median
 from typing import Any, Final
 
-from experiments.campaign.trace import coincide_s
-from experiments.campaign.trial_record import TrialRecord
+from experiments.campaign.trial_record import TrialRecord, coincide_s
 
 _FEW: Final = 4
 """Combinations of which each is told by itself."""

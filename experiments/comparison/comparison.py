@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.metrics import JudgedRun, Metric, TimeMetric, horizon, judged
-from experiments.statistics.effect_size import Interval, a12_interval, mean_interval
-from experiments.statistics.paired_tests import LEAST_PAIRS
+from experiments.statistics.paired_tests import LEAST_PAIRS, Interval, a12_interval, mean_interval
 from experiments.study.study import Study, Variant
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,7 @@ from experiments.comparison.family import (
     step_names,
     tests_of,
 )
-from experiments.statistics.paired_tests import ALPHA, fewest_differing
-from experiments.statistics.sequential import SequentialPlan, plan
+from experiments.statistics.paired_tests import ALPHA, SequentialPlan, fewest_differing, plan
 from experiments.study.study import Study, Trial
 
 _FIRST_LOOK: Final = 10

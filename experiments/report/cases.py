@@ -11,8 +11,8 @@ import msgspec
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
+from experiments.campaign.store import differing, protection
 from experiments.campaign.trial_record import TrialRecord
-from experiments.campaign.trust import differing, protection
 from experiments.comparison.judgement import CampaignJudgement, judge
 from experiments.study.study import Study
 from observation.accounting.time_spent import TimeSpent

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
 from experiments.report.quantities import BoxSpread
-from experiments.statistics.effect_size import Interval
+from experiments.statistics.paired_tests import Interval
 from experiments.statistics.survival import Completion, SurvivalCurve
 from observation.picture.style import applied as settings_applied
 from observation.picture.style import dark_too

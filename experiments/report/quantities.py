@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from actors.ieee802154 import airtime_ns
 from experiments.report.cases import Outcome
-from experiments.statistics.effect_size import CONFIDENCE, Interval
+from experiments.statistics.paired_tests import CONFIDENCE, Interval
 from experiments.statistics.survival import Completion
 from observation.field_trial.trial_result import RobotTrial, TrialResult
 from observation.results.outcome import means

@@ -15,7 +15,7 @@ from experiments.report.cases import Case, CaseSource, read
 from experiments.report.findings import Findings, cautions
 from experiments.report.quantities import Cell, NumberTable, written
 from experiments.report.section import ReportView, Section, label
-from experiments.statistics.effect_size import Interval
+from experiments.statistics.paired_tests import Interval
 from experiments.study.study import Study
 from observation.page import rendering
 from observation.page.rendering import PagePicture, PageSection, PageTable

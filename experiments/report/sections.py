@@ -9,7 +9,7 @@ from experiments.report.cases import Case, Outcome
 from experiments.report.charts import Box, Curve, Dot
 from experiments.report.quantities import BoxSpread, Cell, share, spread
 from experiments.report.section import BOX, SPREAD, Group, Picture, ReportView, Section, medians, spread_cells
-from experiments.statistics.effect_size import Interval, mean_interval
+from experiments.statistics.paired_tests import Interval, mean_interval
 from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean
 
 _MOST_PANELS: Final = 12

@@ -1,14 +1,92 @@
-"""Tests of pairs, exact for any ties and any number of pairs, and what several of them together may claim."""
+"""Exact tests of pairs, effect sizes with intervals, sample sizes, and tests with interim looks."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import rankdata
+from scipy.stats import beta, norm, rankdata, sem, t
 
 Floats = NDArray[np.float64]
+CONFIDENCE: Final = 0.95
+_HALVINGS: Final = 40
+"""Of the range in which a bound of A12 lies: to 1e-12."""
+
+
+class Interval(NamedTuple):
+    """An estimate and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def mean_interval(values: ArrayLike) -> Interval:
+    """The mean of at least one value, with Student's t interval; of one value the bounds are NaN."""
+    known = np.asarray(values, np.float64)
+    middle = float(known.mean())
+    if known.size < 2:
+        return Interval(middle, math.nan, math.nan)
+    half = float(t.ppf((1 + CONFIDENCE) / 2, known.size - 1) * sem(known))
+    return Interval(middle, middle - half, middle + half)
+
+
+def a12(one: ArrayLike, other: ArrayLike) -> Floats:
+    """The probability that a value of `one` is greater than one of `other`, ties counted half.
+
+    Vargha and Delaney, "A critique and improvement of the CL common language effect size statistics of
+    McGraw and Wong", Journal of Educational and Behavioral Statistics 25(2), 2000. Samples are along the last
+    axis, (…, n) and (…, m) with n, m ≥ 1, and give (…).
+    """
+    first, second = np.asarray(one, np.float64), np.asarray(other, np.float64)
+    n, m = first.shape[-1], second.shape[-1]
+    ranks = rankdata(np.concatenate([first, second], axis=-1), axis=-1)
+    share: Floats = (ranks[..., :n].mean(axis=-1) - (n + 1) / 2) / m
+    return share
+
+
+def a12_bounds(share: ArrayLike, n: int) -> tuple[Floats, Floats]:
+    """The 95 % interval of shares (…) that A12 came to in two samples of n each, also of 0 and 1.
+
+    Newcombe, "Confidence intervals for an effect size measure based on the Mann-Whitney statistic. Part 2:
+    asymptotic methods and evaluation", Statistics in Medicine 25, 2006, method 5: all values whose own
+    standard error, by Hanley and McNeil's formula, puts the share within its range. For independent samples;
+    of pairs that correlate it holds more than 95 %.
+    """
+    found = np.asarray(share, np.float64)
+    z = float(norm.ppf((1 + CONFIDENCE) / 2))
+
+    def outermost(end: float) -> Floats:
+        inside, outside = found.copy(), np.full_like(found, end)
+        for _ in range(_HALVINGS):
+            middle = (inside + outside) / 2
+            spread = 1 + (n - 1) * ((1 - middle) / (2 - middle) + middle / (1 + middle))
+            holds = np.abs(found - middle) <= z * np.sqrt(middle * (1 - middle) * spread) / n
+            inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
+        return np.asarray((inside + outside) / 2, np.float64)
+
+    return outermost(0.0), outermost(1.0)
+
+
+def a12_interval(one: ArrayLike, other: ArrayLike) -> Interval:
+    """A12 of two samples (n,), with its interval."""
+    share = a12(one, other)
+    low, high = a12_bounds(share, np.size(one))
+    return Interval(float(share), float(low), float(high))
+
+
+def most(found: int, of: int) -> float:
+    """The upper 95 % bound of a share that was found so many times of at least one.
+
+    Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
+    Biometrika 26, 1934; one-sided.
+    """
+    return 1.0 if found == of else float(beta.ppf(CONFIDENCE, found + 1, of - found))
+
+
 Integers = NDArray[np.int64]
 ALPHA: Final = 0.05
 _STEPS_A_PAIR: Final = 50
@@ -124,3 +202,126 @@ def holm(p_values: Sequence[float]) -> list[float]:
         largest = max(largest, min(1.0, (len(p_values) - place) * p_values[index]))
         adjusted[index] = largest
     return adjusted
+
+
+_DRAWS: Final = 4000
+_MOST: Final = 1000
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What is to be seen, in a model of two normal distributions of which one is shifted."""
+
+    a12: float = 0.71
+    """Default: a large effect by Vargha and Delaney's thresholds, 2000."""
+    correlation: float = 0.0
+    """Of the two runs of a pair, which have the seed in common."""
+    power: float = 0.9
+    """Probability that it is seen, if it is there."""
+    tests: int = 1
+    """So many share the 5 % (Holm's first threshold)."""
+
+    @property
+    def shift(self) -> float:
+        """In standard deviations of one distribution: P(X > Y) = Φ(shift / √2)."""
+        return math.sqrt(2.0) * float(norm.ppf(self.a12))
+
+
+def pairs_needed(effect: Effect, seed: int = 1, most: int = _MOST) -> int:
+    """The least number of pairs at which the signed-rank test has the power, by simulation.
+
+    ValueError for an effect that is none, or that needs more than `most` pairs or so.
+    """
+    if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
+        raise ValueError(
+            f"{effect}: a12 should lie between 0 and 1 and not be 0.5, the correlation within ±1"
+        )
+    low, high = 4, 8
+    while power(effect, high, seed) < effect.power:
+        low, high = high, 2 * high
+        if high > most:
+            raise ValueError(f"{effect}: needs more than {most} pairs")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)
+    return high
+
+
+def power(effect: Effect, pairs: int, seed: int = 1) -> float:
+    """How often the signed-rank test of so many pairs sees the effect, of 4000 drawn experiments."""
+    critical = _critical(pairs, ALPHA / effect.tests)
+    spread = math.sqrt(2.0 * (1.0 - effect.correlation))
+    drawn = np.random.default_rng(seed).normal(abs(effect.shift), spread, (_DRAWS, pairs))
+    statistic: Floats = (np.sign(drawn) * rankdata(np.abs(drawn), axis=1)).sum(axis=1)
+    return float(np.mean(statistic >= critical))
+
+
+def _critical(pairs: int, alpha: float) -> float:
+    """The least signed sum of ranks without ties whose two-sided p-value is at most alpha."""
+    ranks = np.arange(1, pairs + 1)
+    total = int(ranks.sum())
+    low, high = 0, total // 2 + 1  # the statistic is the total less twice a whole number
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if 2 * tail(ranks, total - 2 * middle) <= alpha else (low, middle)
+    return total - 2 * (low - 1) if low else math.inf
+
+
+_GRID: Final = np.linspace(-8.0, 8.0, 3201)
+"""Values of the Brownian motion that is watched, whose variance at the end is 1."""
+
+
+@dataclass(frozen=True)
+class SequentialPlan:
+    """When pairs are looked at, and what p-value is enough then; made by `plan`."""
+
+    looks: tuple[int, ...]
+    """Numbers of pairs, ascending; the last is the cap."""
+    thresholds: tuple[float, ...]
+    """The two-sided p-value that decides at each look."""
+
+
+def plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan:
+    """A plan whose error over all looks together is `alpha`.
+
+    The error is spent as Lan and DeMets have it ("Discrete sequential boundaries for clinical trials",
+    Biometrika 70, 1983), by their function close to O'Brien and Fleming's bounds: hardly any early on. The
+    probabilities are those of a Brownian motion, by the recursion of Armitage, McPherson and Rowe ("Repeated
+    significance tests on accumulating data", JRSS A 132, 1969). ValueError for looks that do not grow.
+    """
+    if not looks or looks[0] < 1 or any(a >= b for a, b in pairwise(looks)):
+        raise ValueError(f"the looks {tuple(looks)} should be numbers of pairs that grow")
+    thresholds, spent, before = [], 0.0, 0.0
+    density: Floats | None = None
+    step = float(_GRID[1] - _GRID[0])
+    for look in looks:
+        part = look / looks[-1]
+        due = 4.0 * float(norm.sf(norm.isf(alpha / 4.0) / math.sqrt(part)))  # on both sides together
+        here = _after(density, part - before, step)
+        bound = _bound(here, max(due - spent, 0.0), step)
+        thresholds.append(2.0 * float(norm.sf(bound / math.sqrt(part))))
+        here[np.abs(_GRID) >= bound] = 0.0  # there the watching has ended
+        density = here
+        spent, before = due, part
+    return SequentialPlan(tuple(looks), tuple(thresholds))
+
+
+def _after(density: Floats | None, elapsed: float, step: float) -> Floats:
+    """The density after another stretch of time; None: that of a motion which begins at 0."""
+    spread: Floats = norm.pdf(_GRID, scale=math.sqrt(elapsed))
+    if density is None:
+        return spread
+    convolved: Floats = np.asarray(np.convolve(density, spread, mode="same") * step, np.float64)
+    return convolved
+
+
+def _bound(density: Floats, probability: float, step: float) -> float:
+    """Beyond which, on both sides, the density has this probability."""
+    if probability <= 0.0:
+        return float(_GRID[-1])
+    outside = 2.0 * np.cumsum(density[::-1])[: _GRID.size // 2] * step  # from the far end inwards, both tails
+    place = int(np.searchsorted(outside, probability))
+    if place == 0:
+        return float(_GRID[-1])
+    share = (probability - outside[place - 1]) / (outside[place] - outside[place - 1])
+    return float(_GRID[::-1][place - 1] - (share + 0.5) * step)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from scipy.stats import t
 
-from experiments.statistics.effect_size import CONFIDENCE, Interval
+from experiments.statistics.paired_tests import CONFIDENCE, Interval
 
 Floats = NDArray[np.float64]
 FEWEST_CELLS: Final = 3

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from experiments.statistics.effect_size import Interval, mean_interval
+from experiments.statistics.paired_tests import Interval, mean_interval
 
 Floats = NDArray[np.float64]
 

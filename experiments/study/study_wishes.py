@@ -14,8 +14,7 @@ from cleaning.place import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, is_scenario, load_scenario, module_folders, settings
 from deploy.scenario.tables import Scenario
-from experiments.study.conditions import same_for_all_seeds
-from experiments.study.draws import drawn
+from experiments.study.draws import drawn, same_for_all_seeds
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
 

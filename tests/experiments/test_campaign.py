@@ -19,11 +19,17 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 from experiments.campaign import results_table, store
 from experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
-from experiments.campaign.store import Pending, Store
-from experiments.campaign.trace import DIGITS, coincide_s
-from experiments.campaign.trial_order import MOST_BYTES, left, received
-from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
-from experiments.campaign.trust import IN_MEMORY, ISOLATED, differing, protection
+from experiments.campaign.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
+from experiments.campaign.trial_record import (
+    DIGITS,
+    MOST_BYTES,
+    CheckRecord,
+    TrialRecord,
+    coincide_s,
+    keep,
+    left,
+    received,
+)
 from experiments.comparison.coincidence import coincidences, told
 from experiments.report import charts
 from experiments.report.cases import read

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from experiments.campaign import store
+from experiments.campaign.store import IN_MEMORY
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
-from experiments.campaign.trust import IN_MEMORY
 from experiments.study.study_wishes import StudyWishes, study_of, understood
 from observation.results.result import RunResult
 from tests import in_process

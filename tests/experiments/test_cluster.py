@@ -25,8 +25,8 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.campaign import store
-from experiments.campaign.remote import RemoteOutcome, checked
-from experiments.campaign.trial_order import MOST_BYTES
+from experiments.campaign.dask_pool import RemoteOutcome, checked
+from experiments.campaign.trial_record import MOST_BYTES
 from tests import warm
 
 pytestmark = pytest.mark.usefixtures("forked_servers")

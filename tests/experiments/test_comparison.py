@@ -11,8 +11,8 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, estimate, samples
 from experiments.comparison.decision import rules_for
 from experiments.comparison.family import foreseen, verdicts
+from experiments.comparison.judgement import failures, family, too_few, verdict
 from experiments.comparison.metrics import JudgedRun
-from experiments.comparison.sentences import failures, family, too_few, verdict
 from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study.study import Factor, Study
 from observation.results.result import RunResult

@@ -18,7 +18,7 @@ from experiments.comparison.family import verdicts
 from experiments.comparison.judgement import judge
 from experiments.comparison.metrics import judged
 from experiments.comparison.pilot import ceilings, promises, told_apart
-from experiments.statistics.sample_size import Effect, power
+from experiments.statistics.paired_tests import Effect, power
 from experiments.study.study import Study
 from observation.results.result import RunResult
 from tests.experiments.made_runs import run, sample, study

@@ -15,8 +15,8 @@ from actors.runtime.errors import AcrcError
 from command_line.experiments import campaigns
 from experiments.bundle import bundle
 from experiments.campaign import plan_taken, store
+from experiments.campaign.store import protection
 from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.campaign.trust import protection
 from experiments.comparison.judgement import judge
 from experiments.study import frozen_plan
 from experiments.study.study import Study

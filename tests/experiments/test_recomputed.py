@@ -13,7 +13,7 @@ from experiments.comparison import metrics
 from experiments.comparison.comparison import Scores, estimate, scores
 from experiments.comparison.family import ComparedMetric, verdicts
 from experiments.comparison.metrics import named
-from experiments.statistics.effect_size import mean_interval
+from experiments.statistics.paired_tests import mean_interval
 from experiments.statistics.survival import Completion, restricted_mean
 from tests.experiments import campaign_rows
 

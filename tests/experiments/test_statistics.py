@@ -8,17 +8,24 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import norm
 
-from experiments.statistics.effect_size import a12, a12_bounds, a12_interval, mean_interval, most
 from experiments.statistics.paired_tests import (
+    Effect,
+    SequentialPlan,
+    a12,
+    a12_bounds,
+    a12_interval,
     decidable,
     equivalence_p,
     fewest_differing,
     holm,
+    mean_interval,
     mean_test,
+    most,
+    pairs_needed,
+    plan,
+    power,
     signed_rank,
 )
-from experiments.statistics.sample_size import Effect, pairs_needed, power
-from experiments.statistics.sequential import SequentialPlan, plan
 from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean, restricted_means
 
 Floats = NDArray[np.float64]

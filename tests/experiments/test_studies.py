@@ -21,12 +21,11 @@ from experiments.comparison.comparison import samples
 from experiments.comparison.decision import rules_for
 from experiments.comparison.family import tests_of as count_tests
 from experiments.comparison.family import verdicts
-from experiments.study.cells import RandomFactor, draw_cells
-from experiments.study.conditions import SHADOWING_DB, drawn_conditions, same_for_all_seeds
-from experiments.study.draws import drawn
+from experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
 from experiments.study.study import Distribution, Factor, Study, Trial, Variant
 from experiments.study.study_file import load_study
 from experiments.study.study_wishes import StudyWishes, check, study_of
+from experiments.study.vary_table import RandomFactor, draw_cells
 from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]

@@ -13,9 +13,7 @@ from experiments.comparison.family import PairVerdict, verdicts
 from experiments.comparison.family import tests_of as number_of_tests
 from experiments.comparison.metrics import FAILED, PLACES, JudgedRun
 from experiments.comparison.pilot import redrawn, told_apart
-from experiments.statistics.effect_size import a12, a12_bounds
-from experiments.statistics.paired_tests import ALPHA
-from experiments.statistics.sample_size import Effect, power
+from experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
 from experiments.study.study import Study
 from tests.experiments import campaign_rows
 

@@ -17,7 +17,7 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.bundle import bundle
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.study.inputs import inputs
+from experiments.study.frozen_plan import inputs
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
 from observation.results.result import RunResult
