@@ -40,7 +40,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
 PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
-    ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
+    ("docs/deeco.md", "python"): "tests/deeco/test_programs.py",
     ("docs/library.md", "python"): "tests/library/test_library.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
     ("docs/clusters.md", "python"): "tests/clusters/test_files.py",
