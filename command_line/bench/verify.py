@@ -50,9 +50,10 @@ class ClaimResult:
         return float(round(sum(test["seconds"] for test in self.tests), 1))
 
     def figures(self) -> str:
-        """Return the first figures of its tests as text."""
-        named = [f"{name} {value}" for test in self.tests for name, value in test["figures"].items()]
-        return ", ".join(named[:_SHOWN_FIGURES])
+        """Return the first figures of its tests as text, without lists and tables."""
+        named = [(name, value) for test in self.tests for name, value in test["figures"].items()]
+        scalars = [f"{name} {value}" for name, value in named if not isinstance(value, list | dict)]
+        return ", ".join(scalars[:_SHOWN_FIGURES])
 
 
 def claims() -> list[str]:

@@ -62,11 +62,11 @@ def runs_of(
     return found
 
 
-def record(report: Record, runs: Sequence[FilterRun], name: str = "") -> tuple[float, int]:
+def record(report: Record, runs: Sequence[FilterRun], name: str) -> tuple[float, int]:
     """Report the root mean square error, m, and the number of lost runs; return both."""
     rmse, lost = root_mean_square(runs).value, sum(run.lost for run in runs)
-    report(f"{name} rmse (m)".strip(), round(rmse, 3))
-    report(f"{name} lost".strip(), f"{lost} of {len(runs)}")
+    report(f"{name} rmse (m)", round(rmse, 3))
+    report(f"{name} lost", f"{lost} of {len(runs)}")
     return rmse, lost
 
 
@@ -75,7 +75,8 @@ def record(report: Record, runs: Sequence[FilterRun], name: str = "") -> tuple[f
 def test_the_localisation_keeps_track(name: str, full: bool, record_property: Record) -> None:
     setup, preset, largest_rmse, lost_share = GOALS[name]
     count = (20 if setup.robots == 10 else 100) if full else 1
-    rmse, lost = record(record_property, runs_of(setup, preset, count, 240.0 if full else 60.0))
+    runs = runs_of(setup, preset, count, 240.0 if full else 60.0)
+    rmse, lost = record(record_property, runs, name)
     assert rmse <= largest_rmse
     assert lost <= lost_share * count
 
