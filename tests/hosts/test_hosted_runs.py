@@ -66,12 +66,12 @@ class HostedRun:
 
     def ended(self) -> tuple[int, str]:
         """Return the exit code and the last line of standard error."""
-        _, errors = self.process.communicate(timeout=180)
+        _, errors = self.process.communicate(timeout=300)
         return self.process.returncode, errors.strip().splitlines()[-1]
 
     def result(self) -> tuple[str, str]:
         """Return the digest and standard error."""
-        out, errors = self.process.communicate(timeout=180)
+        out, errors = self.process.communicate(timeout=300)
         assert self.process.returncode == 0, errors
         return json.loads(out)["digest"], errors
 
