@@ -19,6 +19,10 @@ from experiments.study.vary_table import VaryTable, factors_of
 MOST_SEEDS: Final = 100_000
 MOST_SAMPLES: Final = 1000
 _LARGEST: Final = 1 << 20
+_SHARED: Final = (
+    "primary", "primary_metric", "isolated", "margin_places", "margin_s", "failed_runs", "conditions"
+)  # fmt: skip
+"""Keys of the file that a study takes as they are."""
 
 
 class StudyTable(FileTable):
@@ -95,16 +99,10 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         tuning=tuning,
         settings=tuple(table.set.items()),
         factors=made.fixed,
-        primary=table.primary,
         distributions=made.distributions,
-        primary_metric=table.primary_metric,
-        isolated=table.isolated,
-        margin_places=table.margin_places,
-        margin_s=table.margin_s,
-        failed_runs=table.failed_runs,
-        conditions=table.conditions,
         random=made.random,
         cells=made.cells,
+        **{name: getattr(table, name) for name in _SHARED},
     )
 
 

@@ -20,9 +20,7 @@ class EpisodeParameters:
     found: float = 0.5
     """... until it is nearer than this, m."""
     still: float = 0.1
-    """A robot stands while it stays so near, m, to where it was at the window's begin ..."""
-    window_s: float = 30.0
-    """... for a window of so many s."""
+    """A robot stands while it stays this close to its position at the start of a window, m."""
     near: float = 1.6
     """Robots that stand stand in each other's way within this distance, centre to centre, m. Measured, robots
     that stood for 30 s by how far the nearest other one was that did (24 runs of the chapter's scenario):
@@ -34,7 +32,7 @@ class EpisodeParameters:
     """The same of a robot with nobody within `near`: move_base's oscillation_timeout. Measured: a turn on the
     spot takes a robot alone up to 7.9 s."""
     wait_s: float = 30.0
-    """Who moves, and gets no nearer to any of its goals for so many s, is in a livelock: as `window_s`."""
+    """Who moves, and gets no nearer to any of its goals for so many s, is in a livelock."""
     nearer: float = 0.25
     """To be nearer than ever by so much, m, is to get on; less is what a robot that turns comes to."""
     to_and_fro: float = 3.0

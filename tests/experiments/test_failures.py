@@ -21,6 +21,8 @@ from observation.evidence.run_reader import read_run
 from observation.results.outcome import GivenGoal
 from tests.parallel import in_memory, in_order
 
+BLOCKED_S = 30.0
+"""Robots that stand for so long close to each other block each other."""
 WINDOW = 10
 ALWAYS = np.ones(60, np.bool_)
 
@@ -92,7 +94,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
     with in_memory(load_scenario(SHIPPED / "scenarios" / "chapter.toml", overrides)) as (plan, result):
         tracks, floor, said, _ = judge(read_run(plan.out))
     pursuing = np.column_stack([pursuit(said[robot].goals or (), tracks) for robot in tracks.robots])
-    blocked = blockings(tracks.true[..., :2], pursuing, seconds(STANDARD.window_s) // tracks.step_us)
+    blocked = blockings(tracks.true[..., :2], pursuing, seconds(BLOCKED_S) // tracks.step_us)
     errors = np.hypot(*np.moveaxis(tracks.held[..., :2] - tracks.true[..., :2], -1, 0))
     middles = [tracks.true[one.end - 1, list(one.robots), :2] for one in blocked]
     return Failures(
