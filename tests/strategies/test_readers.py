@@ -1,4 +1,4 @@
-"""Every command that reads a run reads one of each shipped strategy and example; files are read alike."""
+"""A run of each shipped strategy and example is read by every command that reads runs."""
 
 import shlex
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation.repository import REPOSITORY, SHIPPED
+from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.modules import look_in
 from cleaning.strategies import STRATEGIES
 from command_line.app import app
@@ -22,14 +22,6 @@ READERS = (
     "report {out}", "causes {out}", "record echo {out} r1/drive",
     "record plot {out} r1/drive vx --out {out}/vx.png",
 )  # fmt: skip
-SHIPPED_FILES = {
-    "scenario {file} --png {out}.png --modules .": [
-        *sorted((SHIPPED / "scenarios").glob("*.toml")),
-        *sorted((SHIPPED / "maps").glob("*.yaml")),
-        *sorted((REPOSITORY / "actors" / "models").glob("*.toml")),
-    ],
-    "run {file} --duration 1 --bus memory --out {out}": sorted((SHIPPED / "scenarios").glob("*.toml")),
-}
 
 
 def call(words: str) -> None:
@@ -57,11 +49,3 @@ def test_a_run_of_every_strategy_is_read_by_every_command(strategy: str, tmp_pat
         readers = tuple(words for words in readers if not words.startswith(alone))
     for words in (RUN, *readers):
         call(words.format(strategy=strategy, seconds=3, out=tmp_path / "run"))
-
-
-@pytest.mark.nightly
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("command", SHIPPED_FILES)
-def test_every_shipped_file_is_read(command: str, tmp_path: Path) -> None:
-    for file in SHIPPED_FILES[command]:
-        call(command.format(file=file, out=tmp_path / file.stem))
