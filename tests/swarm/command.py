@@ -16,9 +16,13 @@ ACRC = (sys.executable, "-m", "command_line")
 
 
 def acrc(*words: object, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:
-    """Return exit code and output of `acrc WORDS…`: runs over the mesh in a fork, others in process."""
+    """Return exit code and output of `acrc WORDS…`: runs over the mesh in a fork, others in process.
+
+    In a fork are orders to robots, too, as they end their process at once.
+    """
     over_mesh = words[0] == "run" and "memory" not in words
-    if not over_mesh and os.environ.get("PYTHONPATH") == MODULE_PATH:
+    ends_process = words[0] == "fleet" and words[1] in {"stop", "pause", "resume"}
+    if not over_mesh and not ends_process and os.environ.get("PYTHONPATH") == MODULE_PATH:
         return in_process.acrc(*words)
     return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True)
 
