@@ -48,6 +48,7 @@ def test_the_bytes_of_a_packet_in_two_frames() -> None:
 
 
 def test_small_packets_share_a_frame() -> None:
+    assert Fragmenter(1).frames([]) == []
     assert lengths([30, 30, 30]) == [[30, 30, 30]]
     assert lengths([30, 30, 32]) == [[30, 30], [32]]
     assert lengths([50, 50]) == [[50, 50]]
@@ -256,6 +257,8 @@ GOOD = fragment(whole(b"good"), 0, 8, number=1)
         HEADER.pack(9, 0, 0, 0, 7) + GOOD,  # nothing in the fragment
         HEADER.pack(4, 4, 0, 0, 7) + bytes(4),  # a checksum of nothing, and it holds
         HEADER.pack(9, 5, 5, 0, 7) + b"bytes",  # beyond the whole
+        HEADER.pack(9, 5, 65_535, 0, 7) + b"bytes",
+        HEADER.pack(0, 0, 0, 0, 0),
     ],
 )
 def test_the_rest_of_a_frame_that_makes_no_sense_is_dropped(rest: bytes) -> None:

@@ -90,7 +90,14 @@ def _body(*items: Any) -> bytes:
         b"\0\x95\xa1r\0\1\1\x91\x81\xa1k\1",  # a map
         b"\0\x95\xa1r\0\1\1\x91\xd4\1\1",  # an extension
         b"\0\x93\xa1\xff\0\1",  # no UTF-8
+        b"",
+        _body(),
+        _body("r1", 0),
+        _body("r1", 0.0, 1),
+        _body("r1", 0, True),
+        _body("r1", 0, -1),
         _body("r1", 0, 1, 2),
+        _body("r1", 0, 1, 7, (b"x" * 257,)),
         _body("r1", 0, 1, -1, ()),
         _body("r1", 0, 1, 2**32, ()),
         _body("r1", 0, 1, True, ()),

@@ -104,6 +104,9 @@ JUNK = object()
         (Pair, Pair(1, "x"), (1, "x")),
         (Window, Window(2, 5), (2, 5)),
         (Annotated[float, Resolution(100)], -0.25, -25),
+        (Annotated[float, Resolution(1)], 3.0, 3),
+        (float | int, 1.0, (0, 1.0)),
+        (tuple[()], (), ()),
         (Annotated[Point | None, Resolution(1000)], Point(1.2345, 2), (1234, 2000)),
         (tuple[Annotated[Metres, "along", Resolution(10)], float], (1.04, 1.04), (10, 1.04)),
         (Annotated[tuple[float, Annotated[float, Resolution(10)]], Resolution(2)], (1.5, 1.5), (3, 15)),
@@ -144,6 +147,7 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
         (str, "\ud800", "'\\ud800' should be a str that UTF-8 can express"),
         (str, "ä" * 129, "a str of 258 bytes in UTF-8 should have at most 256 (LinkParameters.most_text)"),
         (bytes, b"x" * 257, "a bytes of 257 bytes should have at most 256 (LinkParameters.most_text)"),
+        (bytes, "x", "'x' should be a bytes"),
         (None, 0, "0 should be None"),
         (Mode, "idle", "'idle' should be a member of Mode"),
         (Colours, Colours.RED | Colours.BLUE, "<Colours.RED|BLUE: 3> should be a member of Colours"),
@@ -170,6 +174,17 @@ def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str)
     ("annotation", "there"),
     [
         (bool, 1),
+        (bool, None),
+        (int, 1.0),
+        (float, float("inf")),
+        (Annotated[float, Resolution(10)], True),
+        (bytes, "x"),
+        (Mode, True),
+        (int | str, 1),
+        (int | str, (-1, "x")),
+        (tuple[int, ...], 7),
+        (tuple[int, str], (1, "x", 1)),
+        (Pair, {}),
         (int, True),
         (int, 2**64),
         (float, 1),
@@ -199,6 +214,12 @@ def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str)
 )
 def test_what_has_not_its_form_is_junk(annotation: Any, there: Any) -> None:
     assert unpacked(annotation, there) is JUNK
+
+
+def test_limits_are_parameters() -> None:
+    assert packed(str, "x" * 300, most_text=300) == "x" * 300
+    assert unpacked(tuple[int, ...], (1,) * 100, most_items=100) == (1,) * 100
+    assert unpacked(str, "xx", most_text=1) is JUNK
 
 
 def test_fields_too_many_or_missing_are_junk_and_so_is_a_role_that_comes_twice() -> None:
