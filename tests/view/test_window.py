@@ -26,6 +26,7 @@ SHOWN = {
 }
 
 
+@pytest.mark.nightly
 def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
     folder: Path, insides: dict[str, Trace], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
