@@ -128,9 +128,9 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    from command_line.experiments import results
+    from command_line.experiments.causes import causes as print_causes
 
-    results.causes(folder, json_output=json)
+    print_causes(folder, json_output=json)
 
 
 def compare(

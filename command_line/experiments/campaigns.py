@@ -23,7 +23,6 @@ from command_line.options import answer
 from deploy.clusters.address import plain
 from deploy.run import out_folder
 from deploy.run.progress import lines
-from experiments.bundle import bundle as bundles
 from experiments.campaign import campaign as campaigns
 from experiments.campaign import plan_taken, results_table, store
 from experiments.campaign.campaign import CampaignOptions
@@ -34,7 +33,6 @@ from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.family import foreseen, step_names
 from experiments.comparison.judgement import summaries
-from experiments.report import report as reports
 from experiments.statistics.paired_tests import LEAST_PAIRS
 from experiments.study import frozen_plan
 from experiments.study.study_file import load_study
@@ -197,6 +195,8 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
 
 def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
     """Write the report beside the first folder's content, or where it is asked for."""
+    from experiments.report import report as reports  # draws with matplotlib
+
     target = out or folders[0] / "report"
     with out_folder.writing(target):
         page = reports.write(folders, out or regular_file.no_link(target))
@@ -206,6 +206,8 @@ def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
 
 def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
     """Write the bundle beside the campaign's folder, or where it is asked for."""
+    from experiments.bundle import bundle as bundles  # draws with matplotlib
+
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
         has_software = bundles.make(folder, target, authors)
