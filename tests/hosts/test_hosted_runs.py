@@ -58,7 +58,7 @@ class HostedRun:
 
     def under_way(self) -> None:
         """Wait until robots have recorded some steps."""
-        recording, deadline = self.out / "r1/r1.mcap", time.monotonic() + 120
+        recording, deadline = self.out / "r1/r1.mcap", time.monotonic() + 300
         while not recording.is_file() or recording.stat().st_size < 20_000:
             assert self.process.poll() is None, self.process.communicate()
             assert time.monotonic() < deadline, self.out
