@@ -209,3 +209,9 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
     assert [one.variant for one in made] == [(("robots.count", 4),), (("robots.count", 8),)]
     first, _ = judged(records, study())
     assert "one is as good as other by places done with robots.count = 4, within 1 place: " in verdict(first)
+
+
+def test_with_the_least_pairs_a_verdict_is_possible() -> None:
+    found = verdict_of([run(2)] * LEAST_PAIRS, [run(1)] * LEAST_PAIRS)
+    assert found.deciding is not None and found.deciding.tests == 1, "time, which never came, takes no part"
+    assert not verdict_of([run(2)] * (LEAST_PAIRS - 1), [run(1)] * (LEAST_PAIRS - 1)).settled

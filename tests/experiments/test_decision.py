@@ -238,3 +238,14 @@ def test_a_ceiling_is_pointed_out_with_a_harder_condition(plain: RunResult) -> N
         " A harder condition tells more: --robots 8 and --duration 320."
     )
     assert "tells more: --duration 340" in next(iter(ceilings(made(10, 8))))
+
+
+def test_the_last_look_takes_the_pairs_there_are_where_failed_runs_are_left_out(
+    tmp_path: Path, plain: RunResult
+) -> None:
+    short = msgspec.structs.replace(STUDY, seeds=20, failed_runs="left out")
+    kept = campaign(tmp_path / "out", plain, 2.5, seeds=20, study=short, failing=20)
+    (found,) = Watch(kept).looked_at()
+    assert (len(found.verdict.sample.pairs), found.at_cap) == (19, True)
+    assert found.looks[-1].threshold == Watch(kept).rules.differ.thresholds[-1]
+    assert found.verdict.deciding is not None

@@ -346,3 +346,11 @@ def made(plain: RunResult, trial: Trial) -> TrialRecord:
     places = 10 + int(dict(trial.variant)["r"]) - (trial.strategy == "b")
     result = msgspec.structs.replace(plain, seed=trial.seed, places_done=places)
     return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result)
+
+
+def test_another_factor_changes_nothing_of_the_others() -> None:
+    trial = next(STUDY.trials())
+    alone = msgspec.structs.replace(STUDY, distributions=(KILLS, JAMS, DROPOUT))
+    both, fewer = drawn(STUDY, trial), drawn(alone, trial)
+    assert both["uncertainty.dropout"] == fewer["uncertainty.dropout"]
+    assert [event for event in both["event"] if "obstacle" not in event] == fewer["event"]

@@ -346,3 +346,10 @@ def test_the_bearing_is_that_of_the_plan_ahead(angle: float, heading: float) -> 
     assert seen == pytest.approx(math.remainder(angle - heading, math.tau), abs=0.16)
     squared[plan[5, 0], plan[5, 1]] = 4
     assert bearing(squared, 4.5, plan, body, 10.0) == 0.0
+
+
+@PRESETS
+def test_a_plan_that_is_elsewhere_is_no_plan(preset: str) -> None:
+    made, _ = planned(preset)
+    made.follow(np.add(EAST, (0.0, 2.5)))
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)

@@ -282,3 +282,10 @@ def test_a_way_longer_than_the_original_follows_is_followed_to_its_end() -> None
         costs[wall, 1:-2] = costs[wall + 2, 2:-1] = IMPASSABLE
     way = way_down(wave(costs, (1, 1), 50), 41, 1, 50)
     assert tuple(way[-1]) == (1, 1) and len(way) > 4 * 12
+
+
+def test_a_wave_ends_as_it_comes_to_a_cell() -> None:
+    costs = closed(np.full((61, 61), 50, np.uint8))
+    field = wave(costs, (30, 30), 50, (30, 40))
+    assert field[30, 40] < UNREACHED
+    assert (field < UNREACHED).sum() < (wave(costs, (30, 30), 50) < UNREACHED).sum() / 2

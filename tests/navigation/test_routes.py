@@ -197,3 +197,8 @@ def test_areas_out_of_reach_are_one_sentence() -> None:
         "a robot that starts at (1.00, 1.00) gets to no point of 'wall' at least 0.177 m from walls;"
         " there must be one to draw"
     )
+
+
+def test_a_start_where_planning_would_not_let_it_stand_is_as_good_as_the_nearest_that_would() -> None:
+    places = draws(floor(TWO_ROOMS, FLOOR_PLAN_WEST, start=Point(0.25 + RADIUS, 1.0)), 3)
+    assert all(within(FLOOR_PLAN_WEST, place) for place in places)

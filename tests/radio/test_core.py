@@ -342,3 +342,50 @@ def test_a_step_without_length_is_named() -> None:
     with pytest.raises(AcrcError) as error:
         build(RadioSetup(1, 0, (("a", 1),)))
     assert str(error.value) == "The radio's step is 0 µs long; it must be at least 1 µs."
+
+
+def test_frames_that_only_touch_are_both_heard() -> None:
+    swarm = three()
+    first = Frame(0, "a")
+    events = swarm.run([first, Frame(first.instant + first.airtime, "b")])
+    assert [event.instant for event in events["c"]] == [TURNAROUND + 832, TURNAROUND + 2 * 832]
+    # b was turning while a still sent, and a while b began
+    assert swarm.core.counters()["copies_lost_half_duplex"] == 2
+
+
+def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> None:
+    def heard(later: int) -> list[int]:
+        swarm = Swarm({"near": Robot(1.0), "far": Robot(-8.0), "c": Robot(0.0)})
+        events = swarm.run([Frame(0, "far", data=bytes(50)), Frame(later, "near")])
+        return [event.sender for event in events.get("c", []) if isinstance(event, Heard)]
+
+    assert heard(127) == [100]
+    assert heard(128) == []
+    assert heard(-1 + 128) == [100]
+
+
+def test_a_frame_makes_room_at_the_very_instant_it_ends() -> None:
+    swarm = three()
+    events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(1023, "a", 8), Frame(1024, "a", 9)])
+    assert [event for event in events["a"] if isinstance(event, Overflow)] == [Overflow(1023, 8)]
+
+
+def test_a_frame_that_ended_at_the_very_border_was_whole_before_the_kill() -> None:
+    swarm = three()
+    swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])
+    swarm.change("a", powered=False, stepping=False)
+    assert set(swarm.run()) == {"b", "c"}
+    counters = swarm.core.counters()
+    assert (counters["frames_sent"], counters["frames_cut_off"], counters["frames_discarded"]) == (1, 0, 1)
+    assert counters["events_discarded"] == 1  # a's own Sent
+
+
+def test_what_was_held_for_a_robot_is_gone_when_it_is_killed() -> None:
+    swarm = three()
+    swarm.change("b", stepping=False)
+    swarm.run([Frame(0, "a")])
+    swarm.change("b", powered=False)
+    swarm.run()
+    swarm.change("b", powered=True, stepping=True)
+    assert swarm.run() == {}
+    assert swarm.core.counters()["events_discarded"] == 1

@@ -7,7 +7,9 @@ import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -262,3 +264,31 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
     page = report.write([tmp_path / "all"], tmp_path / "out").read_text()
     assert "it rained" in page and "<img" not in page
     assert not list((tmp_path / "out").glob("*.png"))
+
+
+def caution(plain: RunResult, where: Path, study: Study, **options: Any) -> str:
+    campaign(where, plain, study, options.pop("drawn", drawn), **options)
+    with charts.applied():
+        return " ".join(report.compose(read([where])).cautions)
+
+
+def test_too_few_runs_and_seeds_for_tuning_are_said(plain: RunResult, tmp_path: Path) -> None:
+    told = caution(plain, tmp_path / "few", Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True))
+    assert "these are seeds for tuning" in told
+    assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
+
+
+def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> None:
+    study = Study("part", "/s.toml", ("none",), 3)
+    campaign(tmp_path / "part", plain, study, drawn)
+    store.load(tmp_path / "part").path(next(iter(study.trials()))).unlink()
+    with charts.applied():
+        told = report.compose(read([tmp_path / "part"])).cautions
+    assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
+
+
+def test_what_robots_said_and_the_run_did_not_believe_is_told(plain: RunResult, tmp_path: Path) -> None:
+    lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
+    lied = msgspec.structs.replace(plain, refused_reports=(lie,))
+    told = caution(lied, tmp_path / "lied", Study("lied", "/s.toml", ("none",), 1))
+    assert f"lied: none, seed 1: {lie}." in told
