@@ -86,7 +86,10 @@ def make(
     content, added = out.read_bytes(), root / "requirements.txt"
     lacks = ", ".join(added.read_text().split()) if own and added.is_file() else ""
     digest = hashlib.sha256(content).hexdigest()
-    return RobotBundle(out, name, machine, python, place, bool(own), len(files), len(content), digest, lacks)
+    return RobotBundle(
+        out, name, machine, python, fleet=place, own_code=bool(own), files=len(files), bytes=len(content),
+        sha256=digest, lacks=lacks,
+    )  # fmt: skip
 
 
 def _program(root: Path) -> _Files:
