@@ -64,9 +64,8 @@ class Sensor(Thermometer):
         return replace(self, alarms=self.alarms + 1)
 
 
-def run(kind: type[Knowledge] | Knowledge, until: float = 0.1, **ports: object) -> Node:
-    value = kind if isinstance(kind, Knowledge) else kind(id="a")
-    node = Node([value], ports={Log: Lines()})
+def run(kind: type[Knowledge], until: float = 0.1) -> Node:
+    node = Node([kind(id="a")])
     node.advance(Instant(seconds(until)))
     return node
 
@@ -144,8 +143,6 @@ def test_a_circle_of_triggers_is_named() -> None:
 
 @component
 class Chain(Thermometer):
-    """Fifteen steps of a chain are no circle."""
-
     length: int = 0
 
     def short(self) -> int:
@@ -164,33 +161,29 @@ def test_a_long_chain_is_no_circle() -> None:
     assert run(Chain).knowledge("a") == Chain(id="a", length=16)
 
 
-class Positioning(Protocol):
-    def position(self) -> float: ...
-
-
-@component
-class Demanding(Thermometer):
-    @periodic(every=seconds(1))
-    def sense(self, base: Positioning) -> Self:
-        return replace(self, temperature=int(base.position()))
-
-
 @pytest.mark.parametrize(
-    ("ports", "there"), [({}, "nothing"), ({Log: Lines(), int: 3}, "Log, int")], ids=["none", "others"]
+    ("components", "ports", "sentence"),
+    [
+        ([Sensor(id="a")], {}, "Sensor.measure needs a Log ('log'); this node provides nothing"),
+        (
+            [Sensor(id="a")],
+            {Lines: Lines(), int: 3},
+            "Sensor.measure needs a Log ('log'); this node provides Lines, int",
+        ),
+        ([Thermometer(id="a")], {}, "Thermometer cannot be deployed; its class should have @component"),
+        (
+            [Ordered(id="a"), Ordered(id="a")],
+            {},
+            "two components of a node have the same id; each should have its own",
+        ),
+    ],
 )
-def test_a_missing_port_is_refused_at_deployment(ports: dict[type, object], there: str) -> None:
+def test_mistaken_deployments_are_refused(
+    components: list[Knowledge], ports: dict[type, object], sentence: str
+) -> None:
     with pytest.raises(DeploymentError) as caught:
-        Node([Demanding(id="a")], ports=ports)
-    assert str(caught.value) == (f"Demanding.sense needs a Positioning ('base'); this node provides {there}")
-
-
-def test_only_components_and_different_ids_can_be_deployed() -> None:
-    with pytest.raises(DeploymentError) as caught:
-        Node([Thermometer(id="a")])
-    assert str(caught.value) == "Thermometer cannot be deployed; its class should have @component"
-    with pytest.raises(DeploymentError) as caught:
-        Node([Ordered(id="a"), Ordered(id="a")])
-    assert str(caught.value) == "two components of a node have the same id; each should have its own"
+        Node(components, ports=ports)
+    assert str(caught.value) == sentence
 
 
 def wrong(change: Callable[[Thermometer], object]) -> type[Knowledge]:
@@ -239,24 +232,16 @@ def test_a_node_that_stood_still_keeps_its_rhythm_and_counts_what_it_left_out() 
 T = TypeVar("T")
 
 
-class AgendaLog:
-    def __init__(self) -> None:
-        self.instants: list[int] = []
-
-    def __call__(self, now: Instant) -> None:
-        self.instants.append(now)
-
-
 def note(log: list[tuple[int, T]], what: T) -> Task:
     return lambda now: log.append((now, what))
 
 
 def test_repeats_at_whole_multiples_however_time_goes_on() -> None:
-    agenda, log = Agenda(), AgendaLog()
-    agenda.repeat(log, Instant(3), Duration(10))
+    agenda, log = Agenda(), list[tuple[int, str]]()
+    agenda.repeat(note(log, "a"), Instant(3), Duration(10))
     for until in (4, 5, 27, 28, 43):
         agenda.run(Instant(until))
-    assert log.instants == [3, 13, 23, 33]
+    assert log == [(instant, "a") for instant in (3, 13, 23, 33)]
 
 
 def test_lower_order_goes_first_then_who_came_first() -> None:
@@ -271,22 +256,22 @@ def test_lower_order_goes_first_then_who_came_first() -> None:
 
 
 def test_what_is_planned_meanwhile_is_done_in_the_same_run() -> None:
-    agenda, log = Agenda(), AgendaLog()
-    agenda.once(lambda now: agenda.once(log, Instant(now + 2)), Instant(1))
+    agenda, log = Agenda(), list[tuple[int, str]]()
+    agenda.once(lambda now: agenda.once(note(log, "a"), Instant(now + 2)), Instant(1))
     agenda.run(Instant(3))
-    assert log.instants == []
+    assert log == []
     agenda.run(Instant(4))
-    assert log.instants == [3]
+    assert log == [(3, "a")]
 
 
-def test_skipping_keeps_the_rhythm_and_drops_what_was_once() -> None:
-    agenda, log = Agenda(), AgendaLog()
-    agenda.repeat(log, Instant(3), Duration(10))
-    agenda.once(log, Instant(20))
-    agenda.once(log, Instant(45))
+def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:
+    agenda, log = Agenda(), list[tuple[int, str]]()
+    agenda.repeat(note(log, "a"), Instant(3), Duration(10))
+    agenda.once(note(log, "b"), Instant(20))
+    agenda.once(note(log, "b"), Instant(45))
     assert agenda.skip(Instant(43)) == 4 + 1
     agenda.run(Instant(60))
-    assert log.instants == [43, 45, 53]
+    assert log == [(43, "a"), (45, "b"), (53, "a")]
 
 
 @given(

@@ -1,11 +1,16 @@
-"""Roles become plain tuples and come back as they were; whatever else comes is junk."""
+"""Roles become plain tuples and come back as they were; any other input is rejected."""
 
 from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass, field, make_dataclass
 from enum import Enum, Flag, IntEnum
+from types import GenericAlias
 from typing import Annotated, Any, Literal, NamedTuple, NewType, Optional, Union
 
+import msgpack
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from deeco.component import component, role
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
@@ -50,17 +55,15 @@ class Pair(NamedTuple):
 
 
 def role_of(name: str = "Sample", **annotations: Any) -> type[Knowledge]:
-    """A role with such fields."""
     return role(type(name, (Knowledge,), {"__annotations__": annotations, "__qualname__": name}))
 
 
 def played(kind: type[Knowledge]) -> type[Knowledge]:
-    """A component of one role."""
     return component(type("Player", (kind,), {}))
 
 
 def packed(annotation: Any, value: Any, **limits: Any) -> Any:
-    """One value as it travels in a field of that type."""
+    """Return this value of a field of this type as it is sent."""
     kind = role_of(value=annotation)
     fields: dict[str, Any] = {"value": value}
     ((_, (there,)),) = RoleBook([kind], LinkParameters(**limits)).pack(played(kind)(id="c", **fields))
@@ -68,7 +71,7 @@ def packed(annotation: Any, value: Any, **limits: Any) -> Any:
 
 
 def unpacked(annotation: Any, there: Any, **limits: Any) -> Any:
-    """What becomes of a received value in a field of that type; JUNK if nothing."""
+    """Return a received value of a field of this type; JUNK if it is rejected."""
     kind = role_of(value=annotation)
     got = RoleBook([kind], LinkParameters(**limits)).unpack("c", ((fingerprint(kind), (there,)),))
     return JUNK if got is None else vars(got.roles[0])["value"]
@@ -212,7 +215,7 @@ def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str)
         (Window, (2, 5, 3)),
     ],
 )
-def test_what_has_not_its_form_is_junk(annotation: Any, there: Any) -> None:
+def test_a_value_of_another_form_is_rejected(annotation: Any, there: Any) -> None:
     assert unpacked(annotation, there) is JUNK
 
 
@@ -275,71 +278,75 @@ def test_a_fingerprint_does_not_depend_on_which_order_typing_met_first() -> None
     assert fingerprint(role_of(a=Metres)) == fingerprint(role_of(a=float))
 
 
-def test_two_roles_that_nobody_could_tell_apart_are_refused() -> None:
-    with pytest.raises(DeploymentError) as error:
-        RoleBook([role_of(a=int), role_of(a=int)])
-    assert str(error.value) == (
-        "tests.deeco.test_schema.Sample and tests.deeco.test_schema.Sample have the same fingerprint "
-        f"on the air, {fingerprint(role_of(a=int)):08x}; one of them should have another name"
-    )
-
-
 Unmade = make_dataclass("Unmade", [("a", int)], frozen=True, namespace={"__init__": lambda self, z: None})
 Untyped = namedtuple("Untyped", "a b")
 OtherMode: Any = Enum("Mode", "IDLE SWEEPING BLOCKED")  # type: ignore[misc]  # the name is the point
 
 
+Sample, First, Second = role_of(a=int), role_of("First", a=int), role_of("Second", b=int)
+Nested: Any = tuple[tuple[tuple[tuple[tuple[int]]]]]
+
+
+def pack_both() -> object:
+    both: type[Knowledge] = component(type("Both", (First, Second), {}))
+    fields: dict[str, Any] = {"a": 1, "b": 2}
+    return RoleBook([First, Second], LinkParameters(most_roles=1)).pack(both(id="c", **fields))
+
+
 @pytest.mark.parametrize(
-    ("annotation", "sentence"),
+    ("mistake", "sentence"),
     [
-        (Tree, "Tree contains itself; what is published should have an end"),
-        (Unmade, "Unmade is made from z; it should be made from its fields a"),
-        (Untyped, "Untyped.a should have a type"),
         (
-            Mode | OtherMode,
+            lambda: RoleBook([role_of(value=Tree)]),
+            "role Sample cannot be published: Tree contains itself; what is published should have an end",
+        ),
+        (
+            lambda: RoleBook([role_of(value=Unmade)]),
+            "role Sample cannot be published: Unmade is made from z; it should be made from its fields a",
+        ),
+        (
+            lambda: RoleBook([role_of(value=Untyped)]),
+            "role Sample cannot be published: Untyped.a should have a type",
+        ),
+        (
+            lambda: RoleBook([role_of(value=Mode | OtherMode)]),
+            "role Sample cannot be published: "
             "two alternatives are Mode{IDLE,SWEEPING,BLOCKED}; they should have different names",
+        ),
+        (
+            lambda: RoleBook([role_of(a=Nested)], LinkParameters(most_depth=4)),
+            "role Sample cannot be published: it nests its types 5 deep; "
+            "at most 4 may be (LinkParameters.most_depth)",
+        ),
+        (
+            lambda: RoleBook([role_of(**dict.fromkeys((f"a{index}" for index in range(65)), int))]),
+            "role Sample cannot be published: "
+            "Sample has 65 fields; at most 64 may be (LinkParameters.most_items)",
+        ),
+        (
+            lambda: RoleBook([Sample, role_of(a=int)]),
+            "tests.deeco.test_schema.Sample and tests.deeco.test_schema.Sample have the same fingerprint "
+            f"on the air, {fingerprint(Sample):08x}; one of them should have another name",
+        ),
+        (
+            lambda: RoleBook([]).pack(robot(0)),
+            "Robot plays Sweeper, which the role book should have been given",
+        ),
+        (pack_both, "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)"),
+        (
+            lambda: fingerprint(played(Sweeper)),
+            "Player cannot be published; its class should have @role",
+        ),
+        (
+            lambda: LinkParameters(frame_data=9),
+            "LinkParameters.frame_data is 9, but must be from 10 to 65535",
         ),
     ],
 )
-def test_a_type_that_cannot_travel_is_refused_before_the_first_step(annotation: Any, sentence: str) -> None:
+def test_roles_that_cannot_be_published_are_refused(mistake: Callable[[], object], sentence: str) -> None:
     with pytest.raises(DeploymentError) as error:
-        RoleBook([role_of(value=annotation)])
-    assert str(error.value) == f"role Sample cannot be published: {sentence}"
-
-
-def test_roles_beyond_the_limits_are_refused_before_the_first_step() -> None:
-    with pytest.raises(DeploymentError) as error:
-        RoleBook([role_of(a=tuple[tuple[tuple[tuple[tuple[int]]]]])], LinkParameters(most_depth=4))
-    assert str(error.value) == (
-        "role Sample cannot be published: it nests its types 5 deep; "
-        "at most 4 may be (LinkParameters.most_depth)"
-    )
-    with pytest.raises(DeploymentError) as error:
-        RoleBook([role_of("Sample", **dict.fromkeys((f"a{index}" for index in range(65)), int))])
-    assert str(error.value) == (
-        "role Sample cannot be published: Sample has 65 fields; at most 64 may be (LinkParameters.most_items)"
-    )
-
-
-def test_a_component_whose_role_the_book_was_not_given_is_refused() -> None:
-    with pytest.raises(DeploymentError) as error:
-        RoleBook([]).pack(robot(0))
-    assert str(error.value) == "Robot plays Sweeper, which the role book should have been given"
-
-
-def test_a_component_with_too_many_roles_is_refused() -> None:
-    first, second = role_of("First", a=int), role_of("Second", b=int)
-    both: type[Knowledge] = component(type("Both", (first, second), {}))
-    fields: dict[str, Any] = {"a": 1, "b": 2}
-    with pytest.raises(DeploymentError) as error:
-        RoleBook([first, second], LinkParameters(most_roles=1)).pack(both(id="c", **fields))
-    assert str(error.value) == "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)"
-
-
-def test_only_roles_are_published() -> None:
-    with pytest.raises(DeploymentError) as error:
-        fingerprint(played(Sweeper))
-    assert str(error.value) == "Player cannot be published; its class should have @role"
+        mistake()
+    assert str(error.value) == sentence
 
 
 @pytest.mark.parametrize("per_unit", [0, -1, True, 0.001])
@@ -352,7 +359,73 @@ def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
     )
 
 
-def test_a_limit_that_makes_no_sense_is_refused() -> None:
-    with pytest.raises(DeploymentError) as error:
-        LinkParameters(frame_data=9)
-    assert str(error.value) == "LinkParameters.frame_data is 9, but must be from 10 to 65535"
+Typed = tuple[Any, st.SearchStrategy[Any]]
+
+
+def _leaves() -> st.SearchStrategy[Typed]:
+    finite = st.floats(allow_nan=False, allow_infinity=False)
+    cases: list[Typed] = [
+        (bool, st.booleans()),
+        (int, st.integers(-(2**63), 2**64 - 1)),
+        (float, finite),
+        (Metres, finite),
+        (Annotated[float, Resolution(1000)], st.integers(-(10**9), 10**9).map(lambda n: n / 1000)),
+        (str, st.text(max_size=64)),
+        (bytes, st.binary(max_size=256)),
+        (None, st.none()),
+        (Mode, st.sampled_from(Mode)),
+        (Literal["x", 1, None, Level.LOW], st.sampled_from(["x", 1, None, Level.LOW])),
+        (Pair, st.builds(Pair, st.integers(0, 9), st.text(max_size=9))),
+        (Window, st.builds(Window, st.integers(0, 9), st.integers(10, 19))),
+    ]
+    return st.sampled_from(cases)
+
+
+def _around(inner: st.SearchStrategy[Typed]) -> st.SearchStrategy[Typed]:
+    several = st.lists(inner, min_size=1, max_size=3)
+    return st.one_of(inner.map(_sequence), several.map(_row), several.map(_union), several.map(_record))
+
+
+def _sequence(item: Typed) -> Typed:
+    return GenericAlias(tuple, (item[0], ...)), st.lists(item[1], max_size=5).map(tuple)
+
+
+def _row(items: list[Typed]) -> Typed:
+    return GenericAlias(tuple, tuple(one for one, _ in items)), st.tuples(*(values for _, values in items))
+
+
+def _union(items: list[Typed]) -> Typed:
+    union: Any = Union
+    return union[tuple(one for one, _ in items)], st.one_of(*(values for _, values in items))
+
+
+def _record(items: list[Typed]) -> Typed:
+    cls = make_dataclass("Record", [(f"f{i}", one[0]) for i, one in enumerate(items)], frozen=True)
+    return cls, st.builds(cls, *(values for _, values in items))
+
+
+@given(st.data(), st.lists(st.recursive(_leaves(), _around, max_leaves=6), max_size=4))
+@settings(derandomize=True, max_examples=120, deadline=None)
+def test_any_role_of_any_types_comes_back_as_it_was(data: st.DataObject, items: list[Typed]) -> None:
+    kind = role_of(**{f"f{i}": annotation for i, (annotation, _) in enumerate(items)})
+    values = {f"f{i}": data.draw(values) for i, (_, values) in enumerate(items)}
+    book = RoleBook([kind])
+    there = book.pack(played(kind)(id="c", **values))
+    travelled = msgpack.unpackb(msgpack.packb(there), use_list=False)
+    got = book.unpack("c", travelled)
+    assert got == Unpacked((kind(id="c", **values),), 0)
+    assert repr(got.roles[0]) == repr(kind(id="c", **values))  # types, too: 1 == 1.0 == True
+
+
+_ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.binary(max_size=9),
+    lambda inner: st.lists(inner, max_size=4).map(tuple) | st.lists(inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@given(_ANYTHING)
+@settings(derandomize=True, max_examples=300)
+def test_whatever_fields_come_nothing_raises(fields: Any) -> None:
+    got = BOOK.unpack("r12", ((fingerprint(Sweeper), fields),))
+    assert got is None or isinstance(got.roles[0], Sweeper)
