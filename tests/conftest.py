@@ -12,7 +12,6 @@ import pytest
 from hypothesis import settings
 
 from actors.processes import launch
-from command_line.development.suite import ALONE, has_alone_marker
 from tests import warm
 
 if TYPE_CHECKING:
@@ -93,9 +92,6 @@ def browser(tmp_path: Path) -> "Iterator[Browser]":
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     _select_claims(config, items)
-    for item in items:
-        if item.get_closest_marker(ALONE) is not None and not has_alone_marker(item.path):
-            raise pytest.UsageError(f"{item.nodeid}: the marker {ALONE} must stand in the test's own file")
     items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))
 
 

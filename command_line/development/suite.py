@@ -1,4 +1,4 @@
-"""The test suite in two halves: most tests run in several workers, those marked `alone` one by one."""
+"""The test suite: pytest in several workers, and the number of processes that it starts."""
 
 import os
 import subprocess
@@ -11,50 +11,31 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self, TextIO
 
-ALONE: Final = "alone"
-"""The marker of tests that measure wall time or want every core."""
 NIGHTLY: Final = "nightly"
 """The marker of tests that the suite leaves to `acrc test --nightly`."""
 BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "0")
 """Each file runs on one worker, which makes its fixtures once, in the order of tests/conftest.py. A crashed
-worker ends the half: replaced, it can block the others (pytest-dev/pytest-xdist#1378)."""
+worker ends the suite: replaced, it can block the others (pytest-dev/pytest-xdist#1378)."""
 BUDGET: Final = Path("tests", "development", "budget.toml")
 """The file with the number of processes that the suite may start."""
-NO_TESTS: Final = 5
-"""pytest's exit code if no test was selected; not a failure of one half."""
 _PERIOD_S: Final = 0.02
 
 
 def run_suite(root: Path, words: Sequence[str]) -> int:
     """Run pytest in the folder `root` and return its exit code.
 
-    `words` go to pytest unchanged, in one process. Without words the suite runs in two halves and its
-    processes are counted; `--nightly` alone runs all tests.
+    `words` go to pytest unchanged, in one process. Without words the suite runs in several workers and its
+    processes are counted; the only word `--nightly` runs all tests in several workers.
     """
     whole = list(words) == [f"--{NIGHTLY}"]
     if words and not whole:
         return run_pytest(root, words)
-    now = "" if whole else f" and not {NIGHTLY}"
+    selected = () if whole else ("-m", f"not {NIGHTLY}")
     workers = str((os.cpu_count() or 1) + 1)  # some tests wait while others compute
     with ProcessCounter() as started:
-        beside = run_pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
-        alone = run_pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
-    if beside == alone == NO_TESTS:
-        return NO_TESTS
+        code = run_pytest(root, (*selected, "-n", workers, *BY_FILE))
     exceeded = not whole and _is_over_budget(root, started.count)
-    return next((code for code in (beside, alone) if code not in (0, NO_TESTS)), int(exceeded))
-
-
-def marked_alone(root: Path) -> list[str]:
-    """Return the files of the second half, so that pytest imports no others."""
-    folder = root / "tests" if (root / "tests").is_dir() else root
-    files = sorted(folder.rglob("test_*.py"))
-    return [str(path.relative_to(root)) for path in files if has_alone_marker(path)]
-
-
-def has_alone_marker(path: Path) -> bool:
-    """Return whether the source of a test file names the marker `alone`."""
-    return f"mark.{ALONE}" in path.read_text("utf-8")
+    return code or int(exceeded)
 
 
 class ProcessCounter:

@@ -121,9 +121,7 @@ def test_a_failure_is_named(tmp_path: Path, behaviour: str, bus: str, said: str)
     assert failure(tmp_path / "out", behaviour, bus, step_s=step_s) == said
 
 
-@pytest.mark.parametrize(
-    "bus", ["zenoh", pytest.param("memory", marks=[pytest.mark.alone, pytest.mark.nightly])]
-)
+@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=NIGHTLY)])
 def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
     where = rf"({place('while True:', after='def _spin')}|{place('count += 1')}) \(_spin\)"
@@ -198,7 +196,6 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
     assert processes_of(tmp_path / "out") == []
 
 
-@pytest.mark.alone  # it is told by wall time
 @pytest.mark.nightly
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
 def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:

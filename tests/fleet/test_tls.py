@@ -22,7 +22,7 @@ from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
 from tests.fleet.texts import ROOT
 
-pytestmark = [pytest.mark.timeout(30), pytest.mark.alone]
+pytestmark = pytest.mark.timeout(60)
 NOW = datetime.now(UTC)
 SENSES, RECEIVED, DRIVE = "swarm/down/r1/senses", "swarm/down/r1/received", "swarm/up/r1/drive"
 CONTROL, TRUTH = "swarm/infra/control", "swarm/infra/truth"

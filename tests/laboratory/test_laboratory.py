@@ -241,7 +241,6 @@ def millimetres(scan: Scan) -> NDArray[np.int64]:
     return np.frombuffer(scan.ranges_mm, "<u2").astype(np.int64)
 
 
-@pytest.mark.alone
 def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tmp_path: Path) -> None:
     built_from = setup(2)
     with Running(tmp_path, built_from) as laboratory:
@@ -294,7 +293,6 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
     assert sum(result.behind_ms.values()) == round(100 * result.simulated_s)
 
 
-@pytest.mark.alone
 def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
     with Running(tmp_path, setup(1), "--duration", "2") as laboratory:
         laboratory.pause(1.5)

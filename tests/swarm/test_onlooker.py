@@ -15,7 +15,7 @@ import pytest
 from tests.swarm.command import leftovers, processes_of, run, start
 
 pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
-pytestmark = [pytest.mark.alone, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 WORDS = ("--robots", 2, "--duration", 100, "--no-isolate", "--speed", 20)
 
 
