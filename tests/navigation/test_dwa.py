@@ -1,6 +1,8 @@
 """The kernel against its twin and the original, and what a choice must be like whatever stands around."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,85 @@ from actors.robot.cost_maps.inflation import Inflation
 from actors.robot.local_planning.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
 from actors.robot.local_planning.map_grid import wavefront
 from benchmarks import navigation as original
-from tests.navigation.dwa_twin import Numbers, Twin
+
+Numbers = dict[str, float]
+Cell = tuple[int, int]
+
+
+@dataclass
+class Twin:
+    """One window."""
+
+    costs: NDArray[np.uint8]
+    path: NDArray[np.int32]
+    goal: NDArray[np.int32]
+    front: NDArray[np.int32]
+    outline: NDArray[np.float64]
+    w: Numbers
+
+    def cost(self, pose: tuple[float, float, float], speed: float, turn: float) -> float | None:
+        """The total of a trajectory; None if a critic refuses it. `pose`: x, y, cells, and heading."""
+        highest = 0
+        for x, y, heading in self._points(pose, speed, turn):
+            below, cell = self._below(x, y, heading), self._cell(x, y)
+            nose = self._cell(x + self.w["nose"] * math.cos(heading), y + self.w["nose"] * math.sin(heading))
+            if below is None or cell is None or nose is None:
+                return None
+            if max(self.path[cell], self.goal[cell]) >= self.costs.size:
+                return None
+            highest = max(below, int(self.costs[cell]))
+        assert cell is not None and nose is not None
+        return (
+            self.w["obstacle"] * highest
+            + self.w["front"] * int(self.front[nose])
+            + self.w["alignment"] * int(self.path[nose])
+            + self.w["path"] * int(self.path[cell])
+            + self.w["goal"] * int(self.goal[cell])
+        )
+
+    def _points(
+        self, pose: tuple[float, float, float], speed: float, turn: float
+    ) -> Iterator[tuple[float, float, float]]:
+        w = self.w
+        count = math.ceil(
+            max(abs(speed) * w["horizon"] / w["stride"], abs(turn) * w["horizon"] / w["turn_stride"])
+        )
+        x, y, heading = pose
+        for _ in range(count):
+            yield x, y, heading
+            ahead = speed / w["cell"] * w["horizon"] / count
+            x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+            heading += turn * w["horizon"] / count
+
+    def _cell(self, x: float, y: float) -> Cell | None:
+        rows, columns = self.costs.shape
+        return (int(y), int(x)) if 0 <= x < columns and 0 <= y < rows else None
+
+    def _below(self, x: float, y: float, heading: float) -> int | None:
+        """The highest cost below the outline; None if that is lethal, or off the window."""
+        c, s = math.cos(heading), math.sin(heading)
+        corners = [self._cell(x + a * c - b * s, y + a * s + b * c) for a, b in self.outline]
+        highest = 0
+        for here, there in zip(corners, corners[1:] + corners[:1], strict=True):
+            if here is None or there is None:
+                return None
+            highest = max([highest, *(int(self.costs[cell]) for cell in line(here, there))])
+        return None if highest == 254 else highest
+
+
+def line(here: Cell, there: Cell) -> list[Cell]:
+    """Bresenham's cells from one to the other, both included."""
+    (row, column), up, right = here, there[0] - here[0], there[1] - here[1]
+    length = max(abs(up), abs(right))
+    cells = []
+    for k in range(length + 1):
+        # so often is the shorter axis stepped along in k steps, with half of the longer carried at first
+        across = (length // 2 + k * min(abs(up), abs(right))) // max(length, 1)
+        along_row, along_column = (across, k) if abs(right) >= abs(up) else (k, across)
+        up_now, right_now = math.copysign(along_row, up), math.copysign(along_column, right)
+        cells.append((row + int(up_now), column + int(right_now)))
+    return cells
+
 
 SIDE, CELL = 40, 0.1
 INFLATION = Inflation(0.186, 0.75, 15.0)
@@ -26,7 +106,6 @@ NUMBERS: Numbers = {
     "horizon": 3.0, "stride": 0.05, "turn_stride": 0.1,
     "least_speed": 0.1, "least_turn": 0.4, "most_speed": 0.5,
 }  # fmt: skip
-FREE = np.zeros(4, np.bool_)
 ROWS = Path(__file__).parent / "original"
 
 
@@ -48,57 +127,51 @@ class Scene:
         self.path, self.goal, self.front = (wavefront(squared, limit, cells) for cells in (plan, goal, front))
         self.twin = Twin(TABLE[squared], self.path, self.goal, self.front, OUTLINE, NUMBERS)
 
-    def choose(self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_] = FREE) -> CheapestVelocity:
+    def choose(self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]) -> CheapestVelocity:
         critics = np.array([tuple(NUMBERS[name] for name in CRITICS.names or ())], CRITICS)
         pose = np.array([*self.pose, 0.0, 0.0])
         around = self.squared, self.path, self.goal, self.front
         return CheapestVelocity(*cheapest(pose, speeds, turns, barred, *around, TABLE, OUTLINE, critics))
 
-    def costs(self, speeds: Singles, turns: Singles) -> dict[tuple[float, float], float]:
-        """By the twin, of valid trajectories that are fast enough."""
+    def costs(
+        self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]
+    ) -> dict[tuple[float, float], float]:
+        """By the twin, of valid trajectories that are fast enough and not barred."""
         x, y, heading = self.pose
         found = {}
         for speed in map(float, speeds):
             for turn in map(float, turns):
                 fast = speed + 1e-4 >= NUMBERS["least_speed"] or abs(turn) + 1e-4 >= NUMBERS["least_turn"]
-                cost = self.twin.cost((x / CELL, y / CELL, heading), speed, turn) if fast else None
+                allowed = not np.any(barred & [speed > 0, speed < 0, turn > 0, turn < 0])
+                cost = (
+                    self.twin.cost((x / CELL, y / CELL, heading), speed, turn) if fast and allowed else None
+                )
                 if cost is not None:
                     found[speed, turn] = cost
         return found
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     obstacles=st.integers(0, 40),
     speed=st.tuples(st.floats(0, 0.4), st.floats(0, 0.4)),
     turn=st.tuples(st.floats(-2, 2), st.floats(0, 1)),
+    barred=st.just([False] * 4) | st.lists(st.booleans(), min_size=4, max_size=4),
 )
 def test_the_choice_is_the_twins(
-    seed: int, obstacles: int, speed: tuple[float, float], turn: tuple[float, float]
+    seed: int, obstacles: int, speed: tuple[float, float], turn: tuple[float, float], barred: list[bool]
 ) -> None:
-    scene = Scene(seed, obstacles)
+    scene, signs = Scene(seed, obstacles), np.array(barred)
     speeds = samples(speed[0], min(sum(speed), 0.5), 6)
     turns = samples(turn[0], sum(turn), 7)
-    choice, costs = scene.choose(speeds, turns), scene.costs(speeds, turns)
+    choice, costs = scene.choose(speeds, turns, signs), scene.costs(speeds, turns, signs)
     if not costs:
         assert choice == (0.0, 0.0, INVALID)
         return
     # a point that is within rounding of a cell's border may be in the other one
     assert choice.cost == pytest.approx(min(costs.values()), abs=1e-9)
     assert costs[choice.speed, choice.turn] == pytest.approx(choice.cost, abs=1e-9)
-
-
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 10**6), barred=st.lists(st.booleans(), min_size=4, max_size=4))
-def test_a_choice_is_fast_enough_and_not_barred(seed: int, barred: list[bool]) -> None:
-    choice = Scene(seed, 6).choose(samples(-0.3, 0.5, 7), samples(-1.0, 1.0, 8), np.array(barred))
-    if choice.cost == INVALID:
-        return
-    assert abs(choice.speed) >= 0.1 - 1e-4 or abs(choice.turn) >= 0.4 - 1e-4
-    along, back, left, right = barred
-    assert not (choice.speed > 0 and along) and not (choice.speed < 0 and back)
-    assert not (choice.turn > 0 and left) and not (choice.turn < 0 and right)
 
 
 @settings(max_examples=100, deadline=None)
@@ -115,11 +188,9 @@ def test_samples_are_even_and_hold_both_ends_and_zero(low: float, span: float, c
 
 
 @pytest.mark.claim("navigation")
-def test_it_chooses_as_the_original_chose(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_chooses_as_the_original_chose() -> None:
     """Ninety cycles of three of its logs; what differs is a point or two on the border between two cells."""
-    measured = original.check(ROWS)
-    measured.show()
-    found = measured.figures
+    found = original.check(ROWS).figures
     assert found["all"]["cycles"] == 90 and found["inflation"]["cells"] == 89_600
     assert found["all"]["same"] >= 0.97 and found["all"]["within_one"] >= 0.98
     assert found["all"]["regret_90"] <= 0.001 and found["all"]["refused"] == 0.0
@@ -127,15 +198,11 @@ def test_it_chooses_as_the_original_chose(capsys: pytest.CaptureFixture[str]) ->
     assert found["inflation"]["equal"] >= 0.999
     assert {name: one["pairs"] for name, one in found["plans"].items()} == dict.fromkeys(found["plans"], 6)
     assert sorted(found["plans"]) == ["apartment", "corridor", "maze"]
-    files = found["files"]
-    assert sorted(files) == ["local_apartment_4_s4", "local_corridor_4_s7", "local_maze_1_s3"]
     categories = ("free", "near_goal", "turning")
     for name in ("all", *categories):
-        assert sum(one[name]["cycles"] for one in files.values()) == found[name]["cycles"], name
-    of_one = files["local_maze_1_s3"]
+        assert sum(one[name]["cycles"] for one in found["files"].values()) == found[name]["cycles"], name
+    of_one = found["files"]["local_maze_1_s3"]
     assert sum(of_one[name]["cycles"] for name in categories) == of_one["all"]["cycles"] == 30
-    row = next(line for line in capsys.readouterr().out.splitlines() if "local_maze_1_s3" in line)
-    assert all(f"{of_one[name]['same']:.1%}, " in row for name in categories)
 
 
 def refused(folder: Path) -> str:
@@ -144,15 +211,11 @@ def refused(folder: Path) -> str:
     return str(caught.value)
 
 
-def test_a_folder_without_rows_is_refused(tmp_path: Path) -> None:
+def test_rows_of_something_else_are_refused(tmp_path: Path) -> None:
     assert refused(tmp_path) == f"{tmp_path}: holds no local_*.npz; must be a folder of rows of the original"
-
-
-def test_files_that_hold_something_else_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    """Whoever sends rows may send anything: no zip, half of one, arrays that are missing or do not fit."""
     name, whole = tmp_path / "local_a.npz", (ROWS / "local_maze_1_s3.npz").read_bytes()
     flipped = bytes(255 - byte if k == 20_000 else byte for k, byte in enumerate(whole))
-    for damaged in (b"no rows", b"", whole[:-900], whole[:30_000], flipped):
+    for damaged in (b"no rows", b"", whole[:30_000], flipped):
         name.write_bytes(damaged)
         assert refused(tmp_path).startswith(f"{name}: cannot be compared: ")
     with np.load(ROWS / "local_maze_1_s3.npz") as found:
@@ -160,19 +223,15 @@ def test_files_that_hold_something_else_are_refused_in_a_sentence(tmp_path: Path
     np.savez(name, time=np.zeros(1))
     assert refused(tmp_path) == f"{name}: lacks 'plan_points'; must hold the rows of the original"
     changes: list[tuple[str, object]] = [
-        ("costs", rows["costs"][:, :20]), ("plan", rows["plan"] + 99), ("pose_map", rows["pose_map"][:, :2]),
-        ("pose_odometry", rows["pose_odometry"] * math.nan), ("plan_points", rows["plan_points"] * math.inf),
-        ("category", rows["category"][:3]), ("vx", rows["vx"][0]), ("corner", rows["corner"][:, :1]),
+        ("costs", rows["costs"][:, :20]), ("plan", rows["plan"] + 99), ("category", rows["category"][:3]),
+        ("plan_points", rows["plan_points"] * math.inf), ("vx", rows["vx"][0]),
     ]  # fmt: skip
     for array, changed in changes:
         np.savez(name, **{**rows, array: changed})
         assert refused(tmp_path).startswith(f"{name}: cannot be compared: "), array
-
-
-def test_plans_and_costs_of_something_else_are_refused_too(tmp_path: Path) -> None:
-    (tmp_path / "local_a.npz").write_bytes((ROWS / "local_maze_1_s3.npz").read_bytes())
-    for name, array in (("global_maze.npz", "goals"), ("inflation.npz", "costs_local")):
-        with np.load(ROWS / name) as found:
-            np.savez(tmp_path / name, **{**found, array: found[array][:2]})
-        assert refused(tmp_path).startswith(f"{tmp_path / name}: cannot be compared: ")
-        (tmp_path / name).unlink()
+    name.write_bytes(whole)
+    for other, array in (("global_maze.npz", "goals"), ("inflation.npz", "costs_local")):
+        with np.load(ROWS / other) as found:
+            np.savez(tmp_path / other, **{**found, array: found[array][:2]})
+        assert refused(tmp_path).startswith(f"{tmp_path / other}: cannot be compared: ")
+        (tmp_path / other).unlink()

@@ -10,14 +10,16 @@ import pytest
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.installation.repository import REPOSITORY
+from actors.instant import Instant
 from actors.randomness import generator
+from actors.robot.behaviour import Decision, GoalStatus, Start, View
 from actors.robot_model import load_model
+from actors.task.words import PlaceGivenUp, PlaceReport
 from deploy.scenario.scenario_file import Overrides, parse
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
 from tests.recorded_runs import record
 
-NIGHTLY = pytest.mark.nightly
 MODEL = "turtlebot2"
 MARGIN = 0.1
 """Goals and starts lie at least so far beyond the body's radius from walls, m."""
@@ -25,7 +27,35 @@ PATIENCE = 120.0
 """Simulated time per goal after which a run ends, s: more than twice the longest way on these maps."""
 
 
-def scenario(map_file: Path, robots: int, goals: int, seed: int, navigation: str = "robust") -> Scenario:
+class Errands:
+    """Drive to the places in turn and report each; then go on without reports, in the way of the others."""
+
+    def __init__(self, start: Start) -> None:
+        self._start = start
+        self._taken = 0
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        if self._taken == 0:
+            return self._next(())
+        if view.goal is None or view.goal.status is GoalStatus.ACTIVE:
+            return Decision()
+        place = self._taken - 1
+        if place >= len(self._start.places):
+            return self._next(())
+        if view.goal.status is GoalStatus.SUCCEEDED:
+            return self._next((PlaceReport(self._start.robot, place, view.instant),))
+        reason = "" if view.goal.reason is None else view.goal.reason.value
+        return self._next(
+            (), (PlaceGivenUp(self._start.robot, place, view.instant, f"navigation: {reason}"),)
+        )
+
+    def _next(self, reports: tuple[PlaceReport, ...], given_up: tuple[PlaceGivenUp, ...] = ()) -> Decision:
+        goal = self._start.places[self._taken % len(self._start.places)]
+        self._taken += 1
+        return Decision(goal=goal, reports=reports, given_up=given_up)
+
+
+def scenario(map_file: Path, robots: int, goals: int, seed: int) -> Scenario:
     """Return a run with random starts and goals, `goals` for each robot, uniform over the free floor."""
     grid, radius = load_map(map_file), load_model(MODEL, None).footprint.circumradius
     rng = generator(seed, "course", map_file.stem)
@@ -35,13 +65,13 @@ def scenario(map_file: Path, robots: int, goals: int, seed: int, navigation: str
         places = draw_points(grid, goals, apart=0.0, start=start, **room)
         pose = (*start, float(rng.uniform(-np.pi, np.pi)))
         tables.append({"id": f"r{number}", "start": pose, "places": tuple(map(tuple, places))})
-    strategy = "tests.navigation.errands:errands"
+    strategy = "tests.navigation.test_goals:Errands"
     content = {
         "map": str(map_file),
         "run": {"duration": PATIENCE * goals, "seed": seed, "strategy": strategy},
         "robots": {"count": robots, "model": MODEL},
         "places": {"preset": "listed"},
-        "navigation": {"preset": navigation},
+        "navigation": {"preset": "robust"},
         "robot": tables,
     }
     return parse(document(content), map_file, Overrides())

@@ -38,33 +38,18 @@ def planned(preset: str = "disc", ranges: NDArray[np.uint16] = SILENCE) -> tuple
 
 
 @PRESETS
-def test_from_rest_it_speeds_up_as_fast_as_it_may(preset: str) -> None:
-    steering = planned(preset)[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
+def test_from_rest_it_speeds_up_along_its_plan(preset: str) -> None:
+    made, _ = planned(preset)
+    steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid
-    assert steering.twist.vx == pytest.approx(0.2)
-    assert abs(steering.twist.omega) < 0.05
-
-
-@pytest.mark.parametrize("estimate", [Pose(3.0, -2.0, 2.5), Pose(0.0, 0.0, -1.0)])
-@PRESETS
-def test_the_plan_is_carried_over_from_the_map_frame(preset: str, estimate: Pose) -> None:
-    moved = np.array([estimate.compose(Pose(x, y, 0.0))[:2] for x, y in EAST])
-    made, _ = planned(preset)
-    straight = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
-    made.begin()
-    made.follow(moved)
-    turned = made.steer(Instant(0), ORIGIN, estimate, STILL)
-    assert turned.twist == pytest.approx(straight.twist, abs=0.05)
-
-
-@PRESETS
-def test_after_it_has_begun_anew_it_needs_a_plan(preset: str) -> None:
-    made, _ = planned(preset)
-    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).valid
+    assert steering.twist.vx == pytest.approx(0.2) and abs(steering.twist.omega) < 0.05
     made.begin()
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
-    made.follow(EAST)
-    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).valid
+    made.follow(np.add(EAST, (0.0, 2.5)))  # a plan elsewhere
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+    estimate = Pose(3.0, -2.0, 2.5)
+    made.follow(np.array([estimate.compose(Pose(x, y, 0.0))[:2] for x, y in EAST]))
+    assert made.steer(Instant(0), ORIGIN, estimate, STILL).twist == pytest.approx(steering.twist, abs=0.05)
 
 
 @PRESETS
@@ -198,14 +183,10 @@ def test_what_is_barred_after_which_motions(motions: list[tuple[float, float]], 
     [(Pose(1.04, 2.0, 3.1), False), (Pose(1.06, 2.0, 3.1), True), (Pose(1.0, 2.0, -3.0), False),
      (Pose(1.0, 2.0, -2.9), True)],
 )  # fmt: skip
-def test_it_ends_with_distance_or_angle(where: Pose, free: bool) -> None:
+def test_it_ends_with_distance_or_angle_or_a_new_goal(where: Pose, free: bool) -> None:
     made = critic((0.0, 1.0), (0.0, -1.0))
     made.note(where, 0.0, -1.0)
     assert made.barred.any() != free
-
-
-def test_a_new_goal_ends_it_too() -> None:
-    made = critic((0.0, 1.0), (0.0, -1.0))
     made.forget()
     assert not made.barred.any()
     made.note(HERE, 0.0, 1.0)
@@ -346,10 +327,3 @@ def test_the_bearing_is_that_of_the_plan_ahead(angle: float, heading: float) -> 
     assert seen == pytest.approx(math.remainder(angle - heading, math.tau), abs=0.16)
     squared[plan[5, 0], plan[5, 1]] = 4
     assert bearing(squared, 4.5, plan, body, 10.0) == 0.0
-
-
-@PRESETS
-def test_a_plan_that_is_elsewhere_is_no_plan(preset: str) -> None:
-    made, _ = planned(preset)
-    made.follow(np.add(EAST, (0.0, 2.5)))
-    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
