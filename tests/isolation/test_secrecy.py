@@ -96,7 +96,7 @@ def test_placement_radio_world_and_robots_follow_from_the_key() -> None:
     assert keyed.world.seed == 5
 
 
-@pytest.mark.parametrize("key", ["0011", KEY + "0", KEY[:-1] + "g"])
+@pytest.mark.parametrize("key", ["0011", KEY + "0", KEY[:-1] + "g"], ids=["short", "odd", "not hex"])
 def test_a_malformed_key_is_refused(key: str) -> None:
     with pytest.raises(OptionError, match=r"must be 32 to 128 hexadecimal digits"):
         load_scenario(None, Overrides(key=key))
