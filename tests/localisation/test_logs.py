@@ -122,9 +122,6 @@ def test_a_faulty_log_gets_one_sentence(
     with pytest.raises(CourseLogError, match=re.escape(sentence)) as caught:
         log.read(bad)
     assert str(caught.value).startswith(f"{bad}: ") and "\n" not in str(caught.value)
-
-
-def test_a_log_that_is_too_large_is_refused(written: Path) -> None:
     with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
         log.read(written, LogLimits(text_bytes=1000))
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point, Pose
-from actors.robot.localisation import PRESETS, AmclParameters, beams, likelihood_field
+from actors.robot.localisation import PRESETS, AmclParameters, likelihood_field
 from actors.robot.localisation.measurement import Cloud, Measurement, likelihoods
 from actors.runtime.errors import AcrcError
-from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, scan
+from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, ends, scan
 
 
 def _plan(seed: int = 0) -> OccupancyGrid:
@@ -77,11 +77,8 @@ RANGE = TURTLEBOT.sensor.range_max
 HERE = Pose(3.2, 4.0, 0.4)
 
 
-def ends(others: NDArray[np.float64] = NOBODY) -> NDArray[np.float64]:
-    """(b, 2): where the beams of a scan made HERE end."""
-    chosen = beams.beams(TURTLEBOT.sensor, 60)
-    ranges = scan(ROOM, HERE, others)
-    return beams.ends(ranges, chosen, HERE, np.empty((0, 2)), 0.0).points
+def scan_ends(others: NDArray[np.float64] = NOBODY) -> NDArray[np.float64]:
+    return ends(scan(ROOM, HERE, others))
 
 
 def cloud(spread: float, count: int, seed: int = 0) -> NDArray[np.float64]:
@@ -124,23 +121,19 @@ def p(d: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * np.exp(-0.5 * (d / 0.2) ** 2) + 0.5 / RANGE
 
 
-@pytest.mark.parametrize("spread", [0.05, 5.0])
-def test_cubes_are_those_of_numpy(spread: float) -> None:
-    points, poses = ends(), cloud(spread, 101)
+@pytest.mark.parametrize(
+    ("spread", "sharpness"), [(0.05, None), (5.0, None), (0.05, 1.0), (0.5, 0.3), (5.0, 0.3)]
+)
+def test_weights_are_those_of_numpy(spread: float, sharpness: float | None) -> None:
+    """By cubes, or by products of this sharpness."""
+    points, poses = scan_ends(), cloud(spread, 101)
     d = distances(points, poses[:, :100])
-    expected = before(100) * (1 + (p(d) ** 3).sum(axis=1))
-    weights, fit, _ = weighed(CUBES, points, poses)
-    assert weights == pytest.approx(expected / expected.sum())
-    assert fit == pytest.approx((d < 0.5).mean())
-
-
-@pytest.mark.parametrize(("spread", "sharpness"), [(0.05, 1.0), (0.5, 0.3), (5.0, 0.3)])
-def test_products_are_those_of_numpy(spread: float, sharpness: float) -> None:
-    points, poses = ends(), cloud(spread, 101)
-    d = distances(points, poses[:, :100])
-    logarithms = sharpness * np.log(p(d)).sum(axis=1)
-    expected = before(100) * np.exp(logarithms - logarithms.max())
-    weights, fit, skipped = weighed(replace(PRODUCT, sharpness=sharpness), points, poses)
+    if sharpness is None:
+        expected, parameters = before(100) * (1 + (p(d) ** 3).sum(axis=1)), CUBES
+    else:
+        logarithms, parameters = sharpness * np.log(p(d)).sum(axis=1), replace(PRODUCT, sharpness=sharpness)
+        expected = before(100) * np.exp(logarithms - logarithms.max())
+    weights, fit, skipped = weighed(parameters, points, poses)
     assert weights == pytest.approx(expected / expected.sum())
     assert fit == pytest.approx((d < 0.5).mean()) and skipped == 0
 
@@ -150,7 +143,7 @@ def test_beams_that_few_particles_agree_with_are_skipped(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-3, 3, 3)
     discs = np.column_stack((HERE.x + np.cos(angles), HERE.y + np.sin(angles), np.full(3, 0.2)))
-    points, poses = ends(discs), cloud(0.05, 101, seed)
+    points, poses = scan_ends(discs), cloud(0.05, 101, seed)
     d = distances(points, poses[:, :100])
     kept = (d < 0.5).mean(axis=0) >= 0.3
     logarithms = 0.4 * np.log(p(d[:, kept])).sum(axis=1)
@@ -160,12 +153,8 @@ def test_beams_that_few_particles_agree_with_are_skipped(seed: int) -> None:
     assert weights == pytest.approx(expected / expected.sum())
     assert fit == pytest.approx((d[:, kept] < 0.5).mean())  # or a crowd would look like a wrong pose
     assert weighed(SKIPPING, points, poses, together=False)[2] == 0
-
-
-def test_where_nearly_all_beams_would_be_skipped_none_is() -> None:
-    points, poses = ends(), cloud(0.01, 101)
     poses[:2] += 100.0
-    assert weighed(SKIPPING, points, poses)[2] == 0
+    assert weighed(SKIPPING, points, poses)[2] == 0, "nearly all would be skipped"
 
 
 def test_random_measurements_spread_over_the_sensor_s_own_range() -> None:
@@ -186,7 +175,7 @@ def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
     poses = cloud(0.0, 3)
     poses[:2, 1:] += 100.0
     weights = np.array([0.0, 0.5, 0.5])
-    points = np.repeat(ends(), 20, axis=0)
+    points = np.repeat(scan_ends(), 20, axis=0)
     Measurement(FIELD, RANGE, PRODUCT).weigh(
         points, Cloud(poses, weights, np.empty((2, 3)), 3), together=True
     )
