@@ -52,6 +52,8 @@ def test_a_frame_carries_118_bytes_and_no_more() -> None:
     with pytest.raises(FrameError) as error:
         encode(DataFrame(1, 2, bytes(119)))
     assert str(error.value) == "The frame has 128 octets; at most 127 fit."
+    assert size_fault(0) == size_fault(FRAME_DATA_LIMIT) == ""
+    assert size_fault(119) == "The frame has 119 data bytes; it must have 0 to 118."
 
 
 words = st.integers(0, 0xFFFF)
@@ -135,8 +137,3 @@ def test_what_no_frame_can_hold_is_refused_in_a_sentence(frame: DataFrame, sente
 @pytest.mark.parametrize(("data", "microseconds"), [(118, 4256), (0, 480), (1, 512), (11, 832), (51, 2112)])
 def test_airtime_is_that_of_the_standard(data: int, microseconds: int) -> None:
     assert airtime_us(data) == microseconds
-
-
-def test_a_frame_carries_0_to_118_bytes() -> None:
-    assert size_fault(0) == size_fault(FRAME_DATA_LIMIT) == ""
-    assert size_fault(119) == "The frame has 119 data bytes; it must have 0 to 118."

@@ -163,24 +163,6 @@ def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_onc
     assert loss(entries, (6.5, 2.0), (6.6, 14.0)) == 0.0  # through the door
 
 
-@pytest.mark.parametrize("kinds", [rooms(), np.random.default_rng(1).choice(3, (45, 67)).astype(np.uint8)])
-def test_blocks_have_every_cell_of_a_wall_once(kinds: NDArray[np.uint8]) -> None:
-    tiles = tiles_of(kinds)
-    rows, columns = tiles.leaps.shape[1:]
-    found = np.zeros((rows * TILE, columns * TILE), np.uint8)
-    for row in range(rows):
-        for column in range(columns):
-            tile = row * columns + column
-            part = found[row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE]
-            for west, south, east, north, kind in tiles.blocks[tiles.begins[tile] : tiles.begins[tile + 1]]:
-                assert not part[south:north, west:east].any()
-                part[south:north, west:east] = kind
-            assert (tiles.leaps[:, row, column] == 0).all() == part.any()
-    height, width = kinds.shape
-    assert np.array_equal(found[:height, :width], kinds)
-    assert not found[height:].any() and not found[:, width:].any()
-
-
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(kinds=kinds, one=spots, other=spots, most_db=st.floats(0.0, 20.0))
 def test_a_loss_is_symmetric_and_exact_or_known_to_be_too_much(
