@@ -137,10 +137,9 @@ def clone(tmp_path: Path) -> Clone:
     return Clone(folder, tools)
 
 
-@pytest.mark.parametrize("script", ["acrc", ".ci/run", "tests/cli/fake_python.sh"])
-def test_the_scripts_are_well_formed(script: str) -> None:
-    subprocess.run(["bash" if script == ".ci/run" else "sh", "-n", ROOT / script], check=True)
-    assert os.access(ROOT / script, os.X_OK) or script.startswith("tests")
+def test_the_script_of_ci_is_well_formed() -> None:
+    subprocess.run(["bash", "-n", ROOT / ".ci/run"], check=True)
+    assert os.access(ROOT / ".ci/run", os.X_OK)
 
 
 def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone: Clone) -> None:
@@ -257,14 +256,6 @@ def test_the_tabulator_key_installs_nothing_and_says_nothing(clone: Clone) -> No
     assert clone.call() == (0, f"in {clone.folder}: -P -m command_line\n", "")
 
 
-def test_a_moved_clone_is_installed_again(clone: Clone) -> None:
-    clone.call("run")
-    clone.folder = clone.folder.rename(clone.folder.with_name("moved"))
-    _, out, err = clone.call("run")
-    assert out == f"in {clone.folder}: -P -m command_line run\n"
-    assert "acrc: installing 24 packages: base sim\n" in err
-
-
 def test_a_failed_installation_is_resumed(clone: Clone) -> None:
     clone.settings["FAKE_PIP_FAILS"] = "yes"
     code, out, err = clone.call("run")
@@ -293,29 +284,30 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     ]
 
 
-def test_a_call_through_links_from_another_folder_stays_in_that_folder(clone: Clone, tmp_path: Path) -> None:
+def test_links_keep_the_working_directory_and_a_moved_clone_is_installed_again(
+    clone: Clone, tmp_path: Path
+) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (tmp_path / "link").symlink_to(clone.folder / "acrc")
     (elsewhere / "link to link").symlink_to("../link")
     code, out, _ = clone.call("run", script=elsewhere / "link to link", cwd=elsewhere)
     assert (code, out) == (0, f"in {elsewhere}: -P -m command_line run\n")
-    assert (clone.folder / ".venv/installed").exists()
+    clone.folder = clone.folder.rename(clone.folder.with_name("moved"))
+    _, out, err = clone.call("run")
+    assert out == f"in {clone.folder}: -P -m command_line run\n"
+    assert "acrc: installing 24 packages: base sim\n" in err
 
 
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        (
-            {"TOO_OLD": "yes", "VERSION": "3.9.2"},
-            f"python3 is Python 3.9, {NEEDED} python3.11 python3.11-venv",
-        ),
-        (
-            {"NO_VENV": "yes", "VERSION": "3.12.1"},
-            f"Python 3.12 lacks its module venv, {NEEDED} python3.12-venv",
-        ),
+        ({"TOO_OLD": "yes", "VERSION": "3.9.2"},
+         f"python3 is Python 3.9, {NEEDED} python3.11 python3.11-venv"),
+        ({"NO_VENV": "yes", "VERSION": "3.12.1"},
+         f"Python 3.12 lacks its module venv, {NEEDED} python3.12-venv"),
     ],
-)
+)  # fmt: skip
 def test_a_python_that_does_not_do_is_refused(clone: Clone, settings: dict[str, str], sentence: str) -> None:
     clone.settings |= settings
     assert clone.call("run") == (1, "", f"acrc: {sentence}\n")

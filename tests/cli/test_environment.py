@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.errors import AcrcError
 from deploy.scenario.scenario_file import load_scenario
 from tests import in_process
@@ -53,14 +52,6 @@ def test_variables_of_another_environment_change_nothing(ros: Path, tmp_path: Pa
     assert (done.returncode, done.stderr) == (0, "")
     here = in_process.acrc(*RUN, cwd=tmp_path).stdout
     assert json.loads(done.stdout)["digest"] == json.loads(here)["digest"]
-
-
-@pytest.mark.parametrize("package", ["experiments", "deploy", "observation", "random"])
-def test_a_folder_of_the_users_with_a_name_that_is_taken(package: str, tmp_path: Path) -> None:
-    (tmp_path / package).mkdir()
-    (tmp_path / package / "mine.py").write_text("def behaviour(start): ...\n")
-    with pytest.raises(AcrcError, match=f"if {package}/ is your own folder, rename it"):
-        admitted(Path("s.toml"), f"{package}.mine:behaviour", [tmp_path], Permit((tmp_path,)))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-8", "utf-16"])

@@ -1,4 +1,4 @@
-"""Standard streams that are closed, full, or read by nobody, and signals that are to be ignored."""
+"""Signals at any moment, and standard streams that are closed or full: one sentence, nothing left behind."""
 
 import ctypes
 import os
@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,54 @@ from actors.processes.signals import Interrupted, signals_as_interrupts
 from tests.swarm.command import ACRC, ROOT
 
 LIST = " ".join((*ACRC, "list", "strategies"))
+INTERRUPTED = """
+import os, runpy, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+left = int(sys.argv[1])
+def count(event, arguments):
+    global left
+    left -= event in {"import", "open", "exec"}
+    if left == 0:
+        left = -1
+        os.kill(os.getpid(), signal.SIGINT)
+sys.argv = ["acrc", *sys.argv[2:]]
+import command_line
+sys.addaudithook(count)
+runpy.run_module("command_line", run_name="__main__", alter_sys=True)
+"""
+"""The command line in a process that interrupts itself at its so manyth import, file or piece of code."""
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        (20, "list strategies"),
+        pytest.param(400, "run --bus memory --duration 1 --out OUT", marks=pytest.mark.nightly),
+        (2500, "run --bus memory --duration 1 --out OUT"),
+        pytest.param(1200, "demo --out OUT", marks=pytest.mark.nightly),
+        (1500, "campaign --preset chapter --out OUT"),
+    ],
+)
+def test_ctrl_c_at_any_moment_is_one_sentence(tmp_path: Path, event: int, words: str) -> None:
+    out = tmp_path / "out"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", INTERRUPTED, str(event), *words.replace("OUT", str(out)).split()],
+        cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    assert done.returncode == 130
+    kept = f"; what was recorded is in {out}" if out.exists() else ""
+    if words.startswith("campaign") and out.exists():
+        kept = f"; the same command resumes from {out}"
+    assert done.stderr.splitlines()[-1:] == [f"acrc: ended from outside{kept}"]
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_while_a_package_written_in_c_is_imported() -> None:
+    with pytest.raises(Interrupted), signals_as_interrupts():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except Interrupted:
+            raise ImportError("numpy._core.multiarray failed to import") from None
 
 
 def shell(command: str) -> tuple[int, str, str]:
@@ -20,18 +69,18 @@ def shell(command: str) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("where", ["<&- >&- 2>&-", "2>/dev/full", "| true"])
-def test_nobody_who_listens_is_no_fault(where: str) -> None:
+@pytest.mark.parametrize(
+    ("where", "sentence"),
+    [
+        ("<&- >&- 2>&-", ""),
+        ("2>/dev/full", ""),
+        ("| true", ""),
+        (">/dev/full", "acrc: standard output cannot be written: no space left on device\n"),
+    ],
+)
+def test_closed_streams_are_no_error_and_a_full_one_is_a_sentence(where: str, sentence: str) -> None:
     code, _, err = shell(f"set -o pipefail; {LIST} {where}")
-    assert (code, err) == (0, "")
-
-
-def test_standard_output_that_is_full_is_a_sentence() -> None:
-    assert shell(f"{LIST} >/dev/full") == (
-        1,
-        "",
-        "acrc: standard output cannot be written: no space left on device\n",
-    )
+    assert (code, err) == (int(bool(sentence)), sentence)
 
 
 def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
@@ -97,15 +146,3 @@ def test_a_signal_that_was_lost_comes_by_the_end_of_what_it_was_to_end_and_not_l
     finally:
         signal.signal(signal.SIGTERM, before)
     assert late == []
-
-
-def test_python_that_closes_standard_output_before_what_stands_there_ends_without_a_word() -> None:
-    program = (
-        "import sys; from actors.runtime.prints import taken_by\n"
-        "with taken_by(None): pass\n"
-        "sys.stdout.close(); sys.stderr.flush()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-X", "dev", "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

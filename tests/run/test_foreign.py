@@ -1,4 +1,4 @@
-"""Whose code runs: a module is installed, or lies where the command line says, or does not run."""
+"""Only installed modules and those in folders that the command line names are run."""
 
 import hashlib
 import sys
@@ -22,7 +22,7 @@ NOT_IMPORTED = "raise AssertionError('nothing is imported')"
 
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a strategy, a package and a namespace, and another one in which the user stands."""
+    """A folder with a strategy, a package and a namespace; the working directory is another one."""
     folder = tmp_path / "study"
     (folder / "package").mkdir(parents=True)
     (folder / "namespace").mkdir()
@@ -36,13 +36,19 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def looked() -> Iterator[None]:
-    """Afterwards Python finds modules where it did before."""
+    """Restore the search for modules."""
     before = set(sys.modules)
     yield
     look_in(())
     expect(None)
     for name in set(sys.modules) - before:
         del sys.modules[name]
+
+
+def refusal(entry: str, places: list[Path], permit: Permit) -> str:
+    with pytest.raises(AcrcError) as caught:
+        admitted(SOURCE, entry, places, permit)
+    return str(caught.value)
 
 
 def sha256(text: str) -> str:
@@ -62,60 +68,65 @@ def foreign_sentence(name: str, file: Path, folder: object) -> str:
         ("strategy:behaviour", "strategy.py"),
         ("package.deep:behaviour", "package/__init__.py"),
         ("namespace.strategy:behaviour", "namespace/strategy.py"),
-        ('none_such>strategy:behaviour{"reach":0.5}@60', "strategy.py"),
+        ('cleaning.strategies.none:behaviour>strategy:behaviour{"reach":0.5}@60', "strategy.py"),
     ],
 )
 def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str) -> None:
-    entry = entry.replace("none_such", "cleaning.strategies.none:behaviour")
     name = "strategy:behaviour" if ">" in entry else entry
-    with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, entry, [study], INSTALLED)
-    assert str(caught.value) == foreign_sentence(name, study / file, study)
+    assert refusal(entry, [study], INSTALLED) == foreign_sentence(name, study / file, study)
     assert admitted(SOURCE, entry, [study], Permit((study,))) == (study,)
     assert admitted(SOURCE, entry, [study], Permit(trust=True)) == (study,)
 
 
-def test_where_one_stands_counts_for_what_one_types(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_typed_strategy_is_found_in_the_working_directory_and_lets_no_other_in(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(study)
-    with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, "strategy:behaviour", [study], INSTALLED)
-    assert str(caught.value) == foreign_sentence("strategy:behaviour", study / "strategy.py", ".")
-    assert admitted(SOURCE, "strategy:behaviour", [], Permit(typed="strategy:behaviour")) == (study,)
-    with pytest.raises(AcrcError):  # that the other one is typed says nothing of this one
-        admitted(SOURCE, "package:evil>strategy:behaviour@3", [], Permit(typed="strategy:behaviour"))
-    with pytest.raises(AcrcError):
-        admitted(SOURCE, "strategy:behaviour>package:evil@3", [], Permit(typed="strategy:behaviour"))
+    assert refusal("strategy:behaviour", [study], INSTALLED) == foreign_sentence(
+        "strategy:behaviour", study / "strategy.py", "."
+    )
+    typed = Permit(typed="strategy:behaviour")
+    assert admitted(SOURCE, "strategy:behaviour", [], typed) == (study,)
+    for entry in ("package:evil>strategy:behaviour@3", "strategy:behaviour>package:evil@3"):
+        refusal(entry, [], typed)
 
 
-def test_what_is_installed_needs_no_folder(study: Path) -> None:
+def test_what_is_installed_needs_no_folder_and_nothing_takes_its_place(study: Path, looked: None) -> None:
+    for name in ("json", "numpy", "actors", "cleaning", "tomllib"):
+        (study / name).mkdir()
+        (study / name / "__init__.py").write_text(NOT_IMPORTED)
+    (study / "colorsys.py").write_text(NOT_IMPORTED)
     for entry in ("cleaning.strategies.none:behaviour", "numpy:array", "json.decoder:loads", "sys:exit"):
         assert admitted(SOURCE, entry, [study], INSTALLED) == ()
+    assert admitted(SOURCE, "cleaning.strategies.none:behaviour", [study], Permit((study,))) == ()
+    sys.modules.pop("colorsys", None)
+    look_in([study])
+    import colorsys  # noqa: PLC0415  # what was not imported before is looked for now
+
+    assert not Path(str(colorsys.__file__)).is_relative_to(study)
 
 
 @pytest.mark.parametrize(
     "entry",
     [
-        "no_such_module:behaviour", "cleaning.none_such:behaviour", ":", "..study.strategy:behaviour",
+        "cleaning.none_such:behaviour", ":", "..study.strategy:behaviour",
         "../study/strategy:behaviour", "/study/strategy:behaviour", "strategy/:behaviour", "strategy\n:x",
         "a\0b:behaviour", "str ategy:behaviour", "strat\u0435gy:behaviour", "STRATEGY:behaviour",
     ],
 )  # fmt: skip
-def test_what_is_nowhere_is_missing(study: Path, entry: str) -> None:
-    with pytest.raises(AcrcError):
-        admitted(SOURCE, entry, [study, Path("a\0b"), Path("x" * 5000), Path("/dev/null/x")], INSTALLED)
+def test_entries_that_name_no_module_are_refused(study: Path, entry: str) -> None:
+    refusal(entry, [study, Path("a\0b"), Path("x" * 5000), Path("/dev/null/x")], INSTALLED)
 
 
-def test_it_is_said_where_it_was_looked_for(study: Path) -> None:
-    with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, "no_such_module:behaviour", [study], INSTALLED)
-    assert str(caught.value) == (
+def test_a_missing_module_is_named_with_the_folders_searched(study: Path) -> None:
+    assert refusal("no_such_module:behaviour", [study], INSTALLED) == (
         "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' "
         f"here, nor in {study} and {Path.cwd()}; must be installed or lie in a folder that --modules DIR "
         "names"
     )
 
 
-def test_what_lies_beside_the_project_is_none_of_it() -> None:
+def test_folders_beside_the_packages_are_not_installed() -> None:
     """Pytest and `python -m` have the repository on Python's path, and people unpack things there."""
     assert str(REPOSITORY) in sys.path
     for module in ("tests.run.heir", "examples.courteous", "runs.received.evil", "conftest"):
@@ -125,17 +136,15 @@ def test_what_lies_beside_the_project_is_none_of_it() -> None:
     assert {name.removesuffix("*") for name in packages} == PACKAGES
 
 
-def test_a_link_makes_nobody_elses_code_installed(study: Path) -> None:
+def test_a_link_to_a_library_is_not_installed(study: Path) -> None:
     """The package's own file is the library's, and its parts are not."""
+    library = Path(str(sys.modules["json"].__file__))
     (study / "linked").mkdir()
-    (study / "linked" / "__init__.py").symlink_to(Path(str(sys.modules["json"].__file__)))
+    (study / "linked" / "__init__.py").symlink_to(library)
     (study / "linked" / "evil.py").write_text(NOT_IMPORTED)
-    real = Path(str(sys.modules["json"].__file__)).resolve()
     for permit in (INSTALLED, Permit((study,)), Permit(trust=True)):
-        with pytest.raises(AcrcError) as caught:
-            admitted(SOURCE, "linked.evil:behaviour", [study], permit)
-        assert str(caught.value) == (
-            f"{study}/linked/__init__.py: leads to {real}; code in {study} must lie there itself"
+        assert refusal("linked.evil:behaviour", [study], permit) == (
+            f"{study}/linked/__init__.py: leads to {library.resolve()}; code in {study} must lie there itself"
         )
 
 
@@ -147,33 +156,17 @@ def test_a_folder_for_modules_must_be_one(study: Path) -> None:
     assert foreign.permit_of([study.parent / "link"]) == Permit((study,))
 
 
-def test_nothing_in_a_folder_takes_the_place_of_what_is_installed(study: Path, looked: None) -> None:
-    for name in ("json", "numpy", "actors", "cleaning", "tomllib"):
-        (study / name).mkdir()
-        (study / name / "__init__.py").write_text(NOT_IMPORTED)
-    (study / "colorsys.py").write_text(NOT_IMPORTED)
-    assert admitted(SOURCE, "cleaning.strategies.none:behaviour", [study], Permit((study,))) == ()
-    sys.modules.pop("colorsys", None)
-    look_in([study])
-    import colorsys  # noqa: PLC0415  # what was not imported before is looked for now
-
-    assert not Path(str(colorsys.__file__)).is_relative_to(study)
-
-
-def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
+def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> None:
     (study / "code.py").write_text(NOT_IMPORTED)
-    with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, "code:behaviour", [], Permit((study,)))
-    assert str(caught.value) == (
+    assert refusal("code:behaviour", [], Permit((study,))) == (
         f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
         "installed, 'code'; a module of your own must have a name of its own"
     )
-    with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, "json.evil:behaviour", [study], INSTALLED)
-    assert str(caught.value) == (
-        "bold.toml names the strategy json.evil:behaviour, but 'json' is an installed package without such a "
-        "module; if json/ is your own folder, rename it"
-    )
+    for package in ("json", "experiments", "random"):
+        assert refusal(f"{package}.evil:behaviour", [study], INSTALLED) == (
+            f"bold.toml names the strategy {package}.evil:behaviour, but '{package}' is an installed package "
+            f"without such a module; if {package}/ is your own folder, rename it"
+        )
 
 
 def test_bytecode_is_neither_used_nor_written(

@@ -1,0 +1,308 @@
+"""Options and folders of a run: wrong ones are refused, full ones are named, copies repeat the run."""
+
+import errno
+import json
+import os
+import platform
+import resource
+import shutil
+import subprocess
+import sys
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actors.installation.usage import OptionError
+from actors.installation.version import software
+from actors.processes import scratch
+from actors.processes.scratch import scratch_folder
+from actors.processes.signals import Interrupted
+from actors.runtime.errors import AcrcError
+from deploy.run import out_folder
+from deploy.run.options import RunOptions, checked, folder_name
+from deploy.run.out_folder import claim, make_folder, writing
+from tests.in_process import acrc
+from tests.small_disk import on_small_disk
+from tests.swarm.command import ACRC, ROOT, processes_of
+
+SPEED = 'must be "max" or a number from 0.01 on, such as 1 or 4'
+NEW = "must be a folder that is new or empty"
+FULL = errno.ENOSPC, "No space left on device"
+SCRATCH = (
+    "{}: temporary files cannot be written: no space left on device; make room there, or set TMPDIR to "
+    "another folder"
+)
+STUDY = """
+from tests.swarm.witness import behaviour as plain
+
+def behaviour(start):
+    return plain(start)
+"""
+
+
+def test_options_have_defaults_and_the_folder_becomes_absolute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert checked(RunOptions(Path("runs/a"))) == RunOptions(
+        tmp_path / "runs/a",
+        speed="max",
+        bus="zenoh",
+        spawn="forkserver",
+        isolate=None,
+        view=False,
+        json=False,
+    )
+    for speed in ("1", "0.5", "4e2"):
+        assert checked(RunOptions(tmp_path, speed=speed)).speed == speed
+    assert checked(RunOptions(tmp_path, bus="memory", isolate=False)).isolate is False
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        *(({"speed": speed}, f"--speed: {speed or repr('')}; {SPEED}")
+          for speed in ("fast", "0.009", "-1", "nan", "inf", "", "1x")),
+        ({"bus": "ether"}, "--bus: ether; must be zenoh or memory"),
+        ({"spawn": "fork"}, "--spawn: fork; must be forkserver or exec"),
+        ({"bus": "memory", "isolate": True},
+         "--isolate: requires --bus zenoh; --bus memory has one process for all robots"),
+        ({"bus": "memory", "view": True},
+         "--view: requires --bus zenoh; --bus memory has one process for all"),
+        ({"followed": ("r2",)}, "--robot: 'r2'; requires --view"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_refused(tmp_path: Path, options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(OptionError) as caught:
+        checked(RunOptions(tmp_path, **options))
+    assert str(caught.value) == sentence
+
+
+def test_runs_that_begin_in_the_same_second_get_a_folder_each(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        folders = list(pool.map(lambda _: claim(tmp_path / "runs", "corridor-1"), range(8)))
+    names = {"corridor-1", *(f"corridor-1-{number}" for number in range(2, 9))}
+    assert {folder.name for folder in folders} == names
+    assert all(folder.is_dir() and folder.parent == tmp_path / "runs" for folder in folders)
+
+
+@pytest.mark.parametrize("content", [(), ("world.mcap",)])
+def test_a_claimed_folder_is_removed_if_empty_and_named_if_not(
+    tmp_path: Path, content: tuple[str, ...]
+) -> None:
+    for error in (ZeroDivisionError(), Interrupted(130)):
+        folder = claim(tmp_path, "one")
+        with pytest.raises(type(error)), out_folder.dropped_if_empty(folder):
+            for name in content:
+                (folder / name).touch()
+            raise error
+        assert folder.exists() == bool(content)
+    assert isinstance(error, Interrupted) and error.recorded == (folder if content else None)
+
+
+@pytest.mark.parametrize("mark", ["?", "#"])
+def test_marks_that_end_a_sockets_address_are_refused_over_the_mesh_only(tmp_path: Path, mark: str) -> None:
+    assert folder_name(Path(f"there/a {mark}1.toml")).startswith("a--1-")
+    out = tmp_path / f"a{mark}b" / "c"
+    with pytest.raises(OptionError) as caught:
+        checked(RunOptions(out))
+    assert str(caught.value) == (
+        f'--out: {out} has a "{mark}", which cannot be part of a socket\'s address; '
+        "must be a folder without one, or stand with --bus memory"
+    )
+    assert checked(RunOptions(out, bus="memory")).out == out
+
+
+def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "link").symlink_to("far")
+    for number, way in enumerate(("link", "far/../link", "link/../far")):
+        words = ("--robots", 1, "--duration", 1, "--bus", "memory")
+        done = acrc("run", *words, "--out", tmp_path / way / str(number))
+        assert done.returncode == 0, done.stderr
+        assert f"\nrecorded in {tmp_path}/far/{number}\n" in done.stdout
+    assert claim(tmp_path / "link", "one") == tmp_path / "far" / "one"
+
+
+@pytest.mark.parametrize(
+    ("below", "sentence"),
+    [
+        ("file", f"is a file; {NEW}"),
+        ("loop/x", f"cannot be used: too many levels of symbolic links; {NEW}"),
+        ("x" * 300, f"cannot be used: file name too long; {NEW}"),
+    ],
+)
+def test_what_can_be_no_folder_is_refused_before_anything_starts(
+    tmp_path: Path, below: str, sentence: str
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    out = tmp_path / below
+    shown = str(out) if len(str(out)) <= 200 else f"{str(out)[:200]}…"
+    with pytest.raises(AcrcError) as caught:
+        out_folder.checked(out, mesh=True)
+        make_folder(out)
+    assert str(caught.value).startswith(f"--out: {shown} ")
+    assert str(caught.value).removeprefix(f"--out: {shown} ") in (
+        sentence,
+        f"{sentence.partition(';')[0].replace('used', 'made')}; choose another place",
+    )
+
+
+def test_a_folder_below_a_file_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = acrc("run", "--duration", 1, "--bus", "memory", "--out", tmp_path / "file" / "x" / "y")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        1, "", f"acrc: --out: {tmp_path}/file/x/y cannot be made: not a directory; choose another place\n"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_errors_of_the_disk_are_one_sentence_and_others_pass(tmp_path: Path, number: int) -> None:
+    words = os.strerror(number).lower()
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
+        raise OSError(number, os.strerror(number))
+    assert str(caught.value) == f"{tmp_path}: cannot be written: {words}"
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
+        raise OSError(number, os.strerror(number), str(tmp_path / "run.json"))
+    assert str(caught.value) == f"{tmp_path / 'run.json'}: cannot be written: {words}"
+    with pytest.raises(FileNotFoundError), writing(tmp_path):
+        raise FileNotFoundError(errno.ENOENT, "no such file", "ours")
+    with pytest.raises(AcrcError, match=r"^as it was$"), writing(tmp_path):
+        raise AcrcError("as it was")
+
+
+def test_a_disk_that_fills_up_in_a_run_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "small" / "out"
+    words = [*ACRC, "run", "--duration", "600", "--json", "--out", str(out)]
+    done = subprocess.run(
+        on_small_disk(out.parent, "700k", words), cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("acrc: ") and last.endswith("cannot be written: no space left on device")
+    assert processes_of(out) == []
+
+
+@pytest.mark.nightly
+def test_a_file_that_may_not_grow_is_named_with_the_cause(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = subprocess.run(
+        [*ACRC, "run", "--duration", "600", "--bus", "memory", "--json", "--out", str(out)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000)),
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    file = done.stderr.removeprefix("acrc: ").partition(":")[0]
+    assert done.stderr == f"acrc: {file}: cannot be written: file too large\n"
+    assert Path(file).suffix == ".mcap" and Path(file).is_relative_to(out)
+
+
+def test_a_scratch_folder_is_removed_and_errors_with_another_cause_pass() -> None:
+    for error in (ZeroDivisionError(), OSError(*FULL), AcrcError("r1 failed")):
+        with pytest.raises(type(error)) as caught, scratch_folder() as folder:
+            (folder / "a").write_text("a")
+            raise error
+        assert caught.value is error, "there is room here"
+        assert not folder.exists()
+
+
+def test_a_full_or_missing_scratch_folder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scratch, "write_fault", lambda folder: "no space left on device")
+    for error, prefix in ((OSError(*FULL), ""), (AcrcError("r1 has ended"), "r1 has ended; ")):
+        with pytest.raises(AcrcError) as caught, scratch_folder() as folder:
+            raise error
+        assert str(caught.value) == prefix + SCRATCH.format(folder.parent)
+
+    def nowhere(prefix: str) -> None:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", nowhere)
+    monkeypatch.setenv("TMPDIR", "/somewhere")
+    with pytest.raises(AcrcError) as caught, scratch_folder():
+        raise AssertionError
+    assert str(caught.value) == (
+        "/somewhere: temporary files cannot be written: no usable temporary directory found in ['/tmp']; "
+        "make room there, or set TMPDIR to another folder"
+    )
+
+
+def test_a_run_names_its_full_scratch_folder_and_not_its_own(tmp_path: Path) -> None:
+    full, out = tmp_path / "full", tmp_path / "out"
+    words = ("run", "--robots", "1", "--duration", "1", "--out", str(out))
+    command = on_small_disk(full, "8k", [sys.executable, "-P", "-m", "command_line", *words])
+    env = {**os.environ, "TMPDIR": str(full)}
+    done = subprocess.run(
+        command, cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=100
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.splitlines()[-1] == f"acrc: {SCRATCH.format(full)}"
+    assert not out.exists()
+
+
+def run(out: Path, *words: object) -> dict[str, Any]:
+    """Return the result of `acrc run WORDS… --out OUT`, called in process."""
+    done = acrc("run", *words, "--out", out, "--json")
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+def scenario_file(folder: Path) -> Path:
+    """Return a scenario with its own map, robot model and strategy."""
+    folder.mkdir()
+    for image in (ROOT / "maps").glob("corridor.*"):
+        shutil.copy(image, folder)
+    shutil.copy(ROOT / "actors/models/turtlebot2.toml", folder / "mine.toml")
+    (folder / "my_own_study.py").write_text(STUDY)
+    file = folder / "study.toml"
+    file.write_text(
+        'map = "corridor.yaml"\n[run]\nduration = 2.0\nstrategy = "my_own_study:behaviour"\n'
+        '[robots]\ncount = 2\nmodel = "mine.toml"\n'
+    )
+    return file
+
+
+def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: Path) -> None:
+    study = scenario_file(tmp_path / "study")
+    first = run(tmp_path / "one" / "out", study, "--trust", "--bus", "memory")
+    origin = first["origin"]
+    assert origin == json.loads((tmp_path / "one" / "out" / "run.json").read_text())["origin"]
+    assert origin["versions"].pop("python") == platform.python_version()
+    assert origin["versions"].items() >= {"numpy": version("numpy"), "numba": version("numba")}.items()
+    del origin["versions"]
+    assert origin == {
+        "scenario": "study.toml",
+        "strategy": "my_own_study:behaviour",
+        "behaviour": "my_own_study:behaviour",
+        "settings": {},
+        "key": "",
+        "commit": software(),
+        "navigation": "robust",
+        "localisation": "robust",
+        "branch": None,
+    }
+    text = (tmp_path / "one" / "out" / "scenario.toml").read_text()
+    assert str(tmp_path) not in text and str(ROOT) not in text
+    said = tomllib.loads(text)
+    assert said["map"] == "map/map.yaml" and said["run"]["modules"] == "../../study"
+    assert said["robots"]["model"] == said["robot"][0]["model"] == "models/1-mine.toml"
+    (tmp_path / "one").rename(tmp_path / "two")
+    again = run(tmp_path / "again", tmp_path / "two" / "out" / "scenario.toml", "--trust", "--bus", "memory")
+    assert again["digest"] == first["digest"]
+
+
+def test_a_shipped_strategy_needs_nothing_from_outside_of_the_folder(tmp_path: Path) -> None:
+    words = ("--bus", "memory", "--duration", 1, "--robots", 1, "--strategy", "chapter")
+    first = run(tmp_path / "a" / "out", *words)
+    assert first["origin"]["scenario"] == "chapter.toml" and first["origin"]["strategy"] == "chapter"
+    said = tomllib.loads((tmp_path / "a" / "out" / "scenario.toml").read_text())
+    assert "modules" not in said["run"]
+    subprocess.run(["cp", "-r", tmp_path / "a" / "out", tmp_path / "b"], check=True)
+    shutil.rmtree(tmp_path / "a")
+    again = run(tmp_path / "c", tmp_path / "b" / "scenario.toml", "--bus", "memory")
+    assert again["digest"] == first["digest"]

@@ -1,0 +1,360 @@
+"""Limits of memory, descriptors and disk: a robot that reaches one is named, and reports its failure."""
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from actors.processes.launch import Child, Program
+from actors.processes.resource_watch import ResourceWatch, Use, used
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
+from actors.runtime.isolation.sandbox import Names
+from actors.runtime.lifecycle import linux, process_table, reserve
+from actors.runtime.lifecycle.failure import FailureNote, failure_note, in_words
+from actors.runtime.process import tell
+from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
+from actors.runtime.recording.form import LARGE
+from observation.replay import sandboxed
+
+Deed = Callable[[], object]
+LEFT_KB = {"robot": (300, 2752), "replay": (300,)}
+"""The distance to the limit decides in which call the last byte goes."""
+PLENTY = 1 << 40
+
+
+def in_child(work: Deed) -> int:
+    """Return the exit code of a forked child that does the work; 70 after an exception."""
+    pid = os.fork()
+    if pid:
+        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    code = 70
+    with suppress(BaseException):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 1)
+        os.dup2(nothing, 2)
+        work()
+        code = 0
+    os._exit(code)
+
+
+def hoard_of(piece: Deed) -> Deed:
+    def take() -> None:
+        hoard = []
+        while True:
+            hoard.append(piece())
+
+    return take
+
+
+def hoard_all() -> None:
+    """Take the last byte, so that nothing is left between the pieces."""
+    hoard = []
+    for size in (1 << 20, 1 << 16, 4096, 512, 64, 1):
+        with suppress(MemoryError):
+            while True:
+                hoard.append(bytearray(size))
+    raise MemoryError
+
+
+def hoard_frames() -> None:
+    def down() -> int:
+        return down() + 1
+
+    sys.setrecursionlimit(10_000_000)
+    down()
+
+
+HOARDS: dict[str, Deed] = {
+    "64 KB": hoard_of(lambda: bytearray(1 << 16)),
+    "all sizes": hoard_all,
+    "frames": hoard_frames,
+}
+
+
+def hoarding(left_kb: int, name: str) -> None:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    used_kb = int(next(line for line in lines if line.startswith("VmData:")).split()[1])
+    resource.setrlimit(resource.RLIMIT_DATA, ((used_kb + left_kb) * 1024,) * 2)
+    HOARDS[name]()
+
+
+def robot(folder: Path, deed: Deed) -> None:
+    """A robot's process: records, does the deed, and reports its failure."""
+    with Recorder(folder / "r2.mcap", 100_000) as recorder:
+        reserve.hold(folder)
+        try:
+            deed()
+        except BaseException as error:
+            reserve.release()
+            tell(recorder, "r2", 20, error)
+
+
+def replay(folder: Path, deed: Deed) -> None:
+    """A program that replays, and whose code does the deed."""
+    reserve.hold(folder)
+    try:
+        deed()
+    except Exception as error:
+        fault = sandboxed.bug("r2", error)
+    (folder / "said").write_text(fault)
+
+
+def told(folder: Path) -> str:
+    path = folder / "r2.mcap"
+    return in_words(decoded(path, "failure", read_notes(path)["failure"], FailureNote))
+
+
+@pytest.fixture(scope="module")
+def hoarded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of children of a process that, unlike one that has run tests, has no memory to spare."""
+    folder = tmp_path_factory.mktemp("hoarded")
+    words = [sys.executable, "-m", "tests.run.test_resources", str(folder)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder
+
+
+def main(folder: Path) -> int:
+    codes = []
+    for what, work in {"robot": robot, "replay": replay}.items():
+        for name, left_kb in product(HOARDS, LEFT_KB[what]):
+            place = folder / what / name / str(left_kb)
+            place.mkdir(parents=True)
+            codes.append(in_child(partial(work, place, partial(hoarding, left_kb, name))))
+    return max(codes)
+
+
+@pytest.mark.parametrize("name", HOARDS)
+def test_a_strategy_that_uses_up_memory_is_named(hoarded: Path, name: str) -> None:
+    for left_kb in LEFT_KB["robot"]:
+        said = told(hoarded / "robot" / name / str(left_kb))
+        # Python notes the lines of an exception one by one, each with memory of its own; and it loses one
+        # that it raises for want of a frame
+        error = "SystemError: error return without exception set" if "System" in said else "MemoryError"
+        assert re.fullmatch(rf"r2 failed in step 20: {error}( \(test_resources\.py:\d+\))?", said), said
+        assert "B" not in name or said.endswith(")")
+    for left_kb in LEFT_KB["replay"] if name != "frames" else ():
+        assert (hoarded / "replay" / name / str(left_kb) / "said").read_text() == "r2: MemoryError: "
+
+
+def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_read(tmp_path: Path) -> None:
+    open_all = hoard_of(lambda: os.open(os.devnull, os.O_RDONLY))
+
+    def deed() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+        open_all()
+
+    def ends_well() -> None:
+        reserve.hold(tmp_path)
+        with suppress(OSError):
+            deed()
+        with suppress(OSError):
+            process_table.table()
+            os._exit(71)
+        reserve.release()
+        assert os.getpid() in process_table.table()
+
+    assert in_child(lambda: robot(tmp_path, deed)) == 0
+    assert re.fullmatch(
+        r"r2 failed in step 20: OSError: \[Errno 24\] Too many open files: '/dev/null' "
+        r"\(test_resources\.py:\d+\)",
+        told(tmp_path),
+    )
+    assert in_child(ends_well) == 0
+
+
+def fill(folder: Path, limit: Deed) -> None:
+    """Record until the disk or the limit refuses more; report the failure."""
+    recorder = Recorder(folder / "r2.mcap", 100_000)
+    reserve.hold(folder)
+    limit()
+    with recorder:
+        try:
+            for step in range(20_000):
+                recorder.sent("swarm/toy", step, step, bytes(LARGE + 1), bytes(32))
+                recorder.flush()
+        except AcrcError as error:
+            tell(recorder, "r2", 20, error)
+
+
+def messages(path: Path) -> int:
+    """Return the number of sealed messages in a recording."""
+    return sum(isinstance(item, Entry) for item in read_recording(path))
+
+
+def test_a_recording_that_may_not_grow_has_its_last_record(tmp_path: Path) -> None:
+    limits = ProcessLimits(file_mb=1)
+    assert in_child(lambda: fill(tmp_path, lambda: enforce(limits, isolated=False))) == 0
+    assert told(tmp_path) == f"r2 failed in step 20: {tmp_path}/r2.mcap: cannot be written: file too large"
+    assert messages(tmp_path / "r2.mcap") > 7000
+
+
+def test_a_recording_on_a_disk_that_is_full_has_its_last_record(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def work() -> None:
+        user, group = os.getuid(), os.getgid()
+        linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
+        Path("/proc/self/setgroups").write_text("deny")
+        Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+        Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+        linux.mount("tmpfs", disk, "tmpfs", 0, "size=1m")
+        fill(disk, lambda: None)
+        (tmp_path / "said").write_text(f"{told(disk)} {messages(disk / 'r2.mcap') > 7000}")
+
+    assert in_child(work) == 0
+    assert (tmp_path / "said").read_text() == (
+        f"r2 failed in step 20: {disk}/r2.mcap: cannot be written: no space left on device True"
+    )
+
+
+def test_a_reserve_is_held_once_and_released_whole(tmp_path: Path) -> None:
+    before = {entry.name for entry in Path("/proc/self/fd").iterdir()}
+    room = reserve.hold(tmp_path)
+    try:
+        assert os.fstat(room).st_blocks * 512 >= 64 * 1024 and list(tmp_path.iterdir()) == []
+        assert reserve.hold(tmp_path) == -1
+    finally:
+        reserve.release()
+        os.close(room)
+    assert {entry.name for entry in Path("/proc/self/fd").iterdir()} == before
+    reserve.release()
+    assert failure_note("r2", 3, MemoryError()).cause == "MemoryError"
+
+
+def child(folder: Path, module: str = "actors.robot", pid: int = 0, names: Names | None = None) -> Child:
+    return Child(Program(folder.name, module, (), folder / "r1.log", folder / "r1.mcap", names), pid)
+
+
+def test_use_counts_blocks_below_a_folder_and_follows_no_link(tmp_path: Path) -> None:
+    outside, folder = tmp_path / "outside", tmp_path / "r1"
+    outside.write_bytes(bytes(10_000_000))
+    deep = folder / "a" / "b" / "c"
+    deep.mkdir(parents=True)
+    (deep / "file").write_bytes(bytes(200_000))
+    (folder / "link").symlink_to(outside)
+    (folder / "loop").symlink_to(folder)
+    with (folder / "sparse").open("wb") as file:
+        file.truncate(1 << 33)
+    size, files = used(folder, PLENTY, PLENTY)
+    assert files == 7 and 200_000 <= size < 300_000
+    for number in range(50):
+        (deep / f"{number}").touch()
+    assert used(deep, PLENTY, 10).files == 11, "counting ends at the limit"
+    assert used(tmp_path / "none", PLENTY, PLENTY) == Use(0, 0)
+
+
+def test_a_robot_that_writes_too_much_is_named_and_the_world_is_not(tmp_path: Path) -> None:
+    now_s = 0.0
+    folder, world = tmp_path / "r1", tmp_path / "world"
+    for one in (folder, world):
+        one.mkdir()
+        (one / "file").write_bytes(os.urandom(2_100_000))
+    everyone = (child(world, "actors.world"), child(folder))
+    watch = ResourceWatch(ProcessLimits(disk_mb=2), lambda: now_s)
+    assert watch.fault(everyone) is None, "it is not time"
+    now_s = 0.6
+    assert watch.fault(everyone) == (
+        f"r1 has written more than 2 MB to {folder}; --limit disk_mb=N allows more"
+    )
+    now_s = 1.2
+    assert watch.fault(everyone[:1]) is None
+    few = ResourceWatch(ProcessLimits(disk_files=1), lambda: now_s)
+    (folder / "second").touch()
+    now_s = 2.0
+    assert few.fault(everyone) == (
+        f"r1 has made more than 1 files in {folder}; --limit disk_files=N allows more"
+    )
+
+
+@pytest.mark.parametrize(("look_s", "pause_s"), [(0.001, 0.5), (1.0, 2.0)])
+def test_slow_looks_are_put_off_and_not_for_long(tmp_path: Path, look_s: float, pause_s: float) -> None:
+    done_s = 10.0 + look_s
+    times = iter([0.0, 10.0, done_s, done_s + pause_s - 0.01, done_s + pause_s + 0.01, done_s + 2 * pause_s])
+    watch = ResourceWatch(ProcessLimits(disk_files=1), lambda: next(times))
+    assert watch.fault([]) is None
+    (tmp_path / "a").touch()
+    (tmp_path / "b").touch()
+    assert watch.fault([child(tmp_path)]) is None, "put off"
+    assert watch.fault([child(tmp_path)]) is not None
+
+
+HOLDS = """
+import os, sys, time
+os.fork(), os.fork()
+hoard = bytearray(b"x") * 60_000_000
+if sys.argv[1] == "session" and os.getpid() != os.getsid(0):
+    os.setsid()
+os.write(1, b"held\\n")
+time.sleep(100)
+"""
+
+
+@pytest.mark.parametrize("where", ["child", "session"])
+def test_all_processes_of_a_robot_count(tmp_path: Path, where: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDS, where], stdout=subprocess.PIPE, start_new_session=True
+    ) as robot:
+        assert robot.stdout is not None
+        assert [robot.stdout.readline() for _ in range(4)] == [b"held\n"] * 4
+        suspects = [child(tmp_path, pid=robot.pid, names=Names("", ""))]
+        faults = []
+        for limits in (ProcessLimits(), ProcessLimits(memory_mb=200), ProcessLimits(processes=1)):
+            times = iter((0.0, *[1.0] * 9))
+            watch = ResourceWatch(limits, times.__next__)
+            faults.append(watch.fault(suspects))
+        for pid in process_table.descendants([robot.pid], process_table.table()):
+            os.kill(pid, signal.SIGKILL)
+    name = tmp_path.name
+    assert faults == [
+        None,
+        f"{name} has taken more than 200 MB of memory with all its processes; "
+        "--limit memory_mb=N allows more",
+        f"{name} has more than 1 processes and threads; --limit processes=N allows more",
+    ]
+    assert process_table.held(robot.pid) == (0, 0), "it has ended"
+
+
+HIDES = """
+import ctypes, mmap, resource, time
+from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
+enforce(ProcessLimits(memory_mb=100), isolated=False)
+hidden = []
+for _ in range(5):
+    piece = mmap.mmap(-1, 40_000_000, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    piece.write(bytes(len(piece)))
+    place = ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(piece)))
+    assert ctypes.CDLL(None).mprotect(place, ctypes.c_size_t(len(piece)), mmap.PROT_READ) == 0
+    hidden.append(piece)
+print("held", flush=True)
+time.sleep(100)
+"""
+
+
+def test_memory_that_was_made_readonly_counts_although_it_is_not_data(tmp_path: Path) -> None:
+    now_s = 0.0
+    with subprocess.Popen([sys.executable, "-c", HIDES], stdout=subprocess.PIPE) as robot:
+        assert robot.stdout is not None and robot.stdout.readline() == b"held\n"
+        watch = ResourceWatch(ProcessLimits(memory_mb=100), lambda: now_s)
+        now_s += 1.0
+        fault = watch.fault([child(tmp_path, pid=robot.pid)])
+        robot.kill()
+    assert fault == (
+        f"{tmp_path.name} has taken more than 100 MB of memory with all its processes; "
+        "--limit memory_mb=N allows more"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
