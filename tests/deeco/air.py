@@ -19,8 +19,6 @@ def everywhere(sender: str, receiver: str) -> float | None:
 
 @dataclass
 class Air:
-    """Nodes by name, joined by radio."""
-
     nodes: Mapping[str, Node]
     reach: Reach = everywhere
     step: Duration = STEP

@@ -77,12 +77,10 @@ def test_a_field_that_can_change_is_refused(annotation: str) -> None:
 
 
 def lorry(body: str, *, periodic: bool = True) -> str:
-    """Return the definition of a component with this process."""
     return "@component\nclass Lorry(Vehicle):\n" + " @periodic(every=seconds(1))\n" * periodic + body
 
 
 def convoy(body: str) -> str:
-    """Return the definition of an ensemble with these functions."""
     return f"@ensemble(every=seconds(1))\nclass Convoy:\n{body}"
 
 

@@ -19,7 +19,6 @@ from tests.deeco.sweepers import BOOK, Sweeper, published, robot
 
 
 def pieces(frame: bytes) -> list[tuple[int, int, int, int, int]]:
-    """Return the headers in a frame."""
     found, position = [], 0
     while position < len(frame):
         header = HEADER.unpack_from(frame, position)
@@ -105,12 +104,10 @@ def fragment(whole: bytes, start: int, size: int, number: int = 0) -> bytes:
 
 
 def whole(packet: bytes) -> bytes:
-    """Return a packet with its checksum."""
     return packet + CHECKSUM.pack(zlib.crc32(packet))
 
 
 def counted(reassembly: Reassembly) -> dict[str, int]:
-    """Return the counters that are not zero."""
     return {name: count for name, count in reassembly.counters().items() if count}
 
 

@@ -20,7 +20,6 @@ MARK = "# mistake: "
 
 
 def lines(name: str) -> list[str]:
-    """Lines of mistakes/mistaken.txt or of its corrected twin, which mypy of the repository does not see."""
     return (HERE / f"{name}.txt").read_text().splitlines()
 
 
@@ -71,7 +70,6 @@ def test_mypy_finds_every_mistake_on_its_line_and_nothing_else(tmp_path: Path) -
 
 
 def test_the_corrected_twin_runs_and_differs_in_its_mistakes_only() -> None:
-    """So each report of mypy comes from its own mistake; some take a line or two more."""
     exec("\n".join(lines("corrected")), {"__name__": "corrected"})
     pairs = zip(lines("mistaken"), lines("corrected"), strict=True)
     differing = [wrong.strip() for wrong, right in pairs if wrong != right]

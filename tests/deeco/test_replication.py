@@ -100,7 +100,6 @@ def test_replicas_keep_when_and_how_strongly_they_were_heard() -> None:
 def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
     story: list[tuple[int, int, int]],
 ) -> None:
-    """Each time a component's newer version comes in, heard a moment ago, and time goes on."""
     replicas = Replicas(256, Duration(5), NodeCounters())
     heard: dict[str, int] = {}
     now = 0
@@ -275,7 +274,6 @@ def test_newer_knowledge_takes_the_place_of_what_waits() -> None:
 
 
 def test_what_was_cancelled_still_counts_until_its_time() -> None:
-    """Else whoever sends one version after another has the receiver plan without end."""
     planned: list[Callable[[Instant], None]] = []
     counters = NodeCounters()
     relay = Relay(

@@ -63,7 +63,6 @@ def played(kind: type[Knowledge]) -> type[Knowledge]:
 
 
 def packed(annotation: Any, value: Any, **limits: Any) -> Any:
-    """Return this value of a field of this type as it is sent."""
     kind = role_of(value=annotation)
     fields: dict[str, Any] = {"value": value}
     ((_, (there,)),) = RoleBook([kind], LinkParameters(**limits)).pack(played(kind)(id="c", **fields))
@@ -319,7 +318,7 @@ def pack_both() -> object:
             "at most 4 may be (LinkParameters.most_depth)",
         ),
         (
-            lambda: RoleBook([role_of(**dict.fromkeys((f"a{index}" for index in range(65)), int))]),
+            lambda: RoleBook([role_of("Sample", **dict.fromkeys((f"a{index}" for index in range(65)), int))]),
             "role Sample cannot be published: "
             "Sample has 65 fields; at most 64 may be (LinkParameters.most_items)",
         ),

@@ -70,14 +70,11 @@ GOAL_CLEARANCE: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A floor plan as a driver of one robot model needs it."""
-
     grid: OccupancyGrid
     model: RobotModel
 
     @cached_property
     def planner(self) -> Planner:
-        """Finds ways for the model's body."""
         return Planner(ground(self.grid, self.model.footprint.circumradius))
 
     @cached_property
@@ -149,7 +146,6 @@ class WanderingRoute:
         return track, np.array([east, north, self._turn])
 
     def carry(self, pose: Pose) -> None:
-        """Put the robot elsewhere, standing and without a goal."""
         self._pose, self._speed, self._turn = pose, 0.0, 0.0
         self._way, self._passed = np.empty((0, 2)), 0
 
@@ -167,7 +163,6 @@ class WanderingRoute:
         return self._pose
 
     def _decision(self) -> tuple[float, float]:
-        """The speed and turn rate wished for."""
         remaining = self._remaining()
         while remaining < ARRIVED:
             self._set_out()
@@ -207,7 +202,6 @@ class WanderingRoute:
         )
 
     def _aim(self) -> Point:
-        """The point of the way to drive at."""
         rest = self._way[self._passed :]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))])
         for ahead in PURSUED:
@@ -380,7 +374,6 @@ class Crowd:
 
 @lru_cache(maxsize=16)
 def drive(setup: Setup) -> Course:
-    """Drive a course."""
     place = mapped = site(setup.plan, setup.view)
     chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
     solid, visible = floor(mapped.grid, setup.dose, chance, ())
@@ -427,8 +420,6 @@ def _pose(place: Site, draws: np.random.Generator) -> Pose:
 
 
 class _BaseOdometry:
-    """The odometry of the one robot."""
-
     def __init__(self, setup: Setup, place: Site, start: Pose) -> None:
         draws = generator(setup.seed, "localisation/odometry", ROBOT)
         step = Duration(round(SUBSTEP * 1e6))

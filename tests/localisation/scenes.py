@@ -64,18 +64,15 @@ def twins(shorter: float = 0.0) -> OccupancyGrid:
 
 
 def twin_of(pose: Pose) -> Pose:
-    """The same place in the other twin room."""
     return Pose(2 * APART - pose.x, APART - pose.y, wrap(pose.heading + math.pi))
 
 
 @cache
 def ground_of(plan: OccupancyGrid) -> Ground:
-    """The floor plan for the TurtleBot's body."""
     return ground(plan, TURTLEBOT.footprint.circumradius)
 
 
 def place(plan: OccupancyGrid, rng: np.random.Generator) -> Point:
-    """Somewhere that a robot gets to from anywhere else."""
     floor = ground_of(plan).grid
     row, column = np.argwhere(largest_region(floor))[rng.integers(largest_region(floor).sum())].tolist()
     return floor.centre(Cell(row, column))
@@ -116,18 +113,15 @@ class Drive:
 
 
 def scan(plan: OccupancyGrid, pose: Pose, others: NDArray[np.float64] = NOBODY) -> NDArray[np.uint16]:
-    """What the TurtleBot's sensor sees from a pose."""
     sensors = RangeSensors(plan, [TURTLEBOT], [np.random.default_rng(0)])
     return frozen(sensors.scan([0], np.array([pose]), others)[0])
 
 
 def frozen(ranges: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """As scans from the wire are: read-only."""
     return np.frombuffer(ranges.astype("<u2").tobytes(), "<u2")
 
 
 def blind() -> NDArray[np.uint16]:
-    """A scan without any echo."""
     return frozen(np.full(TURTLEBOT.sensor.rays, NO_ECHO_MM, np.uint16))
 
 
@@ -142,7 +136,6 @@ def counted(track: Iterable[tuple[Pose, Sweep]]) -> Iterator[tuple[Pose, Sweep]]
 
 
 def anywhere(*seed: int) -> Pose:
-    """Somewhere in the apartment."""
     rng = np.random.default_rng(seed)
     point = place(APARTMENT, rng)
     return Pose(point.x, point.y, rng.uniform(-math.pi, math.pi))
@@ -150,7 +143,6 @@ def anywhere(*seed: int) -> Pose:
 
 @cache
 def apartment() -> LikelihoodField:
-    """The field of the apartment."""
     return likelihood_field(APARTMENT, 2.0)
 
 
@@ -166,11 +158,9 @@ def amcl(
     seed: int = 0,
     origin: Pose = ORIGIN,
 ) -> Amcl:
-    """A filter for the TurtleBot."""
     generator = np.random.default_rng(seed)
     return Amcl(field, TURTLEBOT.sensor, start, generator, parameters, origin=origin)
 
 
 def error(pose: Pose, truth: Pose) -> float:
-    """Distance, m."""
     return Point(pose.x, pose.y).distance_to(truth.point)

@@ -26,17 +26,14 @@ Track = list[tuple[Pose, Sweep]]
 
 @cache
 def drive(seed: int = 0, seconds: float = 40.0) -> Track:
-    """A drive in the room."""
     return list(Drive(ROOM, START, seed).sweeps(seconds))
 
 
 def follow(localiser: Amcl, track: Track) -> list[Pose]:
-    """The estimated poses, one per scan."""
     return [localiser.update(sweep.pose, sweep).pose for _, sweep in track]
 
 
 def rmse(poses: Sequence[Pose], track: Track) -> float:
-    """Of the positions, m."""
     errors = [error(pose, truth) for pose, (truth, _) in zip(poses, track, strict=True)]
     return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -150,7 +147,6 @@ def test_the_first_scan_counts_and_then_those_after_some_motion() -> None:
 
 
 def test_motion_is_that_between_the_scans_own_poses() -> None:
-    """A scan that arrives late, after more way, is no reason to be wrong."""
     punctual, late = amcl(ROBUST, START), amcl(ROBUST, START)
     for (_, sweep), (_, ahead) in zip(drive(), drive()[3:], strict=False):
         now = punctual.update(sweep.pose, sweep)
@@ -160,7 +156,6 @@ def test_motion_is_that_between_the_scans_own_poses() -> None:
 
 
 def test_same_inputs_give_the_same_bytes_whatever_the_step() -> None:
-    """The second filter is asked four times as often."""
     coarse, fine = amcl(ROBUST, START), amcl(ROBUST, START)
     before = Pose(0.0, 0.0, 0.0)
     for _, sweep in drive():

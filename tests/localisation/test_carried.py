@@ -126,7 +126,6 @@ HERE = Pose(40.0, -7.0, 2.0)
 
 
 def stand(believed: Pose, doubt: float, preset: str, seed: int, scans: int = 60) -> tuple[int | None, Pose]:
-    """Scans until it was located, None if it was not; and its pose then."""
     start = believed.compose(HERE.relative(Pose(0.0, 0.0, 0.0)))
     parameters, generator = PRESETS[preset], np.random.default_rng(seed)
     localiser = Amcl(FIELD, TURTLEBOT.sensor, start, generator, parameters, doubt)
@@ -252,7 +251,6 @@ def test_a_place_that_walls_contradict_is_never_given(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", sampled(range(3), SAMPLE))
 def test_off_its_map_it_gives_hardly_anything_and_nothing_that_walls_contradict(seed: int) -> None:
-    """The robot is in a house that is not on the map."""
     for plan, here in (
         (FIELD, scans(APARTMENT, anywhere(seed), seed)),
         (apartment(), scans(ROOM, START, seed)),

@@ -25,19 +25,16 @@ def matrix(covariance: Covariance) -> NDArray[np.float64]:
 
 
 def seen_from(pose: Pose, others: int = 0, seed: int = 0) -> NDArray[np.float64]:
-    """The ends of a scan made there."""
     middle = np.random.default_rng(seed).uniform(1.0, 7.0, (others, 2))
     return ends(scan(ROOM, pose, np.column_stack((middle, np.full(others, 0.18)))))
 
 
 def level(field: LikelihoodField, at: NDArray[np.float64]) -> float:
-    """The distance to the nearest wall, m."""
     column, row = np.floor((at - field.frame[:2]) / field.frame[2]).astype(int)
     return float(field.distances[field.levels[row, column]])
 
 
 def slope(field: LikelihoodField, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The gradient of that distance, by the cells on both sides."""
     side = float(field.frame[2])
     over = np.array([[side, 0.0], [0.0, side]])
     return np.array([(level(field, at + d) - level(field, at - d)) / (2 * side) for d in over])
@@ -46,7 +43,6 @@ def slope(field: LikelihoodField, at: NDArray[np.float64]) -> NDArray[np.float64
 def informed(
     field: LikelihoodField, points: NDArray[np.float64], pose: Pose, variance: float
 ) -> NDArray[np.float64]:
-    """The twin in the information form: every beam near a wall adds its own to what the prior knew."""
     c, s = math.cos(pose.heading), math.sin(pose.heading)
     turn, turning = np.array([[c, -s], [s, c]]), np.array([[-s, -c], [c, -s]])
     information = np.linalg.inv(matrix(PRIOR))

@@ -59,7 +59,6 @@ def passes(eye: Point, end: Point) -> bool:
 
 
 def twin(points: NDArray[np.float64], pose: Pose, margin: float) -> Judgement:
-    """The twin of `judge` in plain Python."""
     known, count = [], Counter[str]()
     eye = pose.compose(TURTLEBOT.sensor.mount).point
     for forward, left in points.tolist():
@@ -76,12 +75,10 @@ def twin(points: NDArray[np.float64], pose: Pose, margin: float) -> Judgement:
 
 
 def crowd(plan: OccupancyGrid, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Discs as large as robots, somewhere on the floor."""
     return np.array([(*place(plan, rng), 0.18) for _ in range(count)]).reshape(-1, 3)
 
 
 def about_here(seed: int) -> tuple[NDArray[np.float64], Pose]:
-    """The ends of a scan made HERE among three others, and a pose not far away."""
     rng = np.random.default_rng(seed)
     points = ends(scan(ROOM, HERE, crowd(ROOM, rng, 3)))
     x, y, heading = rng.normal(0.0, (0.4, 0.4, 0.3)).tolist()
@@ -102,7 +99,6 @@ def test_judge_is_its_twin(seed: int, margin: float) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> None:
-    """From a pose in free floor or in a wall, or off the map."""
     points, _ = about_here(seed)
     poses = np.random.default_rng([seed, 1]).uniform((-2.0, -2.0, -3.0), (10.0, 10.0, 3.0), (40, 3)).T
     table = worth(FIELD, 0.1)
@@ -175,7 +171,6 @@ NO_PEERS = np.empty((0, 2))
 def beams_twin(
     ranges: NDArray[np.uint16], chosen: Beams, pose: Pose, peers: list[Point], radius: float
 ) -> tuple[list[tuple[float, float]], int]:
-    """The kernel's beams_twin in plain Python."""
     points, masked = [], 0
     for ray, (dx, dy) in zip(chosen.rays.tolist(), chosen.directions.tolist(), strict=True):
         length = ranges[ray] / 1000

@@ -125,7 +125,6 @@ def p(d: NDArray[np.float64]) -> NDArray[np.float64]:
     ("spread", "sharpness"), [(0.05, None), (5.0, None), (0.05, 1.0), (0.5, 0.3), (5.0, 0.3)]
 )
 def test_weights_are_those_of_numpy(spread: float, sharpness: float | None) -> None:
-    """By cubes, or by products of this sharpness."""
     points, poses = scan_ends(), cloud(spread, 101)
     d = distances(points, poses[:, :100])
     if sharpness is None:

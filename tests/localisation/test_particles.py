@@ -106,7 +106,6 @@ def draw(
     least: int = 1,
     error: float = 0.05,
 ) -> tuple[NDArray[np.float64], int]:
-    """What is drawn, and how many of it are new."""
     found = histogram(poses, poses.shape[1])
     drawn = np.full((3, len(uniforms)), np.nan)
     count, new = resample(poses, weights, len(weights), found, uniforms, injection, least, error, 0.99, drawn)

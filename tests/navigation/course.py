@@ -61,7 +61,6 @@ HALL = floor(hall(7.0, 3.2))
 def local_planner(
     local: CostMap, parameters: DwaParameters, drive: DriveParameters = KIND.drive
 ) -> BaseLocalPlanner:
-    """By the rules that the parameters name."""
     if parameters.rules == "indigo":
         return DwaLocalPlanner(local, drive, parameters)
     return DiscLocalPlanner(local, RADIUS, drive, parameters)
@@ -69,8 +68,6 @@ def local_planner(
 
 @dataclass
 class Record:
-    """What one robot did, step by step."""
-
     poses: list[Pose] = field(default_factory=list)
     steerings: list[Steering] = field(default_factory=list)
     gap: float = math.inf
@@ -79,7 +76,6 @@ class Record:
 
     @property
     def invalid(self) -> int:
-        """In how many of the last steps there was no valid trajectory."""
         count = 0
         for steering in reversed(self.steerings):
             if steering.valid:
@@ -114,7 +110,6 @@ class Pilot:
         self._noise = noise
 
     def step(self, step: int) -> None:
-        """Sense, steer and move for one step; stand once arrived."""
         senses = self.base.senses(step)
         odometry, instant = senses.odometry, at_step(step)
         here = Pose(odometry.x, odometry.y, odometry.heading)
@@ -145,7 +140,6 @@ class Pilot:
 
 
 def drive(*pilots: Pilot, steps: int) -> None:
-    """Let all drive until all have arrived, at most so many steps."""
     for step in range(steps):
         bodies = [(pilot.base.pose.point, RADIUS) for pilot in pilots]
         for k, pilot in enumerate(pilots):

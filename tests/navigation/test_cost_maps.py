@@ -169,7 +169,6 @@ grids = arrays(
 
 
 def looked_up(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int64]:
-    """The distance to each marked cell in turn."""
     row, column = np.indices(marks.shape)
     least = np.full(marks.shape, (reach + 1) ** 2)
     for r, c in np.argwhere(marks):

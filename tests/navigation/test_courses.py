@@ -101,7 +101,6 @@ def test_the_originals_goal_is_reached_once_it_stands_there_with_the_goals_headi
 
 
 def test_beside_a_wall_the_original_has_no_trajectory_for_ever() -> None:
-    """Its outline meets what is marked where it stands; ours gets away."""
     start, goal = Pose(0.16 + 0.19, 1.76, 1.57), Point(3.0, 1.76)
     pilots = {preset: Pilot(HALL, start, goal, preset=preset) for preset in ("chapter", "robust")}
     for pilot in pilots.values():

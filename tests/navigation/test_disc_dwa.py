@@ -18,8 +18,6 @@ Numbers = dict[str, float]
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One pair of velocities and what became of it."""
-
     speed: float
     turn: float
     points: list[tuple[float, float]]
@@ -38,7 +36,6 @@ def squared_at(marks: NDArray[np.bool_], x: float, y: float, most: float) -> flo
 
 
 def samples(low: float, high: float, count: int) -> list[float]:
-    """Evenly, with zero between."""
     if low == high:
         return [low]
     values = [low + (high - low) * k / (count - 1) for k in range(count)]
@@ -48,7 +45,6 @@ def samples(low: float, high: float, count: int) -> list[float]:
 
 
 def nearest_steps(steps: NDArray[np.int32], x: float, y: float) -> int:
-    """Of the cell, or else the least of the four round the point."""
     if steps[int(y), int(x)] < steps.size:
         return int(steps[int(y), int(x)])
     row, column = int(y - 0.5), int(x - 0.5)
@@ -56,15 +52,12 @@ def nearest_steps(steps: NDArray[np.int32], x: float, y: float) -> int:
 
 
 class Twin:
-    """Everything that `best` is given; `squared` of the fields is not used, but `marks`."""
-
     def __init__(
         self, fields: Fields, marks: NDArray[np.bool_], table: NDArray[np.float64], w: Numbers
     ) -> None:
         self.fields, self.marks, self.table, self.w = fields, marks, table, w
 
     def limit(self, speed: float) -> float:
-        """Distance that the centre has to keep."""
         w = self.w
         share = max(0.0, abs(speed) - w["scaling_speed"]) / w["scaling_range"]
         return w["radius"] * (1 + w["scaling_factor"] * share) + w["padding"]
@@ -72,7 +65,6 @@ class Twin:
     def trajectories(
         self, pose: tuple[float, float, float], window: NDArray[np.float64], counts: tuple[int, int]
     ) -> list[Trajectory]:
-        """Those that are fast enough, in the order in which they are tried."""
         found = []
         for speed in samples(window[0], window[1], counts[0]):
             for turn in samples(window[2], window[3], counts[1]):

@@ -24,8 +24,6 @@ Cell = tuple[int, int]
 
 @dataclass
 class Twin:
-    """One window."""
-
     costs: NDArray[np.uint8]
     path: NDArray[np.int32]
     goal: NDArray[np.int32]
@@ -34,7 +32,6 @@ class Twin:
     w: Numbers
 
     def cost(self, pose: tuple[float, float, float], speed: float, turn: float) -> float | None:
-        """The total of a trajectory; None if a critic refuses it. `pose`: x, y, cells, and heading."""
         highest = 0
         for x, y, heading in self._points(pose, speed, turn):
             below, cell = self._below(x, y, heading), self._cell(x, y)
@@ -84,7 +81,6 @@ class Twin:
 
 
 def line(here: Cell, there: Cell) -> list[Cell]:
-    """Bresenham's cells from one to the other, both included."""
     (row, column), up, right = here, there[0] - here[0], there[1] - here[1]
     length = max(abs(up), abs(right))
     cells = []
@@ -136,7 +132,6 @@ class Scene:
     def costs(
         self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]
     ) -> dict[tuple[float, float], float]:
-        """By the twin, of valid trajectories that are fast enough and not barred."""
         x, y, heading = self.pose
         found = {}
         for speed in map(float, speeds):

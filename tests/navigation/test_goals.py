@@ -56,7 +56,6 @@ class Errands:
 
 
 def scenario(map_file: Path, robots: int, goals: int, seed: int) -> Scenario:
-    """Return a run with random starts and goals, `goals` for each robot, uniform over the free floor."""
     grid, radius = load_map(map_file), load_model(MODEL, None).footprint.circumradius
     rng = generator(seed, "course", map_file.stem)
     room: dict[str, Any] = {"rng": rng, "clearance": radius + MARGIN, "passage": radius + MARGIN / 2}

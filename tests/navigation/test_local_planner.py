@@ -29,7 +29,6 @@ SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 
 def planned(preset: str = "disc", ranges: NDArray[np.uint16] = SILENCE) -> tuple[BaseLocalPlanner, CostMap]:
-    """At the origin of both frames, on a plan to the east."""
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAPS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
     made = local_planner(local, DWA[preset])

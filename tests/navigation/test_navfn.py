@@ -42,7 +42,6 @@ def length(way: NDArray[np.float64]) -> float:
 
 
 def is_on_free_cells(floor: OccupancyGrid, way: NDArray[np.float64]) -> bool:
-    """Whether the body's centre may be in all cells of a way but the first, where the robot is."""
     costs = global_costs(floor, RADIUS, CHAPTER).costs
     column, row = np.rint((way - np.array(floor.origin)) / floor.resolution).astype(int).T[:, 1:-1]
     return bool((costs[row, column] < IMPASSABLE).all())
@@ -50,13 +49,11 @@ def is_on_free_cells(floor: OccupancyGrid, way: NDArray[np.float64]) -> bool:
 
 @pytest.fixture(params=["apartment", "corridor", "maze"])
 def rows(request: pytest.FixtureRequest) -> dict[str, NDArray[Any]]:
-    """What the original planned on one of our maps, and the map."""
     with np.load(ROWS / f"global_{request.param}.npz") as found:
         return {**found, "floor": np.array(load_map(MAPS / f"{request.param}.yaml"), object)}
 
 
 def test_costs_potentials_and_plans_are_the_originals(rows: dict[str, NDArray[Any]]) -> None:
-    """Costs and potentials are equal to the last bit."""
     floor = rows["floor"].item()
     on, field = planner(floor), global_costs(floor, RADIUS, CHAPTER)
     assert np.array_equal(static_costs(floor, field.inflation), rows["costs"])
@@ -150,7 +147,6 @@ def test_a_goal_in_a_wall_beyond_it_or_on_a_mark_becomes_the_nearest_free_point(
 
 
 def test_where_there_is_no_way() -> None:
-    """Start or goal without room or off the map, the door taken, or unknown space in between."""
     on = planner(TWO_ROOMS)
     for start in (Point(-3.0, 1.0), Point(0.3, 1.0), Point(9.99, 3.49)):
         assert on.path(start, GOAL) is None
@@ -241,9 +237,9 @@ def test_a_wave_reaches_every_connected_cell_and_a_way_leads_down_from_each(
         low = min(*field[row, [column - 1, column + 1]], *field[[row - 1, row + 1], column])
         # from 0.704, where the front comes diagonally, to 1.0046, as the fit has it where it comes straight
         assert low + 0.7039 * cost <= field[row, column] <= low + 1.0047 * cost
-    cell = tuple(data.draw(st.sampled_from(np.argwhere(field < UNREACHED).tolist())))
-    way = way_down(field, *cell, 50)
-    assert tuple(way[0]) == cell and tuple(way[-1]) == root
+    row, column = data.draw(st.sampled_from(np.argwhere(field < UNREACHED).tolist()))
+    way = way_down(field, row, column, 50)
+    assert tuple(way[0]) == (row, column) and tuple(way[-1]) == root
     row, column = np.rint(way).astype(int).T
     assert (field[row, column] < UNREACHED).all()
 

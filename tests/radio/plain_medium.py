@@ -252,7 +252,6 @@ class PlainMedium:
         own.lock = None
 
     def sums(self, i: int, at: int, but: Flight) -> tuple[float, float]:
-        """Power of the other frames and of outside sources at an instant."""
         frames = [f for f in self.history if f is not but and f.sender != i and f.begin <= at < f.end]
         return sum(self.power[f.sender, i] for f in frames), sum(p for b, e, p in self.bursts if b <= at < e)
 

@@ -42,7 +42,6 @@ REACH = line_of_sight(
 
 
 def around(parameters: RadioParameters = PLAIN) -> RadioModel:
-    """No walls, no shadowing, no Wi-Fi."""
     return RadioModel(parameters, IndoorPropagation(parameters.propagation), ())
 
 
@@ -61,8 +60,6 @@ class Robot:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that `robot` hands to its transceiver."""
-
     instant: int
     robot: str
     tag: int = 0
@@ -94,11 +91,9 @@ class Swarm:
         self.core = RadioCore(addresses, self.step_us, self.model, seed=1)
 
     def change(self, robot: str, **changes: Any) -> None:
-        """Freeze, thaw, kill or restart a robot."""
         self.robots[robot] = replace(self.robots[robot], **changes)
 
     def truth(self, frames: Iterable[Frame], jams: Sequence[Jam] = (), losses: Sequence[Loss] = ()) -> Truth:
-        """The next step's Truth."""
         sent = [frame.robot for frame in frames]
         robots = tuple(
             RobotTruth(i, r.x, r.y, 0.0, r.vx, r.vy, 0.0, r.stepping, r.powered, sent.count(i), r.epoch)
@@ -138,7 +133,6 @@ class Swarm:
         return events
 
     def run_all(self, frames: Sequence[Frame], steps: int) -> None:
-        """Take so many steps; each frame is given in the step of its instant."""
         for _ in range(steps):
             step = self.core.step
             self.run([f for f in frames if f.instant // self.step_us == step])

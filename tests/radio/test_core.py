@@ -162,7 +162,6 @@ def test_a_robot_killed_and_restarted_within_a_frame_does_not_hear_it() -> None:
 
 
 def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
-    """Nothing of its predecessor's queue goes out, and nothing that became of it is said to the successor."""
     swarm = three()
     swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])  # the first one ends at the border
     swarm.change("a", epoch=1)

@@ -106,7 +106,6 @@ DISTURBANCE_PROPAGATION = IndoorPropagation(BEECLICK.propagation)
 
 
 def counted(wifi: WifiParameters, radio_channel: int, octets: int, link: float) -> tuple[float, float]:
-    """The shares of frames that arrive over a link, and that never got the channel."""
     station = Wifi(wifi, radio_channel, DISTURBANCE_PROPAGATION, lambda: np.random.default_rng(2))
     pair = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
     medium = Medium(pair, DISTURBANCE_PROPAGATION, BEECLICK.phy, seed=1, interferers=[station])

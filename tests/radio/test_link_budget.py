@@ -36,7 +36,6 @@ CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
 
 
 def arriving(name: str, distance: float, octets: int = 127) -> float:
-    """The share of frames that arrive undisturbed in line of sight."""
     p = preset(name)
     loss_db = over(distance, p.propagation.path_loss.coefficients())
     snr_db = p.transceiver.tx_power_dbm - loss_db - p.phy.noise_dbm
@@ -156,7 +155,6 @@ PAGE = (REPOSITORY / "docs" / "radio.md").read_text()
 
 
 def rows(of: list[str]) -> dict[str, list[str]]:
-    """The cells behind each first cell in backticks that is one of the names."""
     found = re.findall(r"^\| `(\w+)` \|(.*)\|$", PAGE, re.MULTILINE)
     return {name: [cell.strip() for cell in cells.split("|")] for name, cells in found if name in of}
 

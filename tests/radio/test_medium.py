@@ -232,7 +232,6 @@ def test_a_frame_among_many_is_followed_further_than_one_alone() -> None:
 
 
 def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
-    """By whether it had power when the frame began, and kept it."""
     medium = Medium([Transceiver(1 + k, min_be=0) for k in range(4)], LINE_OF_SIGHT, PhyParameters())
     medium.place(np.array([[4000.0 * k, 0.0] for k in range(4)]))
     medium.switch(2, False)

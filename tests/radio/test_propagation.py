@@ -193,7 +193,6 @@ def over_seeds(senders: Floats, receivers: Floats, seeds: int = 3000) -> Floats:
 
 
 def plain(field: Waves, one: Floats, other: Floats, parameters: ShadowingParameters) -> float:
-    """The definition, term by term."""
     p, q = ((np.floor(end / parameters.grain) + 0.5) * parameters.grain for end in (one, other))
     total = sum(
         math.cos(k @ p + m @ q + phase) + math.cos(k @ q + m @ p + phase)
@@ -269,7 +268,6 @@ def test_no_loss_is_below_nothing() -> None:
 
 @pytest.mark.parametrize("most_db", [60.0, 90.0, 120.0])
 def test_behind_walls_shadowing_may_still_bring_a_loss_within_what_is_asked_for(most_db: float) -> None:
-    """What walls alone make too much is followed as long as shadowing could take it back."""
     cells = np.full((40, 120), FREE, np.uint8)
     cells[:, 10::20] = OCCUPIED
     floor = build(OccupancyGrid(cells, 0.25, Point(0.0, 0.0)), "concrete")

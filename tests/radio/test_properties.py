@@ -21,7 +21,6 @@ CHAPTER = preset("chapter")
 
 
 def played(robots: dict[str, Robot], frames: list[Frame], step_us: int = 20_000, plain: bool = True) -> Swarm:
-    """The swarm after all frames have been sent or given up."""
     swarm = Swarm(dict(robots), step_us) if plain else Swarm(dict(robots), step_us, around(CHAPTER))
     # Eight frames may wait for 43 ms each when the last is asked for.
     swarm.run_all(frames, (HORIZON + 360_000) // step_us + 1)

@@ -75,7 +75,6 @@ def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: 
 
 
 def pair(seed: int) -> Medium:
-    """Two transceivers with a good link."""
     table = LossTable(np.full((2, 2), 60.0))
     medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=seed, watched=[])
     medium.place(table.places)
