@@ -255,15 +255,3 @@ def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, valu
 def test_recovery_is_off_where_an_average_stands_still(slow: float, fast: float) -> None:
     recovery = Recovery(AmclParameters(recovery_slow=slow, recovery_fast=fast))
     assert [recovery.injection(fit) for fit in (1.0, 0.0, 0.0, 0.5)] == [0.0] * 4
-
-
-def test_chapter_has_the_chapter_s_numbers() -> None:
-    chapter = PRESETS["chapter"]
-    assert (chapter.min_particles, chapter.max_particles, chapter.beams) == (500, 2000, 60)
-    assert (chapter.kld_error, chapter.kld_quantile) == (0.05, 0.99)
-    assert (chapter.odometry_model, chapter.weighting) == ("diff", "cubes")
-    assert {chapter.alpha1, chapter.alpha2, chapter.alpha3, chapter.alpha4} == {0.2}
-    assert (chapter.z_hit, chapter.z_rand, chapter.sigma_hit, chapter.max_distance) == (0.5, 0.5, 0.2, 2.0)
-    assert (chapter.update_distance, chapter.update_angle, chapter.resample_interval) == (0.25, 0.2, 1)
-    assert (chapter.recovery_slow, chapter.recovery_fast) == (0.0, 0.0)
-    assert not chapter.beam_skip and not chapter.stranger_filter and not chapter.search_poses

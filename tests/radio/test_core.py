@@ -172,11 +172,15 @@ def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
     assert (counters["frames_sent"], counters["frames_discarded"], counters["events_discarded"]) == (2, 1, 1)
 
 
-def test_what_was_held_for_a_frozen_robot_is_not_for_its_successor() -> None:
+@pytest.mark.parametrize("killed", [False, True])
+def test_events_held_for_a_frozen_robot_are_not_for_its_successor(killed: bool) -> None:
     swarm = three()
     swarm.change("b", stepping=False)
     swarm.run([Frame(0, "a")])
-    swarm.change("b", stepping=True, epoch=1)
+    if killed:
+        swarm.change("b", powered=False)
+        swarm.run()
+    swarm.change("b", powered=True, stepping=True, epoch=0 if killed else 1)
     assert swarm.run() == {}
     assert swarm.core.counters()["events_discarded"] == 1
 
@@ -206,13 +210,8 @@ def test_a_frozen_robots_queue_empties_by_itself() -> None:
 
 def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
     swarm = three()
-    frames = [
-        Frame(10, "a", 1, bytes(120)),
-        Frame(20, "a", 2, bytes(119)),
-        Frame(STEP, "a", 3),
-        Frame(-1, "a", 4),
-        Frame(15, "a", 5),
-    ]
+    frames = [Frame(10, "a", 1, bytes(120)), Frame(20, "a", 2, bytes(119))]
+    frames += [Frame(instant, "a", tag) for tag, instant in ((3, STEP), (4, -1), (5, 15))]
     assert swarm.run(frames)["a"] == [
         Refused(0, 4, "The frame's instant -1 µs lies outside step 0; it must be 0 to 99999 µs."),
         Refused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
@@ -221,13 +220,10 @@ def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
         Refused(99_999, 3, "The frame's instant 100000 µs lies outside step 0; it must be 0 to 99999 µs."),
     ]
     assert swarm.core.counters()["frames_refused"] == 4
-
-
-def test_a_robot_that_the_radio_does_not_know_is_refused() -> None:
-    swarm = three()
     swarm.robots["x"] = Robot(0.0)
-    events = swarm.run([Frame(10, "x", 1)])
-    assert events == {"x": [Refused(10, 1, "Robot x has no transceiver; the radio was set up without it.")]}
+    events = swarm.run([Frame(STEP + 10, "x", 1)])
+    sentence = "Robot x has no transceiver; the radio was set up without it."
+    assert events == {"x": [Refused(STEP + 10, 1, sentence)]}
 
 
 def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
@@ -249,16 +245,8 @@ def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
             {"robots": (RobotTruth("a", math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0),)},
             "says that a is at (nan, 0), or moves, as no robot can",
         ),
-        (
-            {"jams": (Jam(0.0, 0.0, -1.0, STEP),)},
-            "switches a jammer on that cannot be: a jammer reaches -1 m; it should be above 0 and at most "
-            "1e+06 m",
-        ),
-        (
-            {"jams": (Jam(0.0, 0.0, 1.0, 10**16),)},
-            "switches a jammer on that cannot be: a jammer is on for 1e+10 s; it should be above 0 and at "
-            "most 1e+06 s",
-        ),
+        ({"jams": (Jam(0.0, 0.0, -1.0, STEP),)}, "a jammer reaches -1 m; it should be above 0 and at most"),
+        ({"jams": (Jam(0.0, 0.0, 1.0, 10**16),)}, "a jammer is on for 1e+10 s; it should be above 0 and at"),
     ],
 )
 def test_a_truth_that_cannot_be_ends_the_run(changes: dict[str, Any], sentence: str) -> None:
@@ -266,7 +254,7 @@ def test_a_truth_that_cannot_be_ends_the_run(changes: dict[str, Any], sentence: 
     truth = msgspec.structs.replace(swarm.truth([]), **changes)
     with pytest.raises(AcrcError) as error:
         swarm.core.advance({TRUTH.key(): truth})
-    assert str(error.value) == f"Step 0: the world {sentence}."
+    assert str(error.value).startswith("Step 0: the world ") and sentence in str(error.value)
 
 
 def test_halt_finishes_without_an_answer() -> None:
@@ -327,14 +315,3 @@ def test_a_frame_that_ended_at_the_very_border_was_whole_before_the_kill() -> No
     counters = swarm.core.counters()
     assert (counters["frames_sent"], counters["frames_cut_off"], counters["frames_discarded"]) == (1, 0, 1)
     assert counters["events_discarded"] == 1  # a's own Sent
-
-
-def test_what_was_held_for_a_robot_is_gone_when_it_is_killed() -> None:
-    swarm = three()
-    swarm.change("b", stepping=False)
-    swarm.run([Frame(0, "a")])
-    swarm.change("b", powered=False)
-    swarm.run()
-    swarm.change("b", powered=True, stepping=True)
-    assert swarm.run() == {}
-    assert swarm.core.counters()["events_discarded"] == 1

@@ -221,16 +221,6 @@ def test_what_is_not_followed_of_all_frames_in_the_air_is_a_hundredth_of_a_decib
     assert 0.0 < worst_db <= 0.01
 
 
-def test_a_frame_among_many_is_followed_further_than_one_alone() -> None:
-    medium = far_apart()
-    reached = [int(np.count_nonzero(medium.fates(sender)[1])) for sender in range(12)]
-    assert max(reached[1:3]) < reached[10]
-    medium.place(FAR)
-    medium.submit([Request(2 * SECOND, 10, 120)])
-    medium.run(3 * SECOND)
-    assert np.count_nonzero(medium.fates(10)[1]) < reached[10]  # alone now
-
-
 def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
     medium = Medium([Transceiver(1 + k, min_be=0) for k in range(4)], LINE_OF_SIGHT, PhyParameters())
     medium.place(np.array([[4000.0 * k, 0.0] for k in range(4)]))

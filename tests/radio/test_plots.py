@@ -11,20 +11,20 @@ from actors.installation.repository import REPOSITORY
 from benchmarks.radio import benchmark
 from benchmarks.radio.benchmark import MEASURED_LINKS, PlotTask
 
+NAMES = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]
 SVG = "{http://www.w3.org/2000/svg}"
 
 
 def test_the_figures_are_drawn(tmp_path: Path) -> None:
     task = PlotTask(frames=10, places=50, seeds=1, senders=(2,))
     found = benchmark.draw(tmp_path, REPOSITORY / "maps" / "corridor.yaml", task=task)
-    names = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]
-    assert found.figures == {"written": [str(tmp_path / name) for name in names], "reference": False}
+    assert found.figures == {"written": [str(tmp_path / name) for name in NAMES], "reference": False}
     assert found.shown[-1] == "Without the dots of ns-3, whose figures --data gives."
-    for name in names[:-1]:
+    for name in NAMES[:-1]:
         drawn = ElementTree.fromstring((tmp_path / name).read_text())
         lines = [one for one in drawn.iter(f"{SVG}g") if one.get("id", "").startswith("line2d")]
         assert len([one for one in lines if one.find(f"{SVG}path") is not None]) >= 3
-    with Image.open(tmp_path / names[-1]) as image:
+    with Image.open(tmp_path / NAMES[-1]) as image:
         assert image.size == (705, 357)
         colours = {image.getpixel((x, y)) for x in range(image.width) for y in range(0, image.height, 3)}
     assert {(0, 0, 0), (255, 255, 255), (230, 150, 130)} <= colours
@@ -32,14 +32,7 @@ def test_the_figures_are_drawn(tmp_path: Path) -> None:
 
 def test_the_page_shows_every_figure_of_the_command() -> None:
     page = (REPOSITORY / "docs" / "radio.md").read_text()
-    for name in (
-        "reach.svg",
-        "error_rate.svg",
-        "grey_zone.svg",
-        "wifi.svg",
-        "contention.svg",
-        "corridor.png",
-    ):
+    for name in NAMES:
         assert f"(radio/{name})" in page and (REPOSITORY / "docs" / "radio" / name).is_file()
 
 
