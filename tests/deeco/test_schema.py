@@ -293,58 +293,54 @@ def pack_both() -> object:
 
 
 @pytest.mark.parametrize(
-    ("mistake", "sentence"),
+    ("fields", "limits", "sentence"),
     [
+        ({"a": Tree}, {}, "Tree contains itself; what is published should have an end"),
+        ({"a": Unmade}, {}, "Unmade is made from z; it should be made from its fields a"),
+        ({"a": Untyped}, {}, "Untyped.a should have a type"),
         (
-            lambda: RoleBook([role_of(value=Tree)]),
-            "role Sample cannot be published: Tree contains itself; what is published should have an end",
-        ),
-        (
-            lambda: RoleBook([role_of(value=Unmade)]),
-            "role Sample cannot be published: Unmade is made from z; it should be made from its fields a",
-        ),
-        (
-            lambda: RoleBook([role_of(value=Untyped)]),
-            "role Sample cannot be published: Untyped.a should have a type",
-        ),
-        (
-            lambda: RoleBook([role_of(value=Mode | OtherMode)]),
-            "role Sample cannot be published: "
+            {"a": Mode | OtherMode},
+            {},
             "two alternatives are Mode{IDLE,SWEEPING,BLOCKED}; they should have different names",
         ),
         (
-            lambda: RoleBook([role_of(a=Nested)], LinkParameters(most_depth=4)),
-            "role Sample cannot be published: it nests its types 5 deep; "
-            "at most 4 may be (LinkParameters.most_depth)",
+            {"a": Nested},
+            {"most_depth": 4},
+            "it nests its types 5 deep; at most 4 may be (LinkParameters.most_depth)",
         ),
         (
-            lambda: RoleBook([role_of("Sample", **dict.fromkeys((f"a{index}" for index in range(65)), int))]),
-            "role Sample cannot be published: "
+            dict.fromkeys((f"a{index}" for index in range(65)), int),
+            {},
             "Sample has 65 fields; at most 64 may be (LinkParameters.most_items)",
-        ),
-        (
-            lambda: RoleBook([Sample, role_of(a=int)]),
-            "tests.deeco.test_schema.Sample and tests.deeco.test_schema.Sample have the same fingerprint "
-            f"on the air, {fingerprint(Sample):08x}; one of them should have another name",
-        ),
-        (
-            lambda: RoleBook([]).pack(robot(0)),
-            "Robot plays Sweeper, which the role book should have been given",
-        ),
-        (pack_both, "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)"),
-        (
-            lambda: fingerprint(played(Sweeper)),
-            "Player cannot be published; its class should have @role",
-        ),
-        (
-            lambda: LinkParameters(frame_data=9),
-            "LinkParameters.frame_data is 9, but must be from 10 to 65535",
         ),
     ],
 )
-def test_roles_that_cannot_be_published_are_refused(mistake: Callable[[], object], sentence: str) -> None:
+def test_roles_that_cannot_be_published_are_refused(
+    fields: dict[str, Any], limits: dict[str, Any], sentence: str
+) -> None:
     with pytest.raises(DeploymentError) as error:
-        mistake()
+        RoleBook([role_of("Sample", **fields)], LinkParameters(**limits))
+    assert str(error.value) == f"role Sample cannot be published: {sentence}"
+
+
+SAME = (
+    f"have the same fingerprint on the air, {fingerprint(Sample):08x}; one of them should have another name"
+)
+MISTAKES: dict[str, Callable[[], object]] = {
+    f"{__name__}.Sample and {__name__}.Sample have the same fingerprint {SAME}": lambda: RoleBook(
+        [Sample, role_of(a=int)]
+    ),
+    "Robot plays Sweeper, which the role book should have been given": lambda: RoleBook([]).pack(robot(0)),
+    "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)": pack_both,
+    "Player cannot be published; its class should have @role": lambda: fingerprint(played(Sweeper)),
+    "LinkParameters.frame_data is 9, but must be from 10 to 65535": lambda: LinkParameters(frame_data=9),
+}
+
+
+@pytest.mark.parametrize("sentence", MISTAKES)
+def test_mistaken_role_books_and_limits_are_refused(sentence: str) -> None:
+    with pytest.raises(DeploymentError) as error:
+        MISTAKES[sentence]()
     assert str(error.value) == sentence
 
 
