@@ -323,13 +323,9 @@ def test_roles_that_cannot_be_published_are_refused(
     assert str(error.value) == f"role Sample cannot be published: {sentence}"
 
 
-SAME = (
-    f"have the same fingerprint on the air, {fingerprint(Sample):08x}; one of them should have another name"
-)
+SAME = f"the same fingerprint on the air, {fingerprint(Sample):08x}; one of them should have another name"
 MISTAKES: dict[str, Callable[[], object]] = {
-    f"{__name__}.Sample and {__name__}.Sample have the same fingerprint {SAME}": lambda: RoleBook(
-        [Sample, role_of(a=int)]
-    ),
+    f"{__name__}.Sample and {__name__}.Sample have {SAME}": lambda: RoleBook([Sample, role_of(a=int)]),
     "Robot plays Sweeper, which the role book should have been given": lambda: RoleBook([]).pack(robot(0)),
     "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)": pack_both,
     "Player cannot be published; its class should have @role": lambda: fingerprint(played(Sweeper)),
