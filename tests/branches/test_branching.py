@@ -1,26 +1,38 @@
 """A run continued from an instant: the same without a change, and otherwise only from the change on."""
 
 import json
+import random
+from collections.abc import Callable
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
-from actors.instant import seconds
-from actors.messages import TRANSMIT, Transmit
+from actors.instant import in_seconds, milliseconds, seconds
+from actors.messages import RECEIVED, TRANSMIT, Transmit
+from actors.orders import Lose
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
-from deploy.branches.change import Change, event, strategy_settings
+from deploy.branches.branching import Branched, branch
+from deploy.branches.change import BranchEvent, Change, event, strategy_settings
 from deploy.branches.swarm_replay import SCENARIO, replay_swarm
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.run_recordings import recordings
+from observation.trace.frame_fates import frame_fates
 from observation.trace.program import whole
-from tests.branches.conftest import Leave
 from tests.in_process import acrc
+from tests.recorded_runs import record
 
 STEP_S = 0.1
+Leave = Callable[[Change], Branched]
 
 
 def _digest(out: Path) -> str:
@@ -156,13 +168,6 @@ def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
 
 
-def test_a_new_value_is_compared_with_the_same_strategy_made_anew(leave: Leave) -> None:
-    """Whatever a value that cannot matter here seems to change, being made anew has changed."""
-    other = leave(Change(8.0, settings={"most_adopted": 11}))
-    assert other.divergence is not None
-    assert other.control is not None and other.control.divergence is None
-
-
 @pytest.mark.parametrize(
     ("key", "had", "other"),
     [
@@ -185,3 +190,69 @@ def test_other_keys_may_be_said_with_the_value_that_the_run_had(
         f"--set: {key}; must be strategy.NAME with --from, or the value that the run had; with another "
         "one it is no branch"
     )
+
+
+@pytest.fixture(scope="session")
+def origin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots that meet, with the chapter's adaptation, for 12 s, in memory."""
+    out = tmp_path_factory.mktemp("origin") / "run"
+    record(out, duration=12.0)
+    return out
+
+
+@pytest.fixture
+def leave(origin: Path, tmp_path: Path) -> Leave:
+    """Carries out a branch of it."""
+    number = count()
+
+    def carry_out(change: Change) -> Branched:
+        out = tmp_path / f"branch-{next(number)}"
+        return branch(origin, change, RunOptions(out, bus="memory"), permit=INSTALLED)
+
+    return carry_out
+
+
+class ReceivedFrame(NamedTuple):
+    step: int
+    """In which the frame ended."""
+    sender: str
+    receiver: str
+    ended: int
+    """µs."""
+
+
+def received(origin: Path, count: int, rng: random.Random, step_us: int) -> list[ReceivedFrame]:
+    """Random frames of the run, each the first of its sender that its receiver received in that step."""
+    found: dict[tuple[int, str, str], ReceivedFrame] = {}
+    for frame in frame_fates(origin):
+        for copy in frame.copies:
+            if copy.fate == "heard":
+                key = (frame.ended // step_us, frame.robot, copy.robot)
+                found.setdefault(key, ReceivedFrame(*key, frame.ended))
+    last = max(found)[0]
+    usable = [frame for key, frame in sorted(found.items()) if 0 < key[0] < last]
+    return rng.sample(usable, min(count, len(usable)))
+
+
+@pytest.mark.claim("branches")
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_random_branches(full: bool, tmp_path: Path) -> None:
+    count, duration = (20, 60.0) if full else (2, 10.0)
+    rng, origin = random.Random(1), tmp_path / "origin"
+    scenario = load_scenario(SHIPPED / "scenarios" / "chapter.toml", Overrides(seed=1, duration=duration))
+    plan = swarm.plan(scenario, RunOptions(origin, bus="memory"))
+    digest = swarm.run_in_memory(plan, lambda progress: None).digest
+    for number in range(count):
+        options = RunOptions(tmp_path / f"unchanged-{number}", bus="memory")
+        made = branch(origin, Change(rng.uniform(0.1, duration - 1)), options, permit=INSTALLED)
+        assert made.result.digest == digest
+    step_us = milliseconds(scenario.run.step_ms)
+    for number, frame in enumerate(received(origin, count, rng, step_us)):
+        at_s = in_seconds(frame.step * step_us)
+        order = BranchEvent(Lose(frame.receiver, frame.sender), at_s, f"lose {frame.receiver} {frame.sender}")
+        options = RunOptions(tmp_path / f"frame-{number}", bus="memory")
+        parted = branch(origin, Change(at_s, events=(order,)), options, permit=INSTALLED).divergence
+        assert parted is not None
+        assert (parted.step, parted.key) == (frame.step + 1, RECEIVED.key(frame.receiver))
+        assert f"instant={frame.ended}" in parted.words

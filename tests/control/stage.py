@@ -2,11 +2,7 @@
 
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
-from actors.messages import (
-    CONTROL,
-    Control,
-    RobotTruth,
-)
+from actors.messages import CONTROL, Control, RobotTruth
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at

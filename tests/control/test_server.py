@@ -7,14 +7,8 @@ from typing import Any
 
 import pytest
 
-from actors.messages import (
-    ANSWERED,
-    Answered,
-    Truth,
-)
-from actors.orders import (
-    Move,
-)
+from actors.messages import ANSWERED, Answered, Truth
+from actors.orders import Move
 from actors.runtime.codec import encode
 from deploy.control.run_link import OrderLines
 from deploy.control.wire import ASK_BYTES, JunkError, ask

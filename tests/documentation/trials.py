@@ -43,7 +43,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/deeco.md", "python"): "tests/deeco/test_programs.py",
     ("docs/library.md", "python"): "tests/library/test_library.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
-    ("docs/clusters.md", "python"): "tests/clusters/test_files.py",
+    ("docs/clusters.md", "python"): "tests/clusters/test_clusters.py",
     ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation/test_logs.py",
 })  # fmt: skip

@@ -28,9 +28,6 @@ PLANTED = (
         ("process", 2.0, "going - → 5.00, 12.50, by the process Planted.go"),
         ("state", 2.0, "wish - → 5.00, 12.50, by Planted.want"),
         ("state", 2.0, "number 0 → 3 since 0 s, by Planted.count"))),
-    Known("planted", "r1@5", "sets off for (4.00, 12.00)", (
-        ("state", 5.0, "wish 5.00, 12.50 → 4.00, 12.00, by Planted.want"),
-        ("state", 5.0, "number 0 → 6 since 0 s, by Planted.count"))),
     Known("planted", "r1@7", "pauses", (
         ("process", 7.0, "standing False → True, by the process Planted.halt"),
         ("state", 7.0, "number 0 → 8 since 0 s, by Planted.count"))),
@@ -63,12 +60,6 @@ PLANTED = (
         ("state", 9.0, "by Following.at_member with r1"),
         ("frame", 8.872, "a frame of r4 brought it, relayed once"),
         ("lost", 8.78, "below sensitivity"))),
-    Known("planted", "r4@4.5", "sets off for (5.00, 12.50)", (
-        ("state", 4.0, "by Following.at_member with r2"),
-        ("frame", 3.444, "a frame of r2 brought it, its own"))),
-    Known("planted", "r4@10.5", "sets off for (4.00, 12.00)", (
-        ("state", 10.0, "wish 5.00, 12.50 → 4.00, 12.00, by Following.at_member with r2"),
-        ("frame", 9.444, "a frame of r2 brought it, its own"))),
 )  # fmt: skip
 """r1 decides by its count; r2 hears r1, r3 by relay only, r4 follows r2; r2 and r4 are jammed for a while."""
 DOORWAY = (
@@ -87,20 +78,11 @@ DOORWAY = (
     Known("doorway", "r1@18", "takes over r2/0, leaves to another r1/0", (
         ("exchange", 18.0, "by the exchange AdoptedDestinationRemove.at_member with r2"),
         ("replica", 17.445, "adopted r1/0, destination r1/0, former r2/0"))),
-    Known("doorway", "r1@20", "sets off for (12.52, 4.68)", (
-        ("state", 18.0, "by AdoptedDestinationRemove.at_member with r2"),)),
-    Known("doorway", "r2@21", "leaves to another r2/0", (
-        ("exchange", 21.0, "by the exchange AdoptedDestinationRemove.at_member with r1"),
-        ("replica", 20.703, "adopted r2/0"))),
-    Known("doorway", "r2@32", "sets off for (12.48, 6.92)", (
-        ("state", 31.5, "settled - → r1/0, by AdaptiveCleaningRobot.set_destination"),)),
     Known("doorway", "r2@57", "takes over r1/1", (
         ("exchange", 57.0, "by the exchange DestinationAdoption.at_member with r1"),
         ("replica", 56.701, "state blocked"),
         ("state", 57.0, "blocked for 0 → 3 since 55 s"),
         ("state", 55.0, "state free → blocked"))),
-    Known("doorway", "r1@60", "leaves to another r1/1", (
-        ("exchange", 60.0, "by the exchange AdoptedDestinationRemove.at_member with r2"),)),
 )  # fmt: skip
 
 

@@ -1,7 +1,10 @@
 """What the recordings show agrees with the run's own result, and with what must be so."""
 
+import math
+import re
 import shutil
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,17 +12,34 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.patches import Patch
+from matplotlib.text import Annotation
+from PIL import Image
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
+from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph
+from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
 from actors.topic import Message
+from actors.world.world_setup import TimedOrder, WorldSetup
 from observation.accounting.account import account, spells
 from observation.accounting.time_spent import BY_ROBOTS, Cause
+from observation.evidence import run_evidence, run_reader
 from observation.evidence.run_evidence import EvidenceError, RunEvidence
-from observation.evidence.run_reader import read_run
+from observation.evidence.run_reader import RunReader, read_run
+from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
+from observation.picture import labels, lanes, marks, moving, run_html, run_page, style
 from observation.picture.floor_picture import meetings
 from observation.recordings.topics import Recorded
+from observation.replay.recorded_orders import GivenOrder
+from tests.recorded_runs import HEAD_ON, record
 
 
 def test_it_says_what_the_result_says(evidence: RunEvidence) -> None:
@@ -135,3 +155,230 @@ def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest
     monkeypatch.setattr(Recorded, "message", fickle)
     with pytest.raises(EvidenceError, match=r"radio\.mcap: its robots change; they should be the same"):
         read_run(folder)
+
+
+EVENTS = """
+[[event]]
+at = 2.0
+close = [17.25, 9.4]
+[[event]]
+at = 3.0
+obstacle = [9.0, 11.5]
+radius = 0.3
+[[event]]
+at = 4.0
+jam = [20.0, 11.5]
+radius = 2.0
+duration = 5.0
+[[event]]
+at = 6.0
+freeze = "r1"
+[[event]]
+at = 8.0
+thaw = "r1"
+[[event]]
+at = 9.0
+give = "r1"
+places = [[14.0, 12.5]]
+[[event]]
+at = 10.0
+open = [17.25, 9.4]
+[[event]]
+at = 11.0
+move = "r2"
+to = [20.0, 11.5, 0.0]
+[[event]]
+at = 13.0
+kill = "r2"
+"""
+SPANS = [("closed door", 2.0, 10.0), ("obstacle", 3.0, 16.0), ("jammer", 4.0, 9.0), ("wall", 5.0, 16.0)]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunEvidence:
+    out = tmp_path_factory.mktemp("things") / "run"
+    record(out, HEAD_ON.read_text() + EVENTS, duration=16.0)
+    return read_run(out)
+
+
+@pytest.fixture(scope="module")
+def ordered_run(recorded: RunEvidence) -> RunEvidence:
+    """The same with a wall, which people alone can order."""
+    wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
+    return replace(recorded, orders=tuple(sorted((*recorded.orders, wall), key=lambda one: one.step)))
+
+
+def test_each_thing_was_there_from_when_to_when(ordered_run: RunEvidence) -> None:
+    assert [(one.thing.kind, one.begin, one.end) for one in spans(ordered_run)] == SPANS
+    door = spans(ordered_run)[0].thing
+    (x, y), (to_x, to_y) = door.points
+    assert math.dist((x, y), (to_x, to_y)) == pytest.approx(0.85, abs=0.1), "across the passage"
+
+
+def test_a_run_in_pieces_tells_the_same(recorded: RunEvidence) -> None:
+    whole = list(ThingsOverTime().extend(recorded))
+    things = ThingsOverTime()
+    pieces: list[tuple[float, tuple[FloorThing, ...]]] = []
+    with RunReader(recorded.out) as reader:
+        while (piece := reader.poll(last=bool(pieces))) is not None:
+            pieces += list(things.extend(piece))
+    assert pieces == whole and len(whole) == 5
+
+
+def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunEvidence) -> None:
+    assert [(one.second, one.robot, one.words) for one in ordered(ordered_run)] == [
+        (2.0, "", "the door at (17.2, 9.4) is to close"),
+        (3.0, "", "a thing of 0.6 m is put at (9.0, 11.5)"),
+        (4.0, "", "a jammer of 2 m at (20.0, 11.5) for 5 s"),
+        (5.0, "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)"),
+        (9.0, "r1", "is given 1 more place"),
+        (10.0, "", "the door at (17.2, 9.4) opens"),
+        (11.0, "r2", "is carried to (20.0, 11.5)"),
+    ]
+
+
+def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunEvidence) -> None:
+    found = [(one.robot, one.cause, one.begin) for one in spells(ordered_run)]
+    assert ("r1", Cause.FROZEN, 6.0) in found and ("r2", Cause.OFF, 13.0) in found
+    assert not any(cause in (Cause.NO_PROGRESS, Cause.OPEN_FLOOR) for _, cause, _ in found)
+
+
+def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, tmp_path: Path) -> None:
+    with style.applied(style.LOOK):
+        figure = run_page.draw(ordered_run)
+        style.save(figure, tmp_path / "run.png")
+    with Image.open(tmp_path / "run.png") as image:
+        seen = set(map(tuple, np.asarray(image.convert("RGB")).reshape(-1, 3).tolist()))
+    assert {PUT, JAM, CLOSED} <= seen
+    says = {text.get_text() for text in legend_of(figure.axes[0]).get_texts()}
+    own = ("wall", "obstacle", "jammer", "closed door", "door", "given", "off", "frozen", "carried", "start")
+    assert {MARKS[name].says for name in own} <= says
+    told = {text.get_text() for text in figure.axes[0].texts}
+    assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
+
+
+def test_the_page_of_a_run_lists_it(ordered_run: RunEvidence) -> None:
+    page = run_html.html(ordered_run, b"")
+    rows = re.findall(r"<tr><td[^>]*>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td></tr>", page)
+    assert ("5.0", "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)") in rows
+    assert ("6.0", "r1", "is frozen until 8 s") in rows and ("13.0", "r2", "is off until 16 s") in rows
+
+
+def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunEvidence, tmp_path: Path) -> None:
+    moving.write(ordered_run, tmp_path / "m.gif", 10.0)
+    with Image.open(tmp_path / "m.gif") as film:
+        seen = []
+        for second in (1, 6, 12):
+            film.seek(second)
+            above_the_legend = np.asarray(film.convert("RGB"))[: round(0.8 * film.height)]
+            colours = above_the_legend.reshape(-1, 3).astype(int)
+            near = [int((np.abs(colours - wanted).max(axis=1) < 24).sum()) for wanted in (PUT, JAM, CLOSED)]
+            seen.append([count > 40 for count in near])
+    assert seen == [[False, False, False], [True, True, True], [True, False, False]]
+
+
+def legend_of(axes: Axes) -> Legend:
+    found = axes.get_legend()
+    assert found is not None
+    return found
+
+
+def grid() -> OccupancyGrid:
+    cells = np.full((60, 100), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    cells[:26, 50], cells[34:, 50] = OCCUPIED, OCCUPIED
+    return OccupancyGrid(cells, 0.1)
+
+
+def test_a_door_closes_once_nobody_stands_in_it_and_an_opened_one_never() -> None:
+    steps = np.full((10, 1, 2), 5.05)
+    steps[:, 0, 1] = 3.0
+    steps[6:, 0, 0] = 2.0
+    orders = [GivenOrder(1, CloseDoor(5.0, 3.0))]
+    assert [step for step, _ in FloorThings(grid(), 0.177).changes(orders, steps)] == [6]
+    orders.append(GivenOrder(4, OpenDoor(5.0, 3.0)))
+    assert list(FloorThings(grid(), 0.177).changes(orders, steps)) == []
+
+
+def test_no_words_lie_on_others_however_near_their_points_are() -> None:
+    with style.applied(style.LOOK):
+        figure = style.new_figure(6.0, 4.0)
+        axes = figure.add_subplot()
+        axes.set_xlim(0.0, 10.0)
+        axes.set_ylim(0.0, 6.0)
+        labels.settle(figure)
+        crowd = [labels.PointLabel(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
+        left_out = labels.place(axes, [*crowd, labels.PointLabel("far", 1.0, 1.0, "#000000")])
+        written = [text for text in axes.texts if text.get_text()]
+        placed = [text.get_window_extent() for text in written if isinstance(text, Annotation)]
+    assert len(placed) == 21 - left_out and left_out < 10
+    assert not any(one.overlaps(other) for number, one in enumerate(placed) for other in placed[:number])
+
+
+def test_of_many_robots_the_lanes_of_those_most_delayed_come_first(
+    ordered_run: RunEvidence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doing = spells(ordered_run)
+    assert lanes.order(ordered_run, doing) == list(ordered_run.robots)
+    monkeypatch.setattr(style, "_FEW", 1)
+    kept = dict.fromkeys(ordered_run.robots, 0.0)
+    for one in doing:
+        kept[one.robot] += 0.0 if one.cause in (Cause.DRIVING, Cause.IDLE) else one.end - one.begin
+    assert lanes.order(ordered_run, doing) == sorted(kept, key=lambda robot: -kept[robot])
+
+
+def glyph_sheet() -> Figure:
+    """Draw all states and marks of the drawing language with their names."""
+    figure = style.new_figure(9.5, 3.1)
+    columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
+    _column(columns[0], "by ground truth", _states(SEEN_STATES))
+    _column(columns[1], "by its own account", _states(OWN_STATES))
+    _column(columns[2], "on the floor and in lanes", [marks.sample(name) for name in MARKS])
+    robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
+    _column(columns[3], "robots", robots)
+    return figure
+
+
+def _states(states: Mapping[str, StateGlyph]) -> list[Artist]:
+    return [Patch(label=word, **lanes.look_of(glyph)) for word, glyph in states.items()]
+
+
+def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:
+    axes.set_axis_off()
+    axes.set_title(title, loc="left", fontweight="bold", fontsize=9)
+    axes.legend(
+        handles=handles, loc="upper left", frameon=False, fontsize=8, handlelength=2.4, handleheight=1.1,
+        borderaxespad=0.0, borderpad=0.0,
+    )  # fmt: skip
+
+
+def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) -> None:
+    with style.applied(style.LOOK):
+        figure = glyph_sheet()
+        style.save(figure, tmp_path / "glyphs.png")
+    with Image.open(tmp_path / "glyphs.png") as drawn, Image.open(ROOT / "docs/pictures/glyphs.png") as kept:
+        assert drawn.size == kept.size
+        far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
+    assert far.max() == 0, f"copy {tmp_path}/glyphs.png to docs/pictures"
+    told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
+    assert {*SEEN_STATES, *OWN_STATES, *(mark.says for mark in MARKS.values())} <= told
+
+
+def test_orders_whose_numbers_make_no_sense_are_in_no_evidence(
+    short_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hostile = (
+        Obstacle(9.0, 11.5, math.inf),
+        Obstacle(9.0, 11.5, 1e5),
+        Wall(0.0, 0.0, 1e9, 0.0),
+        StartJam(math.nan, 0.0, 1.0, 1),
+    )
+    orders = (*hostile, Obstacle(9.0, 11.5, 0.3))
+    told = run_evidence.world_setup
+
+    def setup(world: Path) -> WorldSetup:
+        return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))
+
+    monkeypatch.setattr(run_reader, "world_setup", setup)
+    assert [one.order for one in read_run(short_run).orders] == [Obstacle(9.0, 11.5, 0.3)]

@@ -82,10 +82,7 @@ def test_options_replace_what_the_file_says_and_wrong_ones_are_told(tmp_path: Pa
     more = survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))
     assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
     for words, told in (
-        (
-            (CHAPTER, "--png", tmp_path / "a.gif"),
-            "must be a file in a folder that exists, its name ending in",
-        ),
+        ((CHAPTER, "--png", tmp_path / "a.gif"), "must be a file in a folder that exists, its name ending"),
         ((CHAPTER, "--png", tmp_path / "no" / "a.png"), "must be a file in a folder that exists"),
         ((CHAPTER, "--robots", "none"), "--robots: none; must be a whole number from 1 to 500"),
         ((tmp_path / "no.toml",), "the scenario file cannot be read"),
@@ -123,21 +120,13 @@ def test_what_a_run_would_refuse_of_a_strategy_is_said_behind_what_the_floor_is(
     file = two_rooms(tmp_path)
     scenario = file.read_text()
     (tmp_path / "own_moves.py").write_text("from cleaning.strategies.none import behaviour\n")
-    asked = "names the strategy {}, "
+    names = f"{file} names the strategy"
     for run, words, fault in (
         ('strategy = "chapter"\n[strategy]\nreech = 3', (), "strategy.reech is not known"),
-        (
-            'strategy = "gone_moves:behaviour"',
-            (),
-            f"{file} {asked.format('gone_moves:behaviour')}and there is",
-        ),
-        ('strategy = "own_moves:behaviour"', (), f"{file} {asked.format('own_moves:behaviour')}whose code "),
+        ('strategy = "gone_moves:behaviour"', (), f"{names} gone_moves:behaviour, and there is"),
+        ('strategy = "own_moves:behaviour"', (), f"{names} own_moves:behaviour, whose code "),
         ('strategy = "own_moves:behaviour"', ("--modules", tmp_path), ""),
-        (
-            'strategy = "own_moves:behavior"',
-            ("--modules", tmp_path),
-            "behaviour 'own_moves:behavior': module",
-        ),
+        ('strategy = "own_moves:behavior"', ("--modules", tmp_path), "behaviour 'own_moves:behavior': "),
     ):
         file.write_text(f"{scenario}[run]\n{run}\n")
         done = acrc("scenario", file, *words)

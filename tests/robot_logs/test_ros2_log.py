@@ -430,9 +430,6 @@ def test_what_no_sensor_says_is_left_out_and_counted(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("instant", [-1, 2**31 * 1_000_000])
 def test_an_instant_that_no_log_can_have_is_left_out(instant: int, tmp_path: Path) -> None:
     left_out = Counter[str]()
-    given = [
-        LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0),
-        LogEntry(0, "/rosout", b"", instant),
-    ]
+    given = [LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0), LogEntry(0, "/rosout", b"", instant)]
     counts = ros2_log.write(tmp_path / "a.mcap", given, left_out)
     assert (counts["/rosout"], left_out["/rosout"]) == (1, 1)

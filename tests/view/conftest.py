@@ -1,4 +1,4 @@
-"""One run of the meeting in the doorway, looked into once; what needs rerun is left out where it is not."""
+"""One run in a doorway, traced once; tests that need rerun are left out where it is not installed."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -13,7 +13,7 @@ from observation.evidence.run_reader import read_run
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
 
-DRAWN = ("drawn", "following", "glyphs", "inside", "painting", "watched", "window")
+DRAWN = ("drawn", "live", "painting")
 collect_ignore = [] if find_spec("rerun") else [f"test_{name}.py" for name in DRAWN]
 
 

@@ -1,23 +1,33 @@
 """The view file of a run, read back without a window: every entity that a person looks at is there."""
 
+from collections import Counter
+from io import BytesIO
 from pathlib import Path
 from shutil import copytree
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from rerun.chunk import RrdReader
 
+from actors.geometry import Point
+from actors.observer import glyphs, screenshot
 from actors.observer.sheet import APPLICATION
+from actors.radio.medium.state import Outcome
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
+from actors.task.words import PlaceKey
+from cleaning.cleaner import State
 from command_line import look
 from observation.accounting.account import spells
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.explanation.explain import Explainer
-from observation.trace.rows import Trace
+from observation.trace.frame_fates import by_outcome, read_fates
+from observation.trace.rows import ACTIVITIES, Trace
 from observation.trace.traces import Traced
+from observation.trace.words import in_words
 from observation.view import beside, drawn
 from observation.view.drawn import Wishes, draw, place, read_story
 from tests.view.rrd import Rows, rows
@@ -167,3 +177,111 @@ def test_a_folder_in_which_nobody_may_write_gets_its_view_elsewhere(
     elsewhere = place(folder)
     assert elsewhere.name == "view.rrd" and not elsewhere.is_relative_to(folder)
     elsewhere.parent.rmdir()
+
+
+SHOWN = {
+    "Swarm, ground truth": "3D",
+    "r1: what it sees and plans": "3D",
+    "What each robot does": "StateTimeline",
+    "Places done": "TimeSeries",
+    "Copies of frames per second, by fate": "TimeSeries",
+    "Events": "TextLog",
+    "Ensembles": "Graph",
+    "r1: knowledge": "TextDocument",
+}
+
+
+@pytest.mark.nightly
+def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
+    folder: Path, computed: None, tmp_path: Path
+) -> None:
+    view = tmp_path / "view.rrd"
+    draw(read_story(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
+    try:
+        shot = screenshot.take(view, 20.0, 1200, 800)
+    except screenshot.ScreenshotError as error:
+        pytest.skip(f"what a person sees is not looked at: {error}")
+    assert {one.name: one.kind for one in shot.views}.items() >= SHOWN.items()
+    assert [one for one in shot.views if one.reports] == []
+    picture = Image.open(BytesIO(shot.png)).convert("RGB")
+    assert picture.size == (1200, 800)
+    pixels = np.asarray(picture).astype(int)
+    seen = Counter(map(tuple, pixels.reshape(-1, 3).tolist()))
+    assert len(seen) > 500
+    for colour in glyphs.ROBOTS[:2]:
+        near = np.abs(pixels[:520, :800] - colour).max(axis=2) < 12
+        assert near.sum() > 30, f"nothing on the floor has the colour {colour}"
+    lanes = pixels[560:, :400]
+    assert (lanes.max(axis=2) - lanes.min(axis=2) > 40).sum() > 2000, "no lane is coloured"
+
+
+def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
+    folder: Path, evidence: RunEvidence
+) -> None:
+    fates = read_fates(folder, evidence.robots)
+    assert evidence.result is not None
+    counted = evidence.result.frames
+    counts = np.bincount(fates.outcomes, minlength=len(Outcome))
+    for outcome in (Outcome.HEARD, Outcome.COLLISION, Outcome.HALF_DUPLEX, Outcome.BELOW_SENSITIVITY):
+        name = f"copies_{'' if outcome is Outcome.HEARD else 'lost_'}{outcome.name.lower()}"
+        assert counts[outcome] == counted[name], name
+    assert counts.sum() == counted["frames_sent"] * (len(evidence.robots) - 1) > 0
+    assert (fates.senders != fates.receivers).all()
+    heard = fates.outcomes == Outcome.HEARD
+    told = sorted((one.second, evidence.robots.index(one.receiver)) for one in evidence.receptions)
+    mine = sorted(zip(fates.seconds[heard].tolist(), fates.receivers[heard].tolist(), strict=True))
+    assert mine == told
+    table = by_outcome(fates, 0.0, 6, 5.0)
+    assert table[:, Outcome.HEARD].sum() * 5.0 == pytest.approx(counts[Outcome.HEARD])
+
+
+def test_a_robot_is_seen_to_hold_itself_where_it_said(
+    insides: dict[str, Trace], evidence: RunEvidence
+) -> None:
+    for index, robot in enumerate(evidence.robots):
+        inside = insides[robot]
+        steps = inside.instants // evidence.setup.step_us
+        np.testing.assert_array_equal(inside.estimates, evidence.held[steps, index])
+        assert inside.fault is None and inside.robot == robot
+        assert np.diff(inside.instants).tolist() == [500_000] * (len(inside.instants) - 1)
+        assert (inside.covariances[:, (0, 2)] > 0).all()
+
+
+def test_scans_end_on_the_floor_plan_and_particles_are_round_the_robot(
+    insides: dict[str, Trace], evidence: RunEvidence
+) -> None:
+    inside, grid = insides["r1"], evidence.grid
+    points = inside.scans.values
+    cells = np.floor((points - (grid.origin.x, grid.origin.y)) / grid.resolution).astype(int)
+    near = np.zeros(len(points), bool)
+    for down in range(-2, 3):
+        for right in range(-2, 3):
+            rows = np.clip(cells[:, 1] + down, 0, grid.cells.shape[0] - 1)
+            columns = np.clip(cells[:, 0] + right, 0, grid.cells.shape[1] - 1)
+            near |= grid.cells[rows, columns] != 0
+    assert len(points) > 1000 and near.mean() > 0.8  # the rest is the other robot
+    last = inside.particles.rows()[-1]
+    assert np.hypot(*(last - inside.estimates[-1, :2]).T).max() < 1.5
+
+
+def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str, Trace]) -> None:
+    inside = insides["r1"]
+    ways = [way for way in inside.plans.rows() if len(way)]
+    assert ways and all(np.hypot(*np.diff(way, axis=0).T).max() < 0.5 for way in ways)
+    assert inside.costs.max() == 254 and inside.costs.shape[1] == inside.costs.shape[2]
+    activities = [one.activity for robot in insides.values() for one in robot.doings]
+    assert {"driving", "blocked"} <= set(activities) <= set(ACTIVITIES)
+    assert {one.destination.partition("/")[0] for one in inside.doings} <= {"", "r1", "r2"}
+    names = [name for name, _ in inside.knowledge[-1].rows]
+    assert {"position", "destination", "route", "state"} <= set(names) and "parameters" not in names
+    assert {one.peer for one in inside.contacts} == {"r2"}
+    peers = {change.peer for robot in insides.values() for change, _ in robot.decisions()}
+    assert peers & {"r1", "r2"}
+
+
+def test_knowledge_is_told_in_words() -> None:
+    told = [in_words(one) for one in (None, (), 1.0, State.FREE, PlaceKey("r1", 3), Point(1.0, 2.5), True)]
+    assert told == ["-", "-", "1.00", "free", "r1/3", "1.00, 2.50", "True"]
+    assert in_words((PlaceKey("r1", 3), PlaceKey("r2", 0))) == "r1/3 r2/0"
+    assert in_words(((((1,),),),)) == "…"
+    assert in_words(frozenset({"b", "a"})) == "a b"

@@ -1,6 +1,8 @@
 """What is drawn of a run on a sheet, read back without a window; and who gets a window."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
@@ -8,19 +10,23 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from coloraide import Color
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
-from actors.observer.drawing import things
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
+from actors.observer.glyphs import Colour
 from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey
+from observation.accounting.time_spent import Cause
 from observation.evidence.recorded import Deed, Route
 from observation.evidence.things_over_time import FloorThing, OrderedChange
+from observation.trace.rows import ACTIVITIES
 from observation.view import __main__ as program
 from observation.view import live
+from observation.view.drawn import SEEN_FROM_OUTSIDE
 from observation.view.painting import Painting
 from observation.view.story import Story, Track
 from tests.view.rrd import Rows, rows
@@ -72,30 +78,6 @@ def painted(path: Path, *pieces: Story) -> Rows:
         for piece in pieces:
             painting.recorded(piece)
     return rows(path)
-
-
-def test_the_file_holds_map_places_robots_and_trails_over_time(tmp_path: Path) -> None:
-    found = painted(tmp_path / "view.rrd", story(range(16)))
-    robots = {
-        f"/world/robots/{robot}{part}"
-        for robot in ("r1", "r2")
-        for part in ("", "/turn", "/turn/body", "/turn/nose", "/marker", "/name")
-    }
-    each = {f"/world/{what}/{robot}" for what in ("places", "heading", "intent") for robot in ("r1", "r2")}
-    assert {entity for entity in found if entity.startswith("/world")} == robots | each | {
-        *("/world/map", "/world/radio/links", "/world/radio/losses"),
-        *(f"/world/{trail}/{robot}" for trail in ("trails", "history") for robot in ("r1", "r2")),
-    }
-    poses = found["/world/robots/r1"]
-    np.testing.assert_allclose(times(poses), np.arange(16) / 10, atol=1e-6)
-    np.testing.assert_allclose(poses[4]["Transform3D:translation"], [[0.4, 4.0, 0.0]], atol=1e-6)
-    turned = np.array(found["/world/robots/r1/turn"][4]["Transform3D:quaternion"])[0]
-    np.testing.assert_allclose(turned, [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
-    pieces = [row for row in found["/world/trails/r1"] if "sim_time" in row]
-    ways = np.array([row["LineStrips3D:strips"][0] for row in pieces])
-    np.testing.assert_allclose(times(pieces), [0.5, 1.0, 1.5], atol=1e-6)
-    np.testing.assert_allclose(ways[:, :, 0], [[0.0, 0.5], [0.5, 1.0], [1.0, 1.5]], atol=1e-6)
-    assert [row for row in found["/world/trails/r2"] if "sim_time" in row] == [], "it has not moved"
 
 
 def test_a_robot_put_elsewhere_leaves_no_trail_to_there(tmp_path: Path) -> None:
@@ -165,14 +147,6 @@ def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> No
     assert [row["TextLog:text"][0] for row in found["/events/run/recorded"]] == ["a wall is put"]
 
 
-def test_how_far_off_a_robot_held_itself_to_be_and_how_fast_it_was_is_plotted(tmp_path: Path) -> None:
-    found = painted(tmp_path / "view.rrd", story(range(4)), story(range(4, 12)))
-    for name, values in (("error", [0.5, 0.5, 0.5]), ("speed", [0.0, 1.0, 1.0])):
-        plot = [row for row in found[f"/plots/{name}/r1"] if "sim_time" in row]
-        np.testing.assert_allclose(times(plot), [0.0, 0.5, 1.0], atol=1e-6)
-        np.testing.assert_allclose([row["Scalars:scalars"][0] for row in plot], values)
-
-
 def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -228,6 +202,55 @@ def test_where_a_window_can_open(environment: dict[str, str], platform: str, dis
     assert viewer.has_display(environment, platform) is display
 
 
-def test_a_disc_of_any_size_is_drawn_with_a_bounded_number_of_rings() -> None:
-    for radius, rings in ((0.05, 2), (0.6, 10), (1e6, 100)):
-        assert len(things._strips("disc", ((1.0, 2.0),), radius)) == rings
+LEAST = 10.0
+EYES = ("", "protan", "deutan")
+METHODS = ("brettel", "vienot", "machado")
+
+
+def seen(colour: Colour, eye: str, method: str) -> Color:
+    shown = Color("srgb", [part / 255 for part in colour])
+    return shown.filter(eye, method=method).clip() if eye else shown
+
+
+def nearest(named: Mapping[str, Colour]) -> tuple[float, str]:
+    """The smallest difference of two, by CIEDE2000, and which two, for which eye."""
+    found = []
+    for eye in EYES:
+        for method in METHODS if eye else METHODS[:1]:
+            shown = {name: seen(colour, eye, method) for name, colour in named.items()}
+            for one, other in combinations(shown, 2):
+                far = shown[one].delta_e(shown[other], method="2000")
+                found.append((far, f"{one} and {other} for {eye or 'normal'} eyes by {method}"))
+    return min(found)
+
+
+@pytest.mark.parametrize("states", [glyphs.SEEN_STATES, glyphs.OWN_STATES], ids=["seen", "own"])
+def test_any_two_states_of_a_picture_differ_for_all_eyes(states: Mapping[str, glyphs.StateGlyph]) -> None:
+    far, which = nearest({word: glyph.colour for word, glyph in states.items()})
+    assert far >= LEAST, which
+
+
+def test_robots_and_what_is_put_on_the_floor_differ_for_all_eyes() -> None:
+    named = {f"robot {index}": colour for index, colour in enumerate(glyphs.ROBOTS)}
+    far, which = nearest({**named, "put": glyphs.PUT, "jammer": glyphs.JAM})
+    assert far >= LEAST, which
+
+
+def test_states_of_like_colour_differ_by_their_hatch_in_grey() -> None:
+    for states in (glyphs.SEEN_STATES, glyphs.OWN_STATES):
+        for one, other in combinations(states.values(), 2):
+            grey = glyphs.contrast(one.colour, other.colour)
+            assert grey >= 1.25 or one.hatch != other.hatch, (one, other)
+
+
+def test_each_word_has_one_glyph() -> None:
+    assert set(glyphs.SEEN_STATES) == {cause.value for cause in Cause}
+    assert {*ACTIVITIES, *SEEN_FROM_OUTSIDE.values(), "frozen", "off", "not heard"} <= set(glyphs.OWN_STATES)
+    for word in set(glyphs.SEEN_STATES) & set(glyphs.OWN_STATES):
+        assert glyphs.SEEN_STATES[word] == glyphs.OWN_STATES[word]
+
+
+def test_what_is_put_there_can_be_seen_on_both_grounds() -> None:
+    floor = (glyphs.FLOOR,) * 3
+    for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED, *glyphs.ROBOTS[:4]):
+        assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,7 +17,10 @@ import pytest
 import yaml
 from distributed import Client, Security
 
+from actors.runtime.lifecycle import process_table
 from tests.experiments.test_cluster import ROOT, free_port, make_key
+from tests.hosts.test_hosted_runs import eventually
+from tests.in_process import acrc
 
 FILES = ROOT / "deploy" / "clusters"
 PAGE = (ROOT / "docs" / "clusters.md").read_text()
@@ -214,3 +218,107 @@ def test_the_pages_growing_cluster_has_tls_and_a_worker_from_the_start(
     exec(compile(block, "docs/clusters.md", "exec"), {})
     assert asked["protocol"] == "tls://" and asked["security"].require_encryption
     assert asked["cores"] == asked["processes"] and asked["minimum_jobs"] == 1 and asked["ended"]
+
+
+PROGRAM = """
+import sys, threading, time
+from distributed import Client, Event
+from deploy.clusters import connection
+from deploy.clusters.connection import ClusterError
+from deploy.clusters.connection import answer
+
+def late():
+    raise TimeoutError("of its own")
+
+connection._LOOK_S = 0.1
+with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+    (worker,) = client.nthreads()
+    sys.stdout.write(worker + chr(10))
+    free = Event("free", client=client)
+    before = client.submit(lambda: Event("free").wait(60.0), workers=[worker], pure=False)
+    while before.key not in client.processing([worker])[worker]:
+        time.sleep(0.01)
+    threading.Timer(1.0, free.set).start()
+    print(answer(client, "inproc", worker, client.submit(divmod, 7, 3, workers=[worker], pure=False)))
+    try:
+        answer(client, "inproc", worker, client.submit(late, workers=[worker], pure=False))
+    except TimeoutError as error:
+        print(error)
+    left = "inproc://nobody/1/1"
+    try:
+        answer(client, "inproc", left, client.submit(divmod, 7, 3, workers=[left], pure=False))
+    except ClusterError as error:
+        print(error)
+    connection._LOOK_S = 60.0
+    late = client.submit(lambda: Event("never").wait(1.0), workers=[worker], pure=False)
+    threading.Timer(0.3, late.cancel).start()  # as the library does with all of them without a scheduler
+    try:
+        answer(client, "inproc", worker, late)
+    except ClusterError as error:
+        print(error)
+"""
+"""A process of its own: a cluster within one leaves threads behind, and tests fork."""
+
+
+@pytest.mark.nightly
+def test_a_worker_is_waited_for_while_it_is_there_and_whoever_waits_is_told_once() -> None:
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    worker, answered, raised, left, lost = done.stdout.splitlines()
+    busy = "it is busy, as with another run or a campaign"
+    assert answered == "(2, 1)"
+    assert f"acrc: --on inproc: waiting for the worker {worker}; {busy}" in done.stderr.splitlines()
+    assert done.stderr.count(f"waiting for the worker {worker}") == 1
+    assert raised == "of its own"
+    assert left.startswith("--on inproc: the worker inproc://nobody/1/1 has left the cluster (")
+    assert lost.startswith("--on inproc: the scheduler does not answer any more (")
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def command(folder: Path, name: str, *words: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-P", "-m", "command_line", "cluster", *words]
+    with (folder / f"{name}.log").open("wb") as log:
+        return subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=log, start_new_session=True)
+
+
+def ended(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGINT)
+    process.wait(timeout=30)
+
+
+@pytest.mark.timeout(120)
+def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    scheduler = command(tmp_path, "scheduler", "start", address)
+    worker = command(tmp_path, "worker", "join", address, "--workers", "2")
+    try:
+        with Client(address, timeout=60) as client:
+            client.wait_for_workers(2, timeout=60)
+            assert [*client.nthreads().values()] == [1, 1]
+            assert client.submit(os.getpid).result() != os.getpid()
+    finally:
+        ended(worker)
+        ended(scheduler)
+    ours = {worker.pid, scheduler.pid}
+    assert eventually(lambda: not any(one.session in ours for one in process_table.table().values()))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("start", "here"),
+            "acrc: ADDRESS: here; must be the address of a scheduler, such as tls://192.168.1.5:8786",
+        ),
+        (
+            ("join", "tcp://192.168.1.5:8786"),
+            "acrc: ADDRESS: tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for "
+            "without TLS a cluster runs whatever comes from whoever reaches it (docs/clusters.md)",
+        ),
+    ],
+)
+def test_what_is_no_address_of_use_is_a_sentence(words: tuple[str, ...], said: str) -> None:
+    done = acrc("cluster", *words)
+    assert (done.returncode, done.stderr.strip()) == (2, said)

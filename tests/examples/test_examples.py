@@ -1,6 +1,12 @@
-"""A strategy can reorder the queue, pause the robot, send it anywhere, hand a place over, and give one up."""
+"""The convoy closes up by radio, and by nothing else."""
 
+import re
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
+
+import pytest
 
 from actors.geometry import Point
 from actors.instant import START, Instant, seconds
@@ -9,8 +15,65 @@ from actors.task.words import PlaceKey
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import seen_as
+from examples.contention import contend
+from examples.convoy import drive
 from examples.courteous import CourteousRobot, GivingWay, HandOver, Offering
 from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, assignment, route
+
+
+def test_more_load_delivers_a_smaller_share() -> None:
+    light, heavy = contend(0.05), contend(0.8)
+    assert light[0] > 0.9 and 0.5 > heavy[0] > 0.1
+    assert light[1] == 0.0 and 3.0 < light[2] < heavy[2]
+
+
+def test_the_example_prints_a_line_for_each_load() -> None:
+    command = [sys.executable, "-m", "examples.contention"]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    form = r"load 0\.\d\d: +\d+\.\d% delivered, +\d+\.\d% no access, +\d+\.\d\d ms"
+    assert len(lines) == 5 and all(re.fullmatch(form, line) for line in lines)
+
+
+ROOT = Path(__file__).parents[2]
+ALONE = [60.0 + 2.0 * 120 - 9.0, 45.0, 95.0]
+"""After two minutes without news, m: the leader drives at 10 m/s and the others at 8, which they reach from
+rest at 2 m/s²; on the way there it loses 25 m and they 16."""
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_gaps_converge(seed: int) -> None:
+    rows = list(drive(seed=seed))
+    assert len(rows) == 12
+    # In the last half minute, with a fifth of the frames lost: within 5 cm.
+    assert rows[-4:] == [pytest.approx([20.0, 20.0, 20.0], abs=0.05)] * 4
+    assert min(gap for row in rows for gap in row) > 19.9, "nobody came nearer than that on the way"
+
+
+@pytest.mark.parametrize("off", [{"loss": 1.0}, {"reach": 0.0}], ids=str)
+def test_without_radio_they_do_not(off: dict[str, float]) -> None:
+    last = list(drive(**off))[-1]  # type: ignore[arg-type]  # none of them is the seed
+    assert last == pytest.approx(ALONE, abs=0.2)  # motion goes in steps of 0.1 s
+
+
+def test_out_of_reach_of_the_radio_only_those_in_reach_close_up() -> None:
+    last = list(drive(reach=70.0))[-1]
+    assert last[:2] == pytest.approx([20.0, 20.0], abs=0.05)
+    assert last[2] > 95.0
+
+
+def test_the_same_seed_gives_the_same_drive_and_another_one_does_not() -> None:
+    assert list(drive(seed=3)) == list(drive(seed=3))
+    assert list(drive(seed=3)) != list(drive(seed=4))
+
+
+def test_as_a_newcomer_runs_it() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "examples.convoy"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    lines = run.stdout.splitlines()
+    assert len(lines) == 12
+    assert lines[0].startswith("  10 s")
+    assert lines[-1] == " 120 s     20.0 m     20.0 m     20.0 m"
 
 
 def robot(name: str, at: float, *xs: float) -> CourteousRobot:
@@ -41,10 +104,7 @@ def test_who_is_in_the_way_stands_or_is_sent_anywhere() -> None:
     ensemble, chance = GivingWay(1.5), generator(1, "behaviour", "r1", 0)
     assert ensemble.membership(seen_as(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
     made = [ensemble.at_member(r2, r1, Floor(), chance, NOW) for _ in range(20)]
-    assert {(one.waypoint, one.waits_until) for one in made} == {
-        (SOMEWHERE, None),
-        (None, NOW + seconds(3)),
-    }
+    assert {(one.waypoint, one.waits_until) for one in made} == {(SOMEWHERE, None), (None, NOW + seconds(3))}
     ways = Ways()
     next(one for one in made if one.waypoint).drive(ways, Notes(), NOW)
     assert ways.orders == [SOMEWHERE]

@@ -10,23 +10,27 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
+from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
+from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
-from actors.runtime.recording import Entry, read_recording
-from observation.evidence.run_reader import RunReader
+from actors.task.words import PlaceKey, PlaceReport
+from deploy.fleet.fleet_file import load_fleet
+from deploy.fleet.watched import HeardMessage, WatchedFleet
 from observation.recordings.topics import Standing, standing
-from observation.replay.growing_replay import GrowingBus, GrowingReplay
+from observation.replay.growing_replay import GrowingBus
 from observation.replay.record_replay import made_again
 from observation.trace.frame_fates import frame_fates, replayed
 from observation.trace.kept import own_files
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
-from observation.view import drawn, live
+from observation.view import drawn
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.live import Following
-from observation.view.seen import Seen
-from observation.view.story import Teller, Track, simulated_story
+from tests.view.rrd import rows, timed
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
@@ -110,28 +114,6 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
             assert grown[entity] == instants, entity
 
 
-def test_pieces_of_a_run_come_to_the_whole(growing: Growing, folder: Path) -> None:
-    whole, teller = simulated_story(folder), Teller()
-    growing.grow(0.3)
-    pieces = []
-    with RunReader(growing.out) as run:
-        for share in (0.3, 0.55, 0.8, 1.0):
-            growing.grow(share)
-            pieces.append(run.poll(last=share == 1.0))
-        assert run.poll(last=True) is None
-    told = [teller.story(piece) for piece in pieces if piece is not None]
-    assert len(told) == 4
-    for name in ("routes", "reported", "taken_over", "given_up"):
-        assert sum((getattr(piece, name) for piece in told), ()) == getattr(whole, name)
-    for robot, track in whole.tracks.items():
-        for name in ("seconds", "poses", "held"):
-            parts = [getattr(piece.tracks[robot], name) for piece in told]
-            np.testing.assert_array_equal(np.concatenate(parts), getattr(track, name))
-    heard = np.concatenate([piece.heard for piece in told])
-    assert sorted(map(tuple, heard.tolist())) == sorted(map(tuple, whole.heard.tolist()))
-    assert told[-1].places == whole.places and told[-1].end == whole.end == 30.0
-
-
 def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder: Path) -> None:
     assert standing(folder) is Standing.ENDED
     growing.grow(0.5)
@@ -158,21 +140,6 @@ def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(g
     bus.close()
 
 
-def test_a_closed_recording_is_held_to_its_last_message(folder: Path) -> None:
-    with GrowingReplay(made_again(folder, "r1")) as replay:
-        while not replay.ended:
-            replay.advance(1.0)
-        replay.settle()
-        replay._bus._early.append(("swarm/up/r1/drive", b"one more"))
-        with pytest.raises(ReplayError, match="sends on swarm/up/r1/drive, where nothing more was recorded"):
-            replay.settle()
-        replay._bus._early.clear()
-        sent = next(one for one in read_recording(replay.path) if isinstance(one, Entry))
-        replay._bus._outputs.append(sent)
-        with pytest.raises(ReplayError, match="does not send again what was recorded on"):
-            replay.settle()
-
-
 def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "r1", tmp_path / "r1")
     for name in ("credentials", "router.sock"):
@@ -182,36 +149,62 @@ def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: P
     assert not {"credentials", "router.sock", "r1.log"} & shown
 
 
-def test_who_hangs_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    class Hung:
-        complete, drawn = False, 0
-
-        def draw(self, *, last: bool = False) -> bool:
-            self.drawn += 1
-            return False
-
-        def flush(self) -> None:
-            pass
-
-        def finish(self) -> None:
-            self.finished = True
-
-    hung: Any = Hung()
-    for name in ("_SETTLING_S", "_STUCK_S"):
-        monkeypatch.setattr(live, name, 0.2)
-    began = time.monotonic()
-    live._draw_all(folder, hung, hung, None, lambda sentence: None)
-    assert hung.drawn > 2 and hung.finished and time.monotonic() - began > 0.2
+FLEET = """
+map = "{root}/maps/corridor.yaml"
+[[robot]]
+id = "r1"
+address = 1
+start = [12.0, 13.0, 0.0]
+places = [[20.0, 12.5], [4.0, 12.5]]
+base = "/dev/base1"
+radio = "/dev/board1"
+[[robot]]
+id = "r2"
+address = 2
+start = [14.0, 13.0, 0.0]
+places = [[6.0, 12.5]]
+base = "/dev/base2"
+radio = "/dev/board2"
+"""
+ENDS = {"r1": "tls/10.0.0.1:7447", "r2": "tls/10.0.0.2:7447"}
 
 
-def test_who_is_off_seems_to_be_about_nothing_and_who_stays_for_3_s_to_stand() -> None:
-    seconds = np.arange(12, dtype=np.float64)
-    along = np.array([0, 1, 2, 2, 2, 3, 4.0, 4.05, 4.0, 4.0, 4.0, 5.0])
-    poses = np.column_stack((along, np.zeros(12), np.zeros(12)))
-    seen = Seen("r1")
-    first = Track(seconds[:4], poses[:4], poses[:4], ((0.0, ""), (3.0, "off")))
-    assert [(one.second, one.activity) for one in seen.of(first, ())] == [(0.0, "driving")]
-    later = Track(seconds[4:], poses[4:], poses[4:], ((5.0, ""),))
-    assert [(one.second, one.activity) for one in seen.of(later, ())] == [
-        (5.0, "driving"), (6.0, "standing"), (11.0, "driving"),
-    ]  # fmt: skip
+def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
+    key = topic.key(robot) if "{id}" in topic.pattern else topic.key()
+    return HeardMessage(second, ENDS[robot], key, message)
+
+
+def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "fleet.toml").write_text(FLEET.format(root=REPOSITORY))
+    fleet = load_fleet(tmp_path / "fleet.toml")
+    arranged = Arrangement(load_map(fleet.map), ("r1", "r2"), true=False)
+    with Sheet(tmp_path / "view.rrd", arranged, name="a fleet") as sheet:
+        view = WatchedFleet(fleet, sheet)
+        view.draw((), 0.1, 0)
+        words = [
+            said("r1", 0.2, DRIVE, Drive(5, 0.3, 0.0, 0.0, 0, pose=(12.0, 13.0, 0.0))),
+            said("r1", 0.3, DRIVE, Drive(6, 0.3, 0.0, 0.0, 0, pose=(12.1, 13.0, 0.0))),
+            said("r1", 0.3, PROGRESS, Progress(6, 0, 2, 0, False, held=("the bumper is pressed",))),
+            said("r2", 0.4, DRIVE, Drive(9, 0.0, 0.0, 0.0, 0, reports=(PlaceReport("r2", 0, 10**15),))),
+            said("r2", 0.4, RECEIVED, Received(9, (Heard(10**15, 1, -71.0, 200, b"x"),))),
+        ]
+        view.draw(words, 0.5, 0)
+        view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r2", 0),)))], 3.0, 4)
+        view.draw((), 6.0, 4)
+    found = {entity: timed(some) for entity, some in rows(tmp_path / "view.rrd").items()}
+    poses = [row["Transform3D:translation"][0][:2] for row in found["/world/robots/r1"]]
+    np.testing.assert_allclose(poses, [[12.0, 13.0], [12.1, 13.0]], atol=1e-5)
+    names = {
+        robot: [row["Points3D:labels"][0] for row in found[f"/world/robots/{robot}/name"]] for robot in ENDS
+    }
+    assert names["r1"] == ["r1 (not heard)", "r1", "r1 (not heard)"]
+    assert names["r2"] == ["r2 (not heard)", "r2", "r2 (not heard)"]
+    ages = [row["Scalars:scalars"][0] for row in found["/plots/ages/r2"]]
+    np.testing.assert_allclose(ages, [0.1, 2.6, 5.6])
+    events = [row["TextLog:text"][0] for name in found for row in found[name] if name.startswith("/events")]
+    assert "r1 2 places left, 0 reported, running, the bumper is pressed" in events
+    assert "r2 cleaned r2/0" in events and "r1 adopts r2/0" in events
+    assert "the view lacks 4 messages: too many came" in events
+    assert len(found["/plots/rssi/r1_at_r2"]) == 1
+    assert found["/plots/copies/copies_heard"][0]["Scalars:scalars"] == [pytest.approx(1 / 6.0)]
+    assert "/plots/error/r1" not in found
