@@ -49,17 +49,14 @@ def test_an_event_without_instant_happens_where_the_branch_leaves() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "at 5", "kill r2 at 1", "kill r2 at x", "dance r2", "pause", "speed 2"])
-def test_events_that_are_none(text: str) -> None:
+def test_invalid_events(text: str) -> None:
     with pytest.raises(OptionError, match="--event"):
         change.event(text, 2.0)
 
 
-def test_a_place_in_a_run() -> None:
-    assert change.place("runs/a@b@59.5") == (Path("runs/a@b"), 59.5)
-
-
 @pytest.mark.parametrize("text", ["runs/seen", "@5", "runs/seen@", "runs/seen@0", "runs/seen@nan"])
-def test_no_place_in_a_run(text: str) -> None:
+def test_a_branch_point_is_a_run_and_a_positive_instant(text: str) -> None:
+    assert change.place("runs/a@b@59.5") == (Path("runs/a@b"), 59.5)
     with pytest.raises(OptionError, match="branch: "):
         change.place(text)
 
@@ -74,15 +71,18 @@ def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
     )
 
 
-@pytest.mark.parametrize("text", ['a:b>c:d{"reach":}@5', 'a:b>c:d{"reach":null}@5', "a:b>c:d{@5"])
-def test_settings_that_are_none(text: str) -> None:
-    with pytest.raises(BehaviourError, match="what stands behind c:d should be its settings in JSON"):
-        succession.split(text)
+SETTINGS = "what stands behind c:d should be its settings in JSON"
 
 
-@pytest.mark.parametrize("text", ["a:b>c:d", "a:b>@5", "a:b>c:d@x", "a:b>c:d@0", "a:b>c:d@5>e:f@5"])
-def test_what_follows_needs_a_later_instant(text: str) -> None:
-    with pytest.raises(BehaviourError, match="behaviour"):
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        *((text, SETTINGS) for text in ('a:b>c:d{"reach":}@5', 'a:b>c:d{"reach":null}@5', "a:b>c:d{@5")),
+        *((f"a:b>{text}", "behaviour") for text in ("c:d", "@5", "c:d@x", "c:d@0", "c:d@5>e:f@5")),
+    ],
+)
+def test_invalid_successions(text: str, fault: str) -> None:
+    with pytest.raises(BehaviourError, match=fault):
         succession.split(text)
 
 

@@ -1,6 +1,5 @@
 """A real Chromium without a screen, driven by its DevTools protocol."""
 
-import base64
 import json
 import shutil
 import subprocess
@@ -90,14 +89,8 @@ class Browser:
 
     def open(self, url: str, *, width: int = 1200, height: int = 800, scheme: str = "light") -> None:
         """Go to a page on a screen of this size, px, that is light or dark; it is whole afterwards."""
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        self.scheme(scheme)
+        self.size(width, height)
         self.call("Page.navigate", url=url)
         until(lambda: self.value(f"location.href.startsWith({json.dumps(url)}) && {_WHOLE}"))
 
@@ -113,7 +106,7 @@ class Browser:
 
     def shot(self) -> bytes:
         """What can be seen of the page, as a PNG."""
-        return base64.b64decode(self.call("Page.captureScreenshot")["data"])
+        return b64decode(self.call("Page.captureScreenshot")["data"])
 
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Press the mouse at one point, and let go at another."""
@@ -156,7 +149,7 @@ class Browser:
 
     def picture(self, file: Path) -> None:
         """Keep what is seen, as a PNG."""
-        file.write_bytes(b64decode(self.call("Page.captureScreenshot")["data"]))
+        file.write_bytes(self.shot())
 
     def click(self, selector: str) -> None:
         """Click in the middle of an element."""

@@ -1,40 +1,39 @@
 """The map page in a real browser, beside a real run: a robot is dragged, the run paused, stepped, resumed."""
 
+import json
 from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.messages import CONTROL, TRUTH, Control, Truth
+from actors.messages import CONTROL, TRUTH
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall
-from actors.runtime.codec import decode
-from actors.runtime.core import at
-from actors.runtime.recording import Entry, read_recording
+from observation.evidence.recorded import taken
 from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
 pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="there is no Chromium on this machine")
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Iterator[tuple[Any, Path]]:
-    out = tmp_path / "out"
+@contextmanager
+def begun(out: Path) -> Iterator[Any]:
+    """Start a run with a page, and end it."""
     scenario = REPOSITORY / "scenarios" / "head_on.toml"
-    process = begin("run", scenario, "--control", "--speed", 3, "--duration", 1000, "--out", out, "--json")
+    process = begin("run", scenario, "--control", "--speed", 3, "--duration", 10_000, "--out", out, "--json")
     try:
         browser.until((out / "control.url").exists, 90)
-        yield process, out
+        yield process
     finally:
         process.kill()
 
 
-def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
-    run: tuple[Any, Path], tmp_path: Path
-) -> None:
-    process, out = run
-    with browser.Browser(tmp_path / "home", (out / "control.url").read_text()) as page:
+def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with begun(out) as process, browser.Browser(tmp_path / "home", (out / "control.url").read_text()) as page:
         browser.until(lambda: page.value("floor && walls && state && state.step > 2"))
         assert page.value("$('speed').value") == "3"
         page.click("#pause")
@@ -74,14 +73,13 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
         browser.until(lambda: page.value(f"state.step > {before}"))
         page.click("#stop")
         browser.until(lambda: page.value("!$('lost').hidden && $('lost').textContent == 'The run is over.'"))
-    process.communicate(timeout=60)
-    assert process.returncode == 0
+        process.communicate(timeout=60)
+        assert process.returncode == 0
     assert processes_of(out) == [] and leftovers(out) == [] and not (out / "control.url").exists()
-    given = [order for told in _received(out / "world/world.mcap", CONTROL.key()) for order in told.orders]
+    given = [order for _, told in taken(out / "world/world.mcap", CONTROL) for order in told.orders]
     assert [type(one) for one in given] == [Pause, Move, Wall, Step, Resume, Stop]
-    at_r1 = {
-        told.step: told.robots[0] for told in _received(out / "radio/radio.mcap", TRUTH.key()) if told.robots
-    }
+    truths = taken(out / "radio/radio.mcap", TRUTH)
+    at_r1 = {told.step: told.robots[0] for _, told in truths if told.robots}
     assert abs(at_r1[paused + 1].y - moved[2]) < 0.2 < abs(at_r1[paused].y - moved[2])
 
 
@@ -93,13 +91,194 @@ _COLOURS = """(() => {
 })()"""
 
 
-def _received(path: Path, key: str) -> list[Any]:
-    found = []
-    for item in read_recording(path):
-        if isinstance(item, Entry) and item.direction == "in" and item.key == key:
-            assert item.payload is not None
-            topic = at(CONTROL).topic if key == CONTROL.key() else at(TRUTH).topic
-            told = decode(topic, key, item.payload)
-            assert isinstance(told, Control | Truth)
-            found.append(told)
-    return found
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of the page of a run that goes on for as long as the tests here do."""
+    out = tmp_path_factory.mktemp("run") / "out"
+    with begun(out):
+        yield (out / "control.url").read_text()
+
+
+@pytest.fixture(scope="module")
+def window(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with browser.Browser(tmp_path_factory.mktemp("home"), address) as page:
+        yield page
+
+
+@pytest.fixture
+def page(window: Any, address: str) -> Any:
+    """The page, loaded anew, of the paused run; at the end of a test nothing of it is left but its orders."""
+    load(window, address)
+    if not window.value("state.paused"):
+        window.click("#pause")
+        browser.until(lambda: window.value("state.paused"))
+    for robot, _, _, _, state, *_ in window.value("state.robots"):
+        if state in ("off", "frozen"):
+            window.value(f"order('{'restart' if state == 'off' else 'thaw'} {robot}')")
+            browser.until(lambda: window.value("state.robots.every(([, , , , word]) => goes(word))"))
+    return window
+
+
+def load(window: Any, address: str) -> None:
+    window.size(1280, 800)
+    window.call("Page.navigate", url="about:blank")
+    window.call("Page.navigate", url=address)
+    browser.until(lambda: window.value("floor && walls && state && state.step > 2 && true"))
+
+
+def there(page: Any, x: float, y: float) -> tuple[float, float]:
+    """Where a point of the floor is in the window."""
+    px, py, left, top = page.value(
+        f"(() => {{ fit(); const b = canvas.getBoundingClientRect(); "
+        f"return [...toScreen({x}, {y}), b.x, b.y]; }})()"
+    )
+    return left + px, top + py
+
+
+def robot(page: Any, index: int = 0) -> Any:
+    return page.value(f"state.robots[{index}]")
+
+
+@pytest.mark.nightly
+def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_with(page: Any) -> None:
+    _, x, y, *_ = robot(page)
+    page.press("n")
+    assert page.value("chosen") == "r1"
+    for key in ("ArrowLeft", "ArrowLeft", "ArrowDown"):
+        page.press(key)
+    browser.until(lambda: robot(page)[1:3] == pytest.approx([x - 0.2, y - 0.1], abs=2e-3))
+    line = "$('said').firstChild.textContent"
+    browser.until(lambda: page.value(f"{line}.startsWith('move r1') && {line}.endsWith('carried out')"))
+
+    walls = page.value("state.walls.length")
+    for key in ("w", "Enter", "ArrowRight", "ArrowRight", "Enter"):
+        page.press(key)
+    browser.until(lambda: page.value(f"state.walls.length == {walls + 1}"))
+    from_x, from_y, to_x, to_y = page.value("state.walls[state.walls.length - 1]")
+    assert (to_x - from_x, to_y) == (pytest.approx(0.4, abs=2e-3), from_y)
+
+    paused = page.value("state.step")
+    page.press(".")
+    browser.until(lambda: page.value(f"state.step == {paused + 1} && state.paused"))
+    page.press("f")
+    browser.until(lambda: robot(page)[4] == "frozen")
+    page.press("f")
+    assert page.value("$('note').textContent") == "Cannot freeze r1: it is frozen."
+    page.press("t")
+    browser.until(lambda: robot(page)[4] == "driving")
+    heading = robot(page)[3]
+    page.press("q")
+    browser.until(lambda: (robot(page)[3] - heading) % 6.283185 == pytest.approx(3.141593 / 12, abs=2e-3))
+    page.press("]")
+    browser.until(lambda: page.value("state.speed") == 4 and page.value("$('speed').value") == "4")
+    page.press("x")
+    assert page.value("$('stop').textContent") == "Stop: sure?"
+    page.press("Escape")
+    assert page.value("$('stop').textContent") == "Stop"
+    page.press(" ")
+    browser.until(lambda: page.value(f"!state.paused && state.step > {paused + 3}"))
+
+
+@pytest.mark.nightly
+def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
+    assert page.value("floor.doors.length") == 5
+    x, y, to_x, to_y = page.value("floor.doors[2]")
+    beside = there(page, (x + to_x) / 2 + 0.6, (y + to_y) / 2)
+    before = page.value("canvas.toDataURL()")
+    page.click("[data-tool=door]")
+    page.drag(beside, beside)
+    browser.until(lambda: page.value("state.closed.length == 1 && state.closed[0] == 2"))
+    assert page.value("draw() || canvas.toDataURL()") != before
+    page.drag(beside, beside)
+    browser.until(lambda: page.value("state.closed.length == 0"))
+
+    page.click("[data-tool=jam]")
+    page.drag(there(page, 9.0, 12.0), there(page, 9.0, 13.0))
+    page.press(".")
+    browser.until(lambda: page.value("state.jammers.length == 1"))
+    _, _, radius, left = page.value("state.jammers[0]")
+    assert radius == pytest.approx(1.0, abs=0.05) and 19 < left <= 20
+    page.click("[data-tool=obstacle]")
+    page.drag(there(page, 4.0, 12.0), there(page, 4.0, 12.3))
+    page.press("n")
+    page.click("[data-tool=give]")
+    page.drag(there(page, 10.0, 12.0), there(page, 10.0, 12.0))
+    browser.until(lambda: page.value("state.obstacles.length == 1 && state.given.length == 1"))
+    page.click("[data-tool=move]")
+    assert page.value("document.activeElement.id") == "map", "keys go there"
+    page.press("k")
+    browser.until(lambda: robot(page)[4] == "off")
+    assert page.value("(() => { draw(); drawLegend(); return 'drawn'; })()") == "drawn"
+    assert page.value("floor.legend.every(([, shape]) => shape in MARKS || shape in LINES)")
+    assert page.value("$('legend').children.length") == page.value("floor.legend.length") == 15
+
+
+@pytest.mark.nightly
+def test_reload_and_two_tabs_show_the_same(page: Any, address: str, tmp_path: Path) -> None:
+    for _ in range(3):
+        page.value("order('step')")
+    texts = "[...$('said').children].map((one) => one.textContent)"
+    browser.until(lambda: page.value("$('said').firstChild.textContent == 'step \\u00d73: carried out'"))
+    told = page.value(texts)
+    trail = page.value("trails.get('r1').slice(0, 5)")
+    load(page, address)
+    browser.until(lambda: page.value(texts) == told)
+    assert page.value("trails.get('r1').slice(0, 5)") == trail
+    with browser.Browser(tmp_path / "home", address) as other:
+        browser.until(lambda: other.value("state && true") and other.value(texts) == told)
+        other.value("order('thaw r1')")
+        refused = "thaw r1: not done: "
+        for one in (page, other):
+            browser.until(lambda one=one: one.value("$('said').firstChild.textContent").startswith(refused))
+        assert page.value(texts) == other.value(texts)
+
+
+@pytest.mark.nightly
+def test_touch_on_a_phone_moves_robots_and_the_view(page: Any, tmp_path: Path) -> None:
+    page.size(390, 844, mobile=True)
+    browser.until(lambda: page.value("innerWidth == 390"))
+    assert page.value("document.documentElement.scrollWidth") == 390
+    page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    assert page.value("document.documentElement.scrollWidth") == 390
+    page.picture(tmp_path / "phone.png")
+    assert page.value("getComputedStyle(canvas).touchAction") == "none"
+
+    _, x, y, *_ = robot(page)
+    page.touch([there(page, x, y)], [there(page, x, y - 0.5)], [there(page, x, y - 1.0)])
+    browser.until(lambda: robot(page)[2] == pytest.approx(y - 1.0, abs=0.1))
+    fit = page.value("fit() || scale")
+    cx, cy = there(page, x, y)
+    said = page.value("$('said').children.length")
+    page.touch([(cx - 30, cy), (cx + 30, cy)], [(cx - 60, cy), (cx + 60, cy)])
+    assert page.value("fit() || scale") == pytest.approx(2 * fit, rel=0.05)
+    at = page.value("fit() || left")
+    page.touch([(cx - 60, cy), (cx + 60, cy)], [(cx - 40, cy), (cx + 80, cy)])
+    assert page.value("fit() || left") == pytest.approx(at + 20, abs=2)
+    assert page.value("$('said').children.length") == said
+    page.click("#whole")
+    assert page.value("fit() || scale") == pytest.approx(fit)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_axe_finds_nothing_wrong(page: Any, width: int, scheme: str) -> None:
+    axe = pytest.importorskip("axe_core_python", reason="axe-core-python comes with the extra dev")
+    page.size(width, 844, mobile=width < 500)
+    page.scheme(scheme)
+    page.click("[data-robot=r1]")
+    page.click("[data-tool=wall]")
+    page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    page.value("order('thaw r1')")
+    browser.until(lambda: page.value("document.querySelector('#said .no') && $('note').textContent != ''"))
+    page.call(
+        "Runtime.evaluate", expression=resources.files(axe).joinpath("axe.min.js").read_text(encoding="utf-8")
+    )
+    told = json.loads(
+        page.value(
+            "axe.run().then((found) => JSON.stringify({ tried: found.passes.map((one) => one.id), "
+            "wrong: found.violations.map((one) => "
+            "[one.id, one.nodes.map((node) => node.html + node.failureSummary)]) }))"
+        )
+    )
+    assert told["wrong"] == []
+    assert {"color-contrast", "button-name", "label", "aria-allowed-role"} <= set(told["tried"])

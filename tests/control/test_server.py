@@ -1,39 +1,198 @@
-"""The page's server without a browser: who gets in, and what becomes of those who send junk or are slow."""
+"""The page's server and what it sends of a run, without a browser."""
 
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from functools import cache
 from typing import Any
 
 import pytest
 
-from actors.messages import ANSWERED, Answered, Truth
-from actors.orders import Move
-from actors.runtime.codec import encode
-from deploy.control.run_link import OrderLines
-from deploy.control.wire import ASK_BYTES, JunkError, ask
-from tests.control.stage import TRUTH_OF_R1, Mesh, scene, truth_of
+from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
+from actors.messages import (
+    ANSWERED,
+    CONTROL,
+    Answered,
+    Control,
+    Drive,
+    Jam,
+    Progress,
+    RobotTruth,
+    Truth,
+)
+from actors.observer.glyphs import contrast
+from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
+from actors.runtime.bus_interface import Delivery
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.task.words import PlaceKey, PlaceReport
+from actors.topic import Message, Topic
+from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
+from deploy.control import page_floor
+from deploy.control import scene as scenes
+from deploy.control.page_floor import PageFloor
+from deploy.control.run_link import KEPT, PATIENCE_S, OrderLines, RunLink
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapRobot, OrderLine, Place, ask
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
-run_link = pytest.importorskip("deploy.control.run_link")
 client = pytest.importorskip("websockets.asyncio.client")
 exceptions = pytest.importorskip("websockets.exceptions")
+
+
+def truth_of(robot: str, x: float, y: float, *, stepping: bool = True, powered: bool = True) -> RobotTruth:
+    return RobotTruth(robot, x, y, 0.5, 0, 0, 0, stepping=stepping, powered=powered, transmits=0)
+
+
+TRUTH_OF_R1 = truth_of("r1", 12.0, 13.0)
+MAP = REPOSITORY / "maps" / "corridor.yaml"
+
+
+class Mesh:
+    """A bus on which the test is the run."""
+
+    def __init__(self) -> None:
+        self.given: list[Control] = []
+        self.says: dict[str, list[bytes]] = {}
+
+    def publish(self, key: str, payload: bytes) -> None:
+        told = decode(at(CONTROL).topic, key, payload)
+        assert isinstance(told, Control)
+        self.given.append(told)
+
+    def receive(self, topic: Topic[Message]) -> Delivery:
+        raise NotImplementedError
+
+    def poll(self, topic: Topic[Message]) -> Delivery | None:
+        waiting = self.says.get(topic.pattern)
+        return Delivery(topic, topic.key("r2"), waiting.pop(0)) if waiting else None
+
+
+@cache
+def floor_of(others: int) -> PageFloor:
+    return PageFloor(world(others), load_map(MAP))
+
+
+def world(others: int, *events: TimedOrder) -> WorldSetup:
+    start = (12.0, 13.0, 0.0)
+    robots = (
+        BodySetup("r1", "turtlebot2", None, "exact", start, ((13.0, 13.0), (14.0, 13.0))),
+        *(BodySetup(f"r{n}", "turtlebot2", None, "exact", start, ()) for n in range(2, others + 2)),
+    )
+    return WorldSetup(str(MAP), 1, 100_000, 1_000_000, robots, events)
+
+
+def scene(*events: TimedOrder, others: int = 0) -> scenes.Scene:
+    setup = world(others, *events)
+    addresses = {number: robot.id for number, robot in enumerate(setup.robots, start=1)}
+    return scenes.Scene(setup, floor_of(others), 2.0, addresses)
+
+
+def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
+    stage = scene(TimedOrder(200_000, Obstacle(5.0, 5.0, 0.2)))
+    first, *_, last = stage.floor.doors
+    stage.take(Truth(0, 0, (TRUTH_OF_R1,), (Jam(1.0, 1.0, 3.0, 250_000),)))
+    stage.take(Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))), "r1")
+    stage.take(Control(0, (Wall(1.0, 1.0, 2.0, 1.0), Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
+    stage.take(Control(0, (Wall(9.0, 9.0, 9.0, 9.0), Speed(7.0)), "b"))
+    assert stage.state(junk=0).speed == 2.0
+    stage.take(Answered(1, "a", ()))
+    stage.take(Answered(1, "b", ("no",)))
+    stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
+    state = stage.state(junk=3)
+    assert state.robots == (MapRobot("r1", 3.0, 4.0, 0.0, "driving", (13.0, 13.0)),)
+    assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
+    assert state.speed == 0.5
+    assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0, 0.25),), ())
+    stage.take(Truth(3, 300_000, (TRUTH_OF_R1,)))
+    state = stage.state(junk=3)
+    assert (state.jammers, state.obstacles, state.missed) == ((), ((5.0, 5.0, 0.2),), 2)
+    assert (state.paused, state.t, state.over) == (False, 0.3, False)
+    near = (last[0] + 0.3, last[1])
+    stage.take(Control(0, (Give("r1", ((7.0, 7.0),)), CloseDoor(*first[:2]), CloseDoor(*near)), "c"))
+    stage.take(Answered(3, "c", ()))
+    assert stage.state(junk=0).closed == (0, len(stage.floor.doors) - 1)
+    stage.take(Control(0, (OpenDoor(*last[:2]), OpenDoor(13.0, 13.0)), "d"))
+    stage.take(Answered(3, "d", ()))
+    stage.take(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),), (), (PlaceKey("r1", 2),)), "r1")
+    state = stage.state(junk=3)
+    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), (0,))
+    assert state.robots[0].destination == (7.0, 7.0)
+    stage.take(Truth(4, 400_000, (), halt=True))
+    assert stage.state(junk=0).over
+
+
+def test_who_stands_and_who_is_blocked() -> None:
+    stage = scene(others=2)
+
+    def states(second: int, *robots: RobotTruth) -> list[tuple[str, str]]:
+        stage.take(Truth(second * 10, second * 1_000_000, robots))
+        return [(one.state, one.blocker) for one in stage.state(junk=0).robots]
+
+    apart = truth_of("r2", 20.0, 13.0), truth_of("r3", 22.0, 13.0, stepping=False)
+    for second in range(3):
+        assert states(second, TRUTH_OF_R1, *apart) == [("driving", ""), ("driving", ""), ("frozen", "")]
+    assert states(3, TRUTH_OF_R1, *apart) == [("standing", ""), ("idle", ""), ("frozen", "")]
+    beside = truth_of("r2", 13.0, 13.0), truth_of("r3", 22.0, 13.0, stepping=False, powered=False)
+    assert states(5, TRUTH_OF_R1, *beside) == [("blocked", "r2"), ("driving", ""), ("off", "")]
+    assert states(6, truth_of("r1", 12.2, 13.0), *beside)[0] == ("driving", "")
+
+
+def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
+    lines = OrderLines()
+    for series, order, refusal in (
+        (7, "move r1 1 1 0", ""), (7, "move r1 1 2 0", "no room"), (7, "move r1 1 3 0", ""),
+        (8, "move r1 1 4 0", ""), (0, "thaw r1", "no"), (0, "thaw r1", "no"),
+    ):  # fmt: skip
+        lines.end(lines.begin(Ask(series, order)), refusal)
+    assert lines.fresh() == lines.kept() == (
+        OrderLine(1, "move r1 1 3 0", times=3, refused=1, refusal="no room"),
+        OrderLine(2, "move r1 1 4 0"),
+        OrderLine(3, "thaw r1", times=2, refused=2, refusal="no"),
+    )  # fmt: skip
+    assert lines.fresh() == ()
+    numbers = [lines.begin(Ask(0, f"step {number}")) for number in range(KEPT + 1)]
+    for number in numbers:
+        lines.end(number, "")
+    assert [line.number for line in lines.kept()] == numbers[1:]
+    assert all(line.waiting == 0 for line in lines.kept())
+
+
+def test_a_line_says_when_the_run_says_nothing() -> None:
+    now, stage, mesh, lines = [0.0], scene(), Mesh(), OrderLines()
+    link = RunLink(stage, lines, mesh, mesh, lambda: now[0])
+    link.give(Ask(0, "pause"))
+    assert lines.kept() == (OrderLine(1, "pause", waiting=1),)
+    now[0] = PATIENCE_S + 1
+    link.look()
+    silent = "the run has not said yet; it heeds the order at its next step"
+    assert lines.kept() == (OrderLine(1, "pause", refused=1, refusal=silent),)
+
+
+def test_the_word_of_every_state_can_be_read() -> None:
+    told = page_floor.state_colours()
+    assert tuple(told) == page_floor.STATES
+    for ground, letters in told.values():
+        assert contrast(tuple(bytes.fromhex(ground[1:])), tuple(bytes.fromhex(letters[1:]))) >= 4.5
 
 
 Trial = Callable[[Any, Mesh, Any], Awaitable[None]]
 
 
-def serve(trial: Trial) -> None:
-    """Let the trial talk to a server of a scene whose run is a Mesh."""
+def served(trial: Trial) -> Callable[[], None]:
+    """Make a test of a trial that talks to the server of a scene whose run is a Mesh."""
 
-    async def play() -> None:
-        mesh, stage, lines = Mesh(), scene(), OrderLines()
-        link = run_link.RunLink(stage, lines, mesh, mesh)
-        pages = server.ControlServer(stage, lines, link.give)
-        async with await pages.start():
-            await trial(pages, mesh, link)
+    def test() -> None:
+        async def play() -> None:
+            mesh, stage, lines = Mesh(), scene(), OrderLines()
+            link = RunLink(stage, lines, mesh, mesh)
+            pages = server.ControlServer(stage, lines, link.give)
+            async with await pages.start():
+                await trial(pages, mesh, link)
 
-    asyncio.run(play())
+        asyncio.run(play())
+
+    return test
 
 
 def socket(pages: Any, *, url: str | None = None, origin: str | None = "") -> Any:
@@ -59,29 +218,27 @@ async def told_line(pages: Any, connection: Any, number: int) -> dict[str, Any]:
             return told
 
 
-def test_only_who_knows_the_token_and_comes_from_the_page_gets_in() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        token = pages.url.rsplit("/", 2)[1]
-        assert len(token) == 32
-        wrong = pages.url.replace(token, "A" * 32)
-        for url, origin, status in (
-            (wrong, "", 404),
-            (pages.url, None, 403),
-            (pages.url, "http://example.org", 403),
-            (pages.url, "null", 403),
-        ):
-            with pytest.raises(exceptions.InvalidStatus) as refused:
-                await socket(pages, url=url, origin=origin)
-            assert refused.value.response.status_code == status
-        for path, host, status in (
-            (f"/{token}/", None, 200),
-            (f"/{'A' * 32}/", None, 404),
-            ("/", None, 404),
-            (f"/{token}/", "example.org", 404),
-        ):
-            assert await _status(pages, path, host) == status
-
-    serve(trial)
+@served
+async def test_only_the_page_with_the_token_gets_in(pages: Any, mesh: Mesh, link: Any) -> None:
+    token = pages.url.rsplit("/", 2)[1]
+    assert len(token) == 32
+    wrong = pages.url.replace(token, "A" * 32)
+    for url, origin, status in (
+        (wrong, "", 404),
+        (pages.url, None, 403),
+        (pages.url, "http://example.org", 403),
+        (pages.url, "null", 403),
+    ):
+        with pytest.raises(exceptions.InvalidStatus) as refused:
+            await socket(pages, url=url, origin=origin)
+        assert refused.value.response.status_code == status
+    for path, host, status in (
+        (f"/{token}/", None, 200),
+        (f"/{'A' * 32}/", None, 404),
+        ("/", None, 404),
+        (f"/{token}/", "example.org", 404),
+    ):
+        assert await _status(pages, path, host) == status
 
 
 async def _status(pages: Any, path: str, host: str | None) -> int:
@@ -93,79 +250,62 @@ async def _status(pages: Any, path: str, host: str | None) -> int:
     return int(line.split()[1])
 
 
-def test_an_order_of_a_page_is_given_to_the_run_and_answered() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        async with socket(pages) as page:
-            assert (await heard(page, "floor"))["places"] == [["r1", 13.0, 13.0], ["r1", 14.0, 13.0]]
-            await page.send('{"series": 0, "order": "move r1 1 2 0"}')
-            await page.send('{"series": 0, "order": "dance"}')
-            told = await told_line(pages, page, 2)
-            assert told["refused"] == 1 and told["refusal"].startswith("VERB: dance; must be one of")
-            (given,) = mesh.given
-            assert given.orders == (Move("r1", 1.0, 2.0, 0.0),)
-            answer = encode(Answered(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
-            mesh.says[ANSWERED.pattern] = [answer]
-            link.look()
-            refused = {
-                "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
-                "refusal": "at 3 s: no",
-            }  # fmt: skip
-            assert await told_line(pages, page, 1) == refused
-            async with socket(pages) as later:
-                assert await heard(later, "said") == refused
-                assert (await heard(later, "said"))["order"] == "dance"
-
-    serve(trial)
+@served
+async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, mesh: Mesh, link: Any) -> None:
+    async with socket(pages) as page:
+        assert (await heard(page, "floor"))["places"] == [["r1", 13.0, 13.0], ["r1", 14.0, 13.0]]
+        await page.send('{"series": 0, "order": "move r1 1 2 0"}')
+        await page.send('{"series": 0, "order": "dance"}')
+        told = await told_line(pages, page, 2)
+        assert told["refused"] == 1 and told["refusal"].startswith("VERB: dance; must be one of")
+        (given,) = mesh.given
+        assert given.orders == (Move("r1", 1.0, 2.0, 0.0),)
+        answer = encode(Answered(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
+        mesh.says[ANSWERED.pattern] = [answer]
+        link.look()
+        refused = {
+            "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
+            "refusal": "at 3 s: no",
+        }  # fmt: skip
+        assert await told_line(pages, page, 1) == refused
+        async with socket(pages) as later:
+            assert await heard(later, "said") == refused
+            assert (await heard(later, "said"))["order"] == "dance"
 
 
-def test_junk_is_counted_and_ends_the_page_that_sends_it() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        async with socket(pages) as other, socket(pages) as page:
-            for _ in range(server.JUNK):
-                await page.send(b"\xff\x00[[[")
-            with pytest.raises(exceptions.ConnectionClosed):
+@served
+async def test_junk_is_counted_and_ends_the_page_that_sends_it(pages: Any, mesh: Mesh, link: Any) -> None:
+    async with socket(pages) as other, socket(pages) as page:
+        for _ in range(server.JUNK):
+            await page.send(b"\xff\x00[[[")
+        with pytest.raises(exceptions.ConnectionClosed):
+            while True:
+                await asyncio.wait_for(page.recv(), 5)
+        assert (pages.junk, mesh.given) == (server.JUNK, [])
+        async with socket(pages) as large:
+            await large.send("x" * (ASK_BYTES + 1))
+            with pytest.raises(exceptions.ConnectionClosed) as closed:
                 while True:
-                    await asyncio.wait_for(page.recv(), 5)
-            assert (pages.junk, mesh.given) == (server.JUNK, [])
-            async with socket(pages) as large:
-                await large.send("x" * (ASK_BYTES + 1))
-                with pytest.raises(exceptions.ConnectionClosed) as closed:
-                    while True:
-                        await asyncio.wait_for(large.recv(), 5)
-                assert closed.value.rcvd.code == 1009
+                    await asyncio.wait_for(large.recv(), 5)
+            assert closed.value.rcvd.code == 1009
+        pages.renew()
+        await heard(other, "floor")
+        while (await heard(other, "state"))["junk"] != server.JUNK:
             pages.renew()
-            await heard(other, "floor")
-            while (await heard(other, "state"))["junk"] != server.JUNK:
-                pages.renew()
-
-    serve(trial)
 
 
-def test_a_page_that_takes_nothing_misses_states_and_holds_nobody_up() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        async with socket(pages) as slow, socket(pages) as quick:
-            slow.transport.pause_reading()
-            await heard(quick, "floor")
-            for number in range(200):
-                await asyncio.sleep(0)
-                link._scene.take(Truth(number, number * 100_000, (TRUTH_OF_R1,)))
-                pages.renew()
-                while (await heard(quick, "state"))["step"] != number:
-                    pass
-            slow.transport.abort()
-
-    serve(trial)
-
-
-def test_states_that_come_faster_than_a_page_takes_them_are_counted() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        async with socket(pages) as page:
-            await heard(page, "state")
-            for _ in range(10):
-                pages.renew()
-            assert (await heard(page, "state"))["late"] == 9
-
-    serve(trial)
+@served
+async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh, link: Any) -> None:
+    async with socket(pages) as slow, socket(pages) as quick:
+        slow.transport.pause_reading()
+        await heard(quick, "floor")
+        for number in range(200):
+            await asyncio.sleep(0)
+            link._scene.take(Truth(number, number * 100_000, (TRUTH_OF_R1,)))
+            pages.renew()
+            while (await heard(quick, "state"))["step"] != number:
+                pass
+        slow.transport.abort()
 
 
 @pytest.mark.parametrize(
@@ -178,31 +318,18 @@ def test_what_is_no_order(data: str | bytes) -> None:
         ask(data)
 
 
-def test_the_ninth_page_is_told_why_it_is_closed() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        opened = [await socket(pages) for _ in range(server.PAGES)]
-        async with socket(pages) as ninth:
-            with pytest.raises(exceptions.ConnectionClosed) as closed:
-                await asyncio.wait_for(ninth.recv(), 5)
-            told = closed.value.rcvd
-            assert (told.code, told.reason) == (
-                1013, "8 pages of this run are open already. Close one, then reload this one.",
-            )  # fmt: skip
-        await opened.pop().close()
-        async with socket(pages) as next_one:
-            await heard(next_one, "floor")
-        for page in opened:
-            await page.close()
-
-    serve(trial)
-
-
-def test_a_page_that_comes_late_is_told_the_trails() -> None:
-    async def trial(pages: Any, mesh: Mesh, link: Any) -> None:
-        for number in range(300):
-            link._scene.take(Truth(number, number * 100_000, (truth_of("r1", 12 + number / 100, 13.0),)))
-        async with socket(pages) as page:
-            trail = (await heard(page, "past"))["trails"]["r1"]
-        assert len(trail) == 41 and trail[0] == [9.5, 12.95, 13.0] and trail[-1] == [29.5, 14.95, 13.0]
-
-    serve(trial)
+@served
+async def test_the_ninth_page_is_told_why_it_is_closed(pages: Any, mesh: Mesh, link: Any) -> None:
+    opened = [await socket(pages) for _ in range(server.PAGES)]
+    async with socket(pages) as ninth:
+        with pytest.raises(exceptions.ConnectionClosed) as closed:
+            await asyncio.wait_for(ninth.recv(), 5)
+        told = closed.value.rcvd
+        assert (told.code, told.reason) == (
+            1013, "8 pages of this run are open already. Close one, then reload this one.",
+        )  # fmt: skip
+    await opened.pop().close()
+    async with socket(pages) as next_one:
+        await heard(next_one, "floor")
+    for page in opened:
+        await page.close()

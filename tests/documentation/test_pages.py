@@ -1,6 +1,5 @@
 """Pages of the documentation: links, command names and settings are right; nightly, code blocks run."""
 
-import ast
 import os
 import re
 import shlex
@@ -12,7 +11,8 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
+from typing import Final, NamedTuple
 
 import msgspec
 import pytest
@@ -29,9 +29,6 @@ from observation.accounting.time_spent import Cause
 from observation.trace.rows import ACTIVITIES
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages
-from tests.documentation.trials import PAGES as TESTED_ELSEWHERE
-from tests.documentation.trials import SHORTENED, Command, shortened
-from tests.documentation.trials import commands as commands_of
 from tests.localisation import courses
 
 PAGES = {page.name: page for page in pages()}
@@ -46,6 +43,69 @@ LEAST = {
     "places": '[places]\npreset = "golden"',
 }
 """What every scenario has, by its key; the first one is not a table."""
+
+
+_UNTRIED: Final = re.compile(r"\(not run by tests: ([^)]+)\)$")
+
+SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
+    "./acrc run": "--duration 5",
+    "./acrc run --seed 3": "--duration 5",
+    "./acrc run --robots 8 --seed 3 --duration 300": "--duration 5",
+    "./acrc run --bus memory --json": "--duration 5",
+    "./acrc run --strategy my_study.lease:behaviour": "--duration 5",
+    "./acrc run --hardware-in-the-loop": "--duration 2",
+    "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
+    "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
+    "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
+    "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check": "--duration 5",
+    "./acrc run scenarios/head_on.toml --out runs/seen": "--duration 20",
+    "./acrc run scenarios/head_on.toml --log r2 --out runs/said": "--duration 20",
+    "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
+    "./acrc campaign --preset chapter": "--robots 2 --seeds 1 --duration 2",
+    "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
+        "--robots 2 --seeds 2 --duration 2",
+    "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
+    ".venv/bin/python -m tests.localisation.courses course.zip --seed 7": "--duration 9",
+    "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
+    "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
+})  # fmt: skip
+"""Options that shorten a command, by command."""
+
+TESTED_ELSEWHERE: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
+    ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
+    ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
+    ("docs/deeco.md", "python"): "tests/deeco/test_programs.py",
+    ("docs/library.md", "python"): "tests/library/test_library.py",
+    ("docs/tables.md", "python"): "tests/recordings/test_export.py",
+    ("docs/clusters.md", "python"): "tests/clusters/test_clusters.py",
+    ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
+    ("docs/localisation-log.md", "python"): "tests/localisation/test_logs.py",
+})  # fmt: skip
+"""Tests of their own for the blocks of a language on a page."""
+
+
+class Command(NamedTuple):
+    """A command on a page."""
+
+    words: str
+    """Without the comment."""
+    untried: str
+    """The reason why no test runs it, as the page states it; empty: tests run it."""
+
+
+def commands_of(block: Block) -> list[Command]:
+    """Return the commands of a block in `sh`, one per line."""
+    lines = (line.partition(" #") for line in block.text.replace("\\\n", " ").splitlines())
+    return [
+        Command(words.strip(), found[1] if (found := _UNTRIED.search(said.strip())) else "")
+        for words, _, said in lines
+        if shlex.split(words, comments=True)
+    ]
+
+
+def shortened(command: Command) -> str:
+    """Return the command as the tests run it."""
+    return f"{command.words} {SHORTENED.get(command.words, '')}".rstrip()
 
 
 def blocks(language: str) -> list[tuple[str, Block]]:
@@ -135,15 +195,6 @@ def test_concepts_define_the_words_of_the_product_once() -> None:
     cells = re.findall(r"^\| (\*[^|]+)", PAGES["docs/concepts.md"].text, re.MULTILINE)
     counted = Counter(word for cell in cells for word in re.findall(r"\*([^*]+)\*", cell))
     assert len(counted) > 40 and max(counted.values()) == 1
-
-
-def test_classes_for_authors_have_unique_names() -> None:
-    files = [file for room in ("cleaning", "examples") for file in (REPOSITORY / room).rglob("*.py")]
-    texts = [file.read_text() for file in (*files, *(REPOSITORY / "actors/robot/behaviour").glob("*.py"))]
-    texts += [block.text for _, block in blocks("python")]
-    classes = (node for text in texts for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
-    counted = Counter(one.name for one in classes if not one.name.startswith("_"))
-    assert [name for name, count in counted.items() if count > 1] == []
 
 
 @pytest.fixture

@@ -1,10 +1,8 @@
-"""The convoy closes up by radio, and by nothing else."""
+"""The examples: radio contention, the convoy, and the courteous strategy."""
 
 import re
-import subprocess
-import sys
+import runpy
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -27,14 +25,6 @@ def test_more_load_delivers_a_smaller_share() -> None:
     assert light[1] == 0.0 and 3.0 < light[2] < heavy[2]
 
 
-def test_the_example_prints_a_line_for_each_load() -> None:
-    command = [sys.executable, "-m", "examples.contention"]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    form = r"load 0\.\d\d: +\d+\.\d% delivered, +\d+\.\d% no access, +\d+\.\d\d ms"
-    assert len(lines) == 5 and all(re.fullmatch(form, line) for line in lines)
-
-
-ROOT = Path(__file__).parents[2]
 ALONE = [60.0 + 2.0 * 120 - 9.0, 45.0, 95.0]
 """After two minutes without news, m: the leader drives at 10 m/s and the others at 8, which they reach from
 rest at 2 m/s²; on the way there it loses 25 m and they 16."""
@@ -66,19 +56,20 @@ def test_the_same_seed_gives_the_same_drive_and_another_one_does_not() -> None:
     assert list(drive(seed=3)) != list(drive(seed=4))
 
 
-def test_as_a_newcomer_runs_it() -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "examples.convoy"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    lines = run.stdout.splitlines()
-    assert len(lines) == 12
-    assert lines[0].startswith("  10 s")
-    assert lines[-1] == " 120 s     20.0 m     20.0 m     20.0 m"
-
-
 def robot(name: str, at: float, *xs: float) -> CourteousRobot:
     mine = route(*xs, owner=name)
     return CourteousRobot(id=name, position=Point(at, 0.0), route=mine, destination=mine[0] if mine else None)
+
+
+def test_programs_print_their_tables(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_module("examples.convoy", run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 12 and lines[0].startswith("  10 s")
+    assert lines[-1] == " 120 s     20.0 m     20.0 m     20.0 m"
+    runpy.run_module("examples.contention", run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    form = r"load 0\.\d\d: +\d+\.\d% delivered, +\d+\.\d% no access, +\d+\.\d\d ms"
+    assert len(lines) == 5 and all(re.fullmatch(form, line) for line in lines)
 
 
 def test_it_reorders_the_queue() -> None:

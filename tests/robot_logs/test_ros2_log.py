@@ -14,7 +14,6 @@ from mcap_ros2.decoder import DecoderFactory
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
-from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.messages import DRIVE, SENSES, Odometry, Scan, Senses
 from actors.robot.behaviour.foreign import INSTALLED
@@ -22,9 +21,6 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from command_line.exporting import export
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import load_scenario
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
@@ -35,41 +31,24 @@ from observation.robot_logs.ros2_log import TYPES, LogEntry
 from observation.view.story import Source, Track
 from tests.field_trial.rewriting import clock
 from tests.field_trial.runs import copies
+from tests.recorded_runs import HEAD_ON, record
 
 Log = dict[str, list[tuple[int, Any]]]
 """Messages by topic: log time, ns, and the decoded message."""
 ADD, DELETE_ALL = 0, 3
 CYLINDER, LINES = 3, 5
+
+
 EVENTS: Final = """
-[[event]]
-at = 1.0
-obstacle = [14.0, 12.0]
-radius = 0.2
-
-[[event]]
-at = 2.0
-jam = [5.0, 12.0]
-radius = 1.5
-duration = 2.0
-
-[[event]]
-at = 3.0
-close = [12.5, 9.4]
-
-[[event]]
-at = 4.0
-freeze = "r2"
-
-[[event]]
-at = 6.0
-thaw = "r2"
-
-[[event]]
-at = 7.0
-restart = "r1"
+event = [
+    { at = 1.0, obstacle = [14.0, 12.0], radius = 0.2 },
+    { at = 2.0, jam = [5.0, 12.0], radius = 1.5, duration = 2.0 },
+    { at = 3.0, close = [12.5, 9.4] },
+    { at = 4.0, freeze = "r2" },
+    { at = 6.0, thaw = "r2" },
+    { at = 7.0, restart = "r1" },
+]
 """
-
-
 MODEL = load_model("turtlebot2")
 SCAN = Scan(0, b"\0\0" * MODEL.sensor.rays)
 GOOD = Senses(
@@ -81,13 +60,9 @@ GOOD = Senses(
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two robots that localise, for ten seconds."""
-    folder = tmp_path_factory.mktemp("logs")
-    shipped = (REPOSITORY / "scenarios" / "head_on.toml").read_text()
-    own = shipped.replace('"odometry"', '"chapter"').replace("../maps", str(REPOSITORY / "maps"))
-    (folder / "own.toml").write_text(own.replace("duration = 600.0", "duration = 10.0") + EVENTS)
-    settled = load_scenario(folder / "own.toml")
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(folder / "run", bus="memory")), lambda progress: None)
-    return folder / "run"
+    folder = tmp_path_factory.mktemp("logs") / "run"
+    record(folder, EVENTS + HEAD_ON.read_text().replace('"odometry"', '"chapter"'), duration=10.0)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -169,20 +144,13 @@ def test_a_player_of_bags_finds_what_it_needs_in_the_file(ros2_file: Path) -> No
             if qos["durability"] == 1:
                 latched.add(channel.topic)
         assert latched == {"/map", "/tf_static", "/places", "/robots", "/things"}
+        found = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
+        shared = ("tf", "tf_static", "map", "places", "robots", "things", "links", "rosout")
+        assert found == {f"/{name}": TYPES[name] for name in shared} | {
+            f"/{robot}/{name}": TYPES[name] for robot in ("r1", "r2") for name in TYPES.keys() - set(shared)
+        }
         times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
     assert times == sorted(times) and times[0] == 0
-
-
-def test_every_topic_has_its_type(ros2_file: Path) -> None:
-    with ros2_file.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    found = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
-    shared = ("tf", "tf_static", "map", "places", "robots", "things", "links", "rosout")
-    own = TYPES.keys() - set(shared)
-    assert found == {f"/{name}": TYPES[name] for name in shared} | {
-        f"/{robot}/{name}": TYPES[name] for robot in ("r1", "r2") for name in own
-    }
 
 
 def test_commanded_velocities_are_those_that_the_world_received(ros2: Log, out: Path) -> None:
@@ -343,9 +311,7 @@ def test_who_heard_whom_is_a_line_between_them(ros2: Log, evidence: RunEvidence)
     assert any(second - 1 <= copy.second <= second for copy in evidence.receptions)
 
 
-def test_a_command_gives_the_same_bytes_and_never_overwrites(
-    out: Path, ros2_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_never_overwrites(out: Path, ros2_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     export(out, mcap="ros2")
     path = out.with_name("run.ros2.mcap")
     said = capsys.readouterr().out.replace("\n", " ")
@@ -388,9 +354,7 @@ def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
         ({"mcap": "ros2", "out": "empty"}, "empty: no run's folder: there is no */*.mcap in it"),
     ],
 )
-def test_wrong_input_gets_a_sentence(
-    options: dict[str, Any], sentence: str, out: Path, tmp_path: Path
-) -> None:
+def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     given = {"out": out, "folder": tmp_path / "new"} | options
     given["out"] = tmp_path / given["out"]

@@ -133,9 +133,7 @@ DRIVES = some.builds(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.data_too_large],
 )
 @given(DRIVES)
-def test_every_bus_takes_the_same_and_hands_the_same_on(
-    over_zenoh: Send, tmp_path: Path, message: Drive
-) -> None:
+def test_every_bus_delivers_the_same(over_zenoh: Send, tmp_path: Path, message: Drive) -> None:
     assert over_zenoh(message) == over_memory(message) == over_replay(message, tmp_path)
 
 

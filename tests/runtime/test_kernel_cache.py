@@ -65,7 +65,9 @@ def test_a_change_counts_for_the_kernels_that_reach_it_and_for_no_others(package
 
 def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(package: Path) -> None:
     assert python(package, CALL) == "8 1"
-    assert python(package, CALL) == "8 0"
+    (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")
+    one.write_bytes(one.read_bytes()[:100])
+    assert python(package, CALL) == "8 1", "a damaged file is compiled again"
     (package / "deep" / "apart.py").write_text("")
     assert python(package, CALL) == "8 0"
     (package / "deep" / "numbers.py").write_text("TWO = 3\n")
@@ -75,30 +77,7 @@ def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(packag
 
 
 @pytest.mark.nightly
-def test_a_kernel_is_compiled_with_a_way_in_from_python_once_python_calls_it(package: Path) -> None:
-    imports = "from actors.kernels import njit\nfrom actors.deep.kernel import twice\n\n\n"
-    calls = "@njit(cache=True)\ndef four_times(x):\n    return twice(twice(x))\n"
-    (package / "deep" / "calls.py").write_text(imports + calls)
-    kept = package / "__pycache__" / "kernels"
-    assert python(package, "from actors.deep import calls; print(calls.four_times(2))") == "8"
-    assert sorted(file.name.split(".")[-3] for file in kept.rglob("*.nbc")) == ["part", "whole"]
-    assert python(package, CALL) == "8 1"
-    assert sorted(file.name.split(".")[-3] for file in kept.rglob("*.nbc")) == ["part", "whole", "whole"]
-
-
-@pytest.mark.nightly
-def test_a_file_that_is_no_kernel_is_compiled_anew(package: Path) -> None:
-    python(package, CALL)
-    (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")
-    one.write_bytes(one.read_bytes()[:100])
-    assert python(package, CALL) == "8 1"
-    assert python(package, CALL) == "8 0"
-
-
-@pytest.mark.nightly
-def test_where_nothing_can_be_written_beside_the_sources_kernels_are_kept_in_the_user_s_cache(
-    package: Path,
-) -> None:
+def test_kernels_of_read_only_sources_are_in_the_user_cache(package: Path) -> None:
     (package / "__pycache__").mkdir(exist_ok=True)
     (package / "__pycache__" / "kernels").touch()  # no folder: also the superuser can write nothing into it
     assert python(package, CALL) == "8 1"

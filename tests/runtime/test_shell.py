@@ -1,17 +1,17 @@
 """Shells over the memory bus: the barrier, the counts, the digest, the recordings and their replay."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from actors.messages import AIRED, DRIVE, SENSES, Drive
+from actors.messages import AIRED, DRIVE, SENSES, Drive, Odometry, Senses
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
-from actors.runtime.core import Address, Inputs, at
+from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (
@@ -24,9 +24,65 @@ from actors.runtime.recording import (
     read_recording,
 )
 from actors.runtime.shell import Shell
-from tests.runtime.toys import Answerer, Caller
 
 ROBOTS = ("r1", "r22", "r333")
+
+
+AT_REST = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Caller:
+    """Sends Senses to all, awaits Drive from all, so many times; then halts everyone."""
+
+    def __init__(self, robots: Sequence[str], steps: int) -> None:
+        self.step = 0
+        self.finished = False
+        self.speeds: list[list[float]] = []
+        self._robots = robots
+        self._steps = steps
+        self._called = False
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """Nothing before the call, every answer after it."""
+        if not self._called:
+            return ()
+        return [at(DRIVE, robot) for robot in self._robots if DRIVE.key(robot) not in have]
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Call, or take the answers in."""
+        if self._called:
+            self.speeds.append([read(inputs, DRIVE, robot).vx for robot in self._robots])
+            self.step += 1
+            self._called = False
+            return ()
+        halt = self.step == self._steps
+        self.finished = halt
+        self._called = True
+        senses = Senses(self.step, self.step * 1000, 0, AT_REST, 0, None, halt)
+        return [to(SENSES, senses, robot) for robot in self._robots]
+
+
+class Answerer:
+    """Answers each call with a speed that depends on the step and on its name."""
+
+    def __init__(self, robot: str) -> None:
+        self.step = 0
+        self.finished = False
+        self._robot = robot
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """The call."""
+        return () if have else (at(SENSES, self._robot),)
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Answer it."""
+        senses = read(inputs, SENSES, self._robot)
+        if senses.halt:
+            self.finished = True
+            return ()
+        self.step += 1
+        speed = senses.step + len(self._robot) / 10
+        return (to(DRIVE, Drive(senses.step, speed, 0.0, 0.0, 0), self._robot),)
 
 
 class LossyBus(MemoryBus):
@@ -115,24 +171,20 @@ def test_a_lost_message_is_named_and_counted() -> None:
     assert undelivered(shells) == 1
 
 
-def test_an_inbox_that_only_grows_is_an_error() -> None:
+@pytest.mark.parametrize(
+    ("senders", "limit", "error"),
+    [
+        (1, Shell.KEY_LIMIT, "step 0: r0 floods swarm/up/r0/drive: r1 has 5000 messages from there and has "
+         "asked for none of them; at most 5000 may wait"),
+        (30, Shell.INBOX_LIMIT, "r1 has 100000 messages waiting"),
+    ],
+)  # fmt: skip
+def test_an_inbox_that_only_grows_is_an_error(senders: int, limit: int, error: str) -> None:
     shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
-    delivery = Delivery(DRIVE, "swarm/up/r2/drive", b"")  # type: ignore[arg-type]
-    for _ in range(Shell.KEY_LIMIT):
-        shell.deliver(delivery)
-    with pytest.raises(AcrcError) as caught:
-        shell.deliver(delivery)
-    assert str(caught.value) == (
-        "step 0: r2 floods swarm/up/r2/drive: r1 has 5000 messages from there and has asked for none of "
-        "them; at most 5000 may wait"
-    )
-
-
-def test_many_inboxes_that_grow_are_an_error_too() -> None:
-    shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
-    with pytest.raises(AcrcError, match="r1 has 100000 messages waiting"):
-        for number in range(Shell.INBOX_LIMIT + 1):
-            shell.deliver(Delivery(DRIVE, f"swarm/up/r{number % 30}/drive", b""))  # type: ignore[arg-type]
+    with pytest.raises(AcrcError, match=error):
+        for number in range(limit + 1):
+            shell.deliver(Delivery(DRIVE, f"swarm/up/r{number % senders}/drive", b""))  # type: ignore[arg-type]
+    assert number == limit
 
 
 @pytest.fixture
@@ -190,42 +242,27 @@ def test_a_replay_gives_the_recorded_outputs(recorded: tuple[Path, list[Shell]])
     assert shell.finished and bus.compared == 4
 
 
-def test_a_replay_with_other_code_names_the_first_difference(recorded: tuple[Path, list[Shell]]) -> None:
-    folder, _ = recorded
+def test_a_replay_names_the_first_difference(recorded: tuple[Path, list[Shell]]) -> None:
+    path = recorded[0] / "r22.mcap"
 
-    class Slower(Answerer):
-        def __init__(self) -> None:
+    class Faulty(Answerer):
+        def __init__(self, fault: Callable[[Sequence[Output]], Sequence[Output]]) -> None:
             super().__init__("r22")
-            self._robot = "r22"
+            self.fault = fault
 
         def advance(self, inputs):  # type: ignore[no-untyped-def]
             outputs = super().advance(inputs)
-            if self.step < 3:
-                return outputs
-            return [
-                msgspec.structs.replace(o, message=msgspec.structs.replace(o.message, vx=0.0))
-                for o in outputs
-            ]
+            return outputs if self.step != 4 else self.fault(outputs)
 
-    bus = ReplayBus(folder / "r22.mcap")
-    with pytest.raises(ReplayError) as caught:
-        replay(Shell(Slower(), bus, Unrecorded(), actor="r22"), bus)
-    assert str(caught.value) == (
-        f"{folder / 'r22.mcap'}: step 2: swarm/up/r22/drive: Drive.vx is 0.0; recorded was 2.3"
-    )
+    def other_speed(outputs: Sequence[Output]) -> Sequence[Output]:
+        replace = msgspec.structs.replace
+        return [replace(one, message=replace(one.message, vx=0.0)) for one in outputs]
 
-
-def test_a_replay_that_sends_too_little_is_noticed(recorded: tuple[Path, list[Shell]]) -> None:
-    folder, _ = recorded
-
-    class Quiet(Answerer):
-        def advance(self, inputs):  # type: ignore[no-untyped-def]
-            outputs = super().advance(inputs)
-            return () if self.step == 4 else outputs
-
-    bus = ReplayBus(folder / "r1.mcap")
-    with pytest.raises(ReplayError) as caught:
-        replay(Shell(Quiet("r1"), bus, Unrecorded(), actor="r1"), bus)
-    assert str(caught.value) == (
-        f"{folder / 'r1.mcap'}: step 3: does not send again what was recorded on swarm/up/r1/drive"
-    )
+    for fault, difference in (
+        (other_speed, "swarm/up/r22/drive: Drive.vx is 0.0; recorded was 3.3"),
+        (lambda outputs: (), "does not send again what was recorded on swarm/up/r22/drive"),
+    ):
+        bus = ReplayBus(path)
+        with pytest.raises(ReplayError) as caught:
+            replay(Shell(Faulty(fault), bus, Unrecorded(), actor="r22"), bus)
+        assert str(caught.value) == f"{path}: step 3: {difference}"

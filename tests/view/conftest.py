@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +16,20 @@ from observation.trace.traces import Traced, traces
 
 DRAWN = ("drawn", "live", "painting")
 collect_ignore = [] if find_spec("rerun") else [f"test_{name}.py" for name in DRAWN]
+
+
+Rows = dict[str, list[dict[str, Any]]]
+
+
+def rows(path: Path) -> Rows:
+    """Return everything in a view file, by entity and time; static rows have no sim_time."""
+    reader = pytest.importorskip("rerun.chunk").RrdReader
+    found: Rows = {}
+    for chunk in reader(str(path)).stream():
+        found.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    for some in found.values():
+        some.sort(key=lambda row: row["sim_time"].total_seconds() if "sim_time" in row else -1.0)
+    return found
 
 
 @pytest.fixture(scope="session")

@@ -25,12 +25,12 @@ from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.explanation.explain import Explainer
 from observation.trace.frame_fates import by_outcome, read_fates
-from observation.trace.rows import ACTIVITIES, Trace
+from observation.trace.rows import Trace
 from observation.trace.traces import Traced
 from observation.trace.words import in_words
 from observation.view import beside, drawn
 from observation.view.drawn import Wishes, draw, place, read_story
-from tests.view.rrd import Rows, rows
+from tests.view.conftest import Rows, rows
 
 pytestmark = pytest.mark.usefixtures("strict")
 WORLD = {
@@ -107,9 +107,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
     assert path.is_file()
 
 
-def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
-    folder: Path, computed: None, tmp_path: Path
-) -> None:
+def test_layout_and_chosen_robots(folder: Path, computed: None, tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     draw(read_story(folder), path, Wishes(robots=("r2",)), send_to=None, say=lambda sentence: None)
     (blueprint,) = RrdReader(str(path)).blueprints()
@@ -119,9 +117,7 @@ def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
     assert {"/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
 
 
-def test_two_runs_stand_beside_one_another_on_one_timeline(
-    folder: Path, computed: None, tmp_path: Path
-) -> None:
+def test_two_runs_share_a_timeline(folder: Path, computed: None, tmp_path: Path) -> None:
     copytree(folder, tmp_path / "branch")
     said: list[str] = []
     path = tmp_path / "beside.rrd"
@@ -138,7 +134,7 @@ def test_two_runs_stand_beside_one_another_on_one_timeline(
         beside.save((folder, tmp_path / "nowhere"), Wishes(), path, said.append)
 
 
-def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(
+def test_a_robot_without_replay_is_drawn_from_outside(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     traced = [Traced("r1", fault="r1: not to be trusted"), Traced("r2", fault="r2: neither")]
@@ -151,7 +147,7 @@ def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(
     assert "/inside/r1/scan" not in found
 
 
-def test_what_robots_alone_recorded_is_drawn_by_what_they_held(
+def test_recordings_of_robots_alone(
     folder: Path, evidence: RunEvidence, computed: None, tmp_path: Path
 ) -> None:
     for robot in ("r1", "r2"):
@@ -169,9 +165,7 @@ def test_what_robots_alone_recorded_is_drawn_by_what_they_held(
     assert "/plots/copies/heard" not in found
 
 
-def test_a_folder_in_which_nobody_may_write_gets_its_view_elsewhere(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_read_only_folder_gets_its_view_elsewhere(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert place(folder) == folder / "view.rrd"
     monkeypatch.setattr("os.access", lambda path, mode: False)
     elsewhere = place(folder)
@@ -192,9 +186,7 @@ SHOWN = {
 
 
 @pytest.mark.nightly
-def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
-    folder: Path, computed: None, tmp_path: Path
-) -> None:
+def test_the_viewer_shows_everything(folder: Path, computed: None, tmp_path: Path) -> None:
     view = tmp_path / "view.rrd"
     draw(read_story(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
     try:
@@ -215,9 +207,7 @@ def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
     assert (lanes.max(axis=2) - lanes.min(axis=2) > 40).sum() > 2000, "no lane is coloured"
 
 
-def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
-    folder: Path, evidence: RunEvidence
-) -> None:
+def test_fates_of_frames_are_those_the_radio_counted(folder: Path, evidence: RunEvidence) -> None:
     fates = read_fates(folder, evidence.robots)
     assert evidence.result is not None
     counted = evidence.result.frames
@@ -233,50 +223,6 @@ def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
     assert mine == told
     table = by_outcome(fates, 0.0, 6, 5.0)
     assert table[:, Outcome.HEARD].sum() * 5.0 == pytest.approx(counts[Outcome.HEARD])
-
-
-def test_a_robot_is_seen_to_hold_itself_where_it_said(
-    insides: dict[str, Trace], evidence: RunEvidence
-) -> None:
-    for index, robot in enumerate(evidence.robots):
-        inside = insides[robot]
-        steps = inside.instants // evidence.setup.step_us
-        np.testing.assert_array_equal(inside.estimates, evidence.held[steps, index])
-        assert inside.fault is None and inside.robot == robot
-        assert np.diff(inside.instants).tolist() == [500_000] * (len(inside.instants) - 1)
-        assert (inside.covariances[:, (0, 2)] > 0).all()
-
-
-def test_scans_end_on_the_floor_plan_and_particles_are_round_the_robot(
-    insides: dict[str, Trace], evidence: RunEvidence
-) -> None:
-    inside, grid = insides["r1"], evidence.grid
-    points = inside.scans.values
-    cells = np.floor((points - (grid.origin.x, grid.origin.y)) / grid.resolution).astype(int)
-    near = np.zeros(len(points), bool)
-    for down in range(-2, 3):
-        for right in range(-2, 3):
-            rows = np.clip(cells[:, 1] + down, 0, grid.cells.shape[0] - 1)
-            columns = np.clip(cells[:, 0] + right, 0, grid.cells.shape[1] - 1)
-            near |= grid.cells[rows, columns] != 0
-    assert len(points) > 1000 and near.mean() > 0.8  # the rest is the other robot
-    last = inside.particles.rows()[-1]
-    assert np.hypot(*(last - inside.estimates[-1, :2]).T).max() < 1.5
-
-
-def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str, Trace]) -> None:
-    inside = insides["r1"]
-    ways = [way for way in inside.plans.rows() if len(way)]
-    assert ways and all(np.hypot(*np.diff(way, axis=0).T).max() < 0.5 for way in ways)
-    assert inside.costs.max() == 254 and inside.costs.shape[1] == inside.costs.shape[2]
-    activities = [one.activity for robot in insides.values() for one in robot.doings]
-    assert {"driving", "blocked"} <= set(activities) <= set(ACTIVITIES)
-    assert {one.destination.partition("/")[0] for one in inside.doings} <= {"", "r1", "r2"}
-    names = [name for name, _ in inside.knowledge[-1].rows]
-    assert {"position", "destination", "route", "state"} <= set(names) and "parameters" not in names
-    assert {one.peer for one in inside.contacts} == {"r2"}
-    peers = {change.peer for robot in insides.values() for change, _ in robot.decisions()}
-    assert peers & {"r1", "r2"}
 
 
 def test_knowledge_is_told_in_words() -> None:

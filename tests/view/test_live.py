@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -30,7 +29,7 @@ from observation.trace.traces import Traced, traces
 from observation.view import drawn
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.live import Following
-from tests.view.rrd import rows, timed
+from tests.view.conftest import rows
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
@@ -54,15 +53,6 @@ class Growing:
 @pytest.fixture
 def growing(folder: Path, tmp_path: Path) -> Growing:
     return Growing(folder, tmp_path / "growing")
-
-
-def drawn_at(path: Path) -> dict[str, set[Any]]:
-    """By entity the instants at which something was drawn."""
-    found: dict[str, set[Any]] = {}
-    for chunk in RrdReader(str(path)).stream():
-        rows = chunk.to_record_batch().to_pylist()
-        found.setdefault(str(chunk.entity_path), set()).update(row.get("sim_time") for row in rows)
-    return found
 
 
 def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
@@ -103,7 +93,13 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
         (one,) = traces(growing.out, [actor], permit=INSTALLED, isolate=False)
         assert len(one.parts) > 1 and one.whole().changes == inside.changes
     assert frame_fates(growing.out) == replayed(folder)
-    grown, whole = drawn_at(tmp_path / "grown.rrd"), drawn_at(tmp_path / "whole.rrd")
+    grown, whole = (
+        {
+            entity: {row.get("sim_time") for row in some}
+            for entity, some in rows(tmp_path / f"{name}.rrd").items()
+        }
+        for name in ("grown", "whole")
+    )
     assert set(grown) - {"/events/run/view"} == set(whole)
     for entity, instants in whole.items():
         if entity in LESS:
@@ -191,7 +187,10 @@ def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(t
         view.draw(words, 0.5, 0)
         view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r2", 0),)))], 3.0, 4)
         view.draw((), 6.0, 4)
-    found = {entity: timed(some) for entity, some in rows(tmp_path / "view.rrd").items()}
+    found = {
+        entity: [row for row in some if "sim_time" in row]
+        for entity, some in rows(tmp_path / "view.rrd").items()
+    }
     poses = [row["Transform3D:translation"][0][:2] for row in found["/world/robots/r1"]]
     np.testing.assert_allclose(poses, [[12.0, 13.0], [12.1, 13.0]], atol=1e-5)
     names = {
