@@ -69,23 +69,19 @@ class Mesh:
 
 
 @cache
-def floor_of(others: int) -> PageFloor:
-    return PageFloor(world(others), load_map(MAP))
+def floor() -> PageFloor:
+    return PageFloor(world(), load_map(MAP))
 
 
-def world(others: int, *events: TimedOrder) -> WorldSetup:
+def world(*events: TimedOrder) -> WorldSetup:
+    places = {"r1": ((13.0, 13.0), (14.0, 13.0)), "r2": (), "r3": ()}
     start = (12.0, 13.0, 0.0)
-    robots = (
-        BodySetup("r1", "turtlebot2", None, "exact", start, ((13.0, 13.0), (14.0, 13.0))),
-        *(BodySetup(f"r{n}", "turtlebot2", None, "exact", start, ()) for n in range(2, others + 2)),
-    )
-    return WorldSetup(str(MAP), 1, 100_000, 1_000_000, robots, events)
+    robots = [BodySetup(robot, "turtlebot2", None, "exact", start, own) for robot, own in places.items()]
+    return WorldSetup(str(MAP), 1, 100_000, 1_000_000, tuple(robots), events)
 
 
-def scene(*events: TimedOrder, others: int = 0) -> scenes.Scene:
-    setup = world(others, *events)
-    addresses = {number: robot.id for number, robot in enumerate(setup.robots, start=1)}
-    return scenes.Scene(setup, floor_of(others), 2.0, addresses)
+def scene(*events: TimedOrder) -> scenes.Scene:
+    return scenes.Scene(world(*events), floor(), 2.0, {1: "r1", 2: "r2", 3: "r3"})
 
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
@@ -100,7 +96,7 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     stage.take(Answered(1, "b", ("no",)))
     stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
     state = stage.state(junk=3)
-    assert state.robots == (MapRobot("r1", 3.0, 4.0, 0.0, "driving", (13.0, 13.0)),)
+    assert state.robots[0] == MapRobot("r1", 3.0, 4.0, 0.0, "driving", (13.0, 13.0))
     assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
     assert state.speed == 0.5
     assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0, 0.25),), ())
@@ -123,7 +119,7 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
 
 
 def test_who_stands_and_who_is_blocked() -> None:
-    stage = scene(others=2)
+    stage = scene()
 
     def states(second: int, *robots: RobotTruth) -> list[tuple[str, str]]:
         stage.take(Truth(second * 10, second * 1_000_000, robots))

@@ -63,6 +63,7 @@ def test_a_change_counts_for_the_kernels_that_reach_it_and_for_no_others(package
     assert {name for name in after if after[name] != last[name]} == {"actors.deep.apart"}
 
 
+@pytest.mark.nightly
 def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(package: Path) -> None:
     assert python(package, CALL) == "8 1"
     (one,) = (package / "__pycache__" / "kernels").rglob("*.nbc")
