@@ -285,6 +285,7 @@ def ended(process: subprocess.Popen[bytes]) -> None:
     process.wait(timeout=30)
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(120)
 def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:

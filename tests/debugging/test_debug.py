@@ -78,7 +78,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> str:
     return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None).digest
 
 
-@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("bus", ["memory", pytest.param("zenoh", marks=pytest.mark.nightly)])
 def test_a_breakpoint_stops_the_world(
     bus: str, undisturbed: str, tmp_path: Path, terminals: list[Terminal]
 ) -> None:
@@ -100,6 +100,7 @@ def test_a_breakpoint_stops_the_world(
         assert _result(out)["isolation"] == "credentials"
 
 
+@pytest.mark.nightly
 def test_who_leaves_the_debugger_ends_the_run_and_is_told(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(*WORDS, "--debug", "r2", "--bus", "memory", "--out", tmp_path / "out")
     terminals.append(terminal)
@@ -117,6 +118,7 @@ def test_what_cannot_be_debugged(tmp_path: Path) -> None:
         swarm.plan(load_scenario(SCENARIO), RunOptions(tmp_path / "out", bus="memory", debug="r9"))
 
 
+@pytest.mark.nightly
 def test_a_breakpoint_without_a_terminal_says_how_to_get_one(tmp_path: Path) -> None:
     done = acrc(*WORDS, "--out", tmp_path / "out")
     assert done.returncode == 1

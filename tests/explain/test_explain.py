@@ -19,7 +19,6 @@ from deeco.explain.command import main
 from tests.cleaning.equipment import Floor
 from tests.documentation.markdown import MarkdownPage
 
-ROOT = Path(__file__).parents[2]
 EXPLAINED = Path(__file__).parent / "explained"
 HERE = "tests.deeco.cleaners"
 PAIR = (f"{HERE}:CleaningRobot", f"{HERE}:CAREFUL")
@@ -141,28 +140,6 @@ def test_every_process_and_ensemble_is_told(strategy: str) -> None:
         key: doubts for key, doubts in UNKNOWN.items() if key[0] == strategy
     }
     assert all(part.writes for part in found if part.name not in {"report_status", "PeerMask"})
-
-
-@pytest.mark.parametrize(
-    ("strategy", "part", "reads", "writes"),
-    [
-        ("none", "sense", set(), {"position"}),
-        ("chapter", "detect_blocked", {"parameters", "waypoint", "destination", "position", "before",
-                                       "still_for"}, {"before", "still_for", "state"}),
-        ("auction", "leave_door", {"waypoint", "destination", "position", "attempt"},
-         {"waypoint", "attempt"}),
-        ("chapter-careful", "mind_pose", {"parameters", "lost_since", "trusts_until", "attempt", "looked"},
-         {"lost_since", "looked", "attempt", "trusts_until", "state", "still_for", "blocked_for"}),
-        ("examples.courteous:behaviour", "reorder", {"position", "route"}, {"route", "offered"}),
-        ("examples.courteous:behaviour", "GivingWay",
-         {"state", "position", "waits_until", "parameters", "attempt"},
-         {"waypoint", "waits_until", "attempt"}),
-    ],
-)  # fmt: skip
-def test_what_is_read_and_written(strategy: str, part: str, reads: set[str], writes: set[str]) -> None:
-    (found,) = (one for one in parts(strategy) if one.name == part)
-    assert set(found.reads) == reads
-    assert writes <= set(found.writes)
 
 
 @pytest.fixture

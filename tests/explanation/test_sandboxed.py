@@ -95,13 +95,9 @@ def test_a_trace_that_lies_is_told(hostile: Path) -> None:
     lies = {
         b"": "Input data was truncated",
         b"\xc1 no such thing": "MessagePack data is malformed",
-        b"\x91" * 100_000: "it is wrong, but must be an object",
-        told(goals=[goal | {"step": None}]): "goals[0].step is null, but must be a whole number",
         told(goals=[goal | {"step": -1}]): "goals[0].step is -1, but must be a whole number of at least 0",
-        told(goals=[goal | {"step": 2**63}]): "but must be a whole number of at most 10",
         told(goals=[goal | {"point": ("x", 2.0)}]): 'goals[0].point[0] is "x", but must be a number',
         told(doings=[{"instant": 0, "activity": "\x1b"}]): "are no activities",
-        told(lost=[[2**40], b""]): "cannot reshape array",
         told(lost=[[9], bytes(72)]): "lost has the shape (9,), and must have",
     }
     for lie, words in lies.items():

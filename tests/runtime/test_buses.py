@@ -30,7 +30,7 @@ Send = Callable[[Drive], str]
 
 
 class Speaker:
-    """Says one thing."""
+    """Sends one message."""
 
     def __init__(self, message: Drive) -> None:
         self.step = 0
@@ -38,11 +38,9 @@ class Speaker:
         self._message = message
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Nothing."""
         return ()
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Say it."""
         self.finished = True
         return (to(DRIVE, self._message, ROBOT),)
 
