@@ -132,9 +132,9 @@ def doctor(
     that it compiles numeric kernels. The exit code is 1 if anything is wrong.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from deploy.fleet.doctor import consultation
+    from deploy.fleet.doctor import consult
 
-    if not consultation.consult(fleet, robot, permit_of(modules), json=json):
+    if not consult(fleet, robot, permit_of(modules), json=json):
         raise typer.Exit(1)
 
 

@@ -22,8 +22,7 @@ from actors.runtime import regular_file
 from actors.runtime.access.credentials import PRIVATE_KEY_FILE
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError, printable
-from deploy.fleet.doctor import checks
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet import doctor
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.scenario.scenario_file import map_files, strategy_files
 
@@ -71,8 +70,7 @@ def make(
     if out.is_dir():
         raise OptionError(f"--out: {out} is a folder; must be a file")
     robot = fleet.robot(name)
-    checked = [*checks.floor(fleet, robot), *checks.behaviour(fleet, robot, permit)]
-    for found in [*checked, *checks.keys(Machine(), fleet, robot)]:
+    for found in list(doctor.configuration(doctor.Machine(), fleet, robot, permit)):
         if not found.ok:
             raise AcrcError(f"{found.subject}: {found.text}")
     own, (told, place) = _own_code(fleet, permit), _configuration(fleet, robot)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
+from deploy.fleet.doctor import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.udev import UsbPort
 from firmware_bridge.serial_port import PortDevice
 

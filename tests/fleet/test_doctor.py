@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,17 +9,9 @@ import msgspec
 import pytest
 
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from deploy.fleet.doctor import checks, consultation
-from deploy.fleet.doctor.machine import (
-    Certified,
-    DoctorFinding,
-    GroupMembership,
-    Kernels,
-    Machine,
-    well,
-    wrong,
-)
-from deploy.fleet.fleet_file import FleetRobot, load_fleet
+from deploy.fleet import doctor
+from deploy.fleet.doctor import Certified, DoctorFinding, GroupMembership, Kernels, Machine
+from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 from deploy.fleet.udev import UsbPort
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI
@@ -48,19 +39,26 @@ OFFICE_FLEET = load_fleet(OFFICE)
 R2 = OFFICE_FLEET.robot("r2")
 
 
-def only(found: Iterable[DoctorFinding]) -> DoctorFinding:
-    (finding,) = found
-    return finding
+def well(subject: str, text: str) -> DoctorFinding:
+    return DoctorFinding(subject, True, text)
+
+
+def wrong(subject: str, text: str) -> DoctorFinding:
+    return DoctorFinding(subject, False, text)
+
+
+def behaviour(of: Fleet, one: FleetRobot, permit: Permit = INSTALLED) -> DoctorFinding:
+    return doctor.finding("behaviour", doctor.behaviour, of, one, permit)
 
 
 def test_packages_are_compared_with_the_tested_versions_of_this_python() -> None:
-    assert list(checks.packages(HEALTHY, PINS, ("base", "hardware"))) == [
+    assert list(doctor.packages(HEALTHY, PINS, ("base", "hardware"))) == [
         well("packages base", "2 packages, as they were tested"),
         well("packages sim", "not all installed, and not needed here"),
         well("packages hardware", "2 packages, as they were tested"),
     ]
     bare = HEALTHY.but(versions={"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})
-    assert list(checks.packages(bare, PINS, ("base", "hardware")))[::2] == [
+    assert list(doctor.packages(bare, PINS, ("base", "hardware")))[::2] == [
         wrong(
             "packages base",
             "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
@@ -68,9 +66,9 @@ def test_packages_are_compared_with_the_tested_versions_of_this_python() -> None
         wrong("packages hardware", "cryptography missing; `./acrc fleet units` installs what is"),
     ]
     newer = HEALTHY.but(python=(3, 14), versions={"numpy": "2.5.5", "rich": "15.0.0"})
-    assert next(iter(checks.packages(newer, PINS, ()))).ok
-    assert not next(iter(checks.packages(newer.but(python=(3, 13)), PINS, ()))).ok
-    sections = {one.subject: one.text for one in checks.packages(Machine(), CONSTRAINTS, ())}
+    assert next(iter(doctor.packages(newer, PINS, ()))).ok
+    assert not next(iter(doctor.packages(newer.but(python=(3, 13)), PINS, ()))).ok
+    sections = {one.subject: one.text for one in doctor.packages(Machine(), CONSTRAINTS, ())}
     assert sections["packages hardware"] == "4 packages, as they were tested"
 
 
@@ -79,32 +77,32 @@ NEVER_SET = {"time": datetime(1970, 1, 1, tzinfo=UTC)}
 
 
 @pytest.mark.parametrize(
-    ("check", "changes", "ok", "text"),
+    ("subject", "changes", "ok", "text"),
     [
-        (checks.clock, {}, True, "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"),
-        (checks.clock, NEVER_SET, False, "it shows the year 1970; set it with `sudo date --set="),
-        (checks.clock, {"error": None}, False, "nothing keeps it right; connect the computer to a network"),
-        (checks.disk, {}, True, "20.0 GB are free at /home/robot"),
-        (checks.disk, {"free": 1_940_000_000}, False, "1.9 GB are free at /home/robot, but 2.0 should be"),
-        (checks.kernels, {}, True, "all compiled, loaded in 0.4 s"),
+        ("clock", {}, True, "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"),
+        ("clock", NEVER_SET, False, "it shows the year 1970; set it with `sudo date --set="),
+        ("clock", {"error": None}, False, "nothing keeps it right; connect the computer to a network"),
+        ("disk", {}, True, "20.0 GB are free at /home/robot"),
+        ("disk", {"free": 1_940_000_000}, False, "1.9 GB are free at /home/robot, but 2.0 should be"),
+        ("kernels", {}, True, "all compiled, loaded in 0.4 s"),
         (
-            checks.kernels,
+            "kernels",
             {"kernel_state": Kernels(CACHE, False, 40.0, 20)},
             False,
             f"as robot may not write to {CACHE}; `sudo chown -R robot {CACHE.parent}` allows it",
         ),
-        (checks.kernels, {"kernel_state": Kernels(CACHE, True, 40.2, 20)}, True, "20 compiled just now"),
-        (checks.namespaces, {"isolation": "no; allow it"}, False, "no; allow it"),
-        (checks.group, {}, True, "robot may open the ports of the group dialout"),
-        (checks.group, {"group": GroupMembership(False, False, False)}, False, "`sudo groupadd dialout`, "),
-        (checks.group, {"group": GroupMembership(True, False, False)}, False, "`sudo usermod -aG dialout"),
-        (checks.group, {"group": GroupMembership(True, True, False)}, False, "only from the next login"),
+        ("kernels", {"kernel_state": Kernels(CACHE, True, 40.2, 20)}, True, "20 compiled just now"),
+        ("namespaces", {"isolation": "no; allow it"}, False, "no; allow it"),
+        ("group", {}, True, "robot may open the ports of the group dialout"),
+        ("group", {"group": GroupMembership(False, False, False)}, False, "`sudo groupadd dialout`, "),
+        ("group", {"group": GroupMembership(True, False, False)}, False, "`sudo usermod -aG dialout"),
+        ("group", {"group": GroupMembership(True, True, False)}, False, "only from the next login"),
     ],
 )
 def test_what_a_computer_lacks_is_told_with_its_remedy(
-    check: Callable[[Machine], Iterable[DoctorFinding]], changes: dict[str, object], ok: bool, text: str
+    subject: str, changes: dict[str, object], ok: bool, text: str
 ) -> None:
-    found = only(check(HEALTHY.but(**changes)))
+    found = doctor.finding(subject, doctor.COMPUTER[subject], HEALTHY.but(**changes))
     assert found.ok is ok and text in found.text
 
 
@@ -135,26 +133,25 @@ ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
 def test_whether_the_base_can_be_reached(
     changes: dict[str, object], of: FleetRobot, ok: bool, text: str
 ) -> None:
-    found = next(iter(checks.ports(HEALTHY.but(**changes), of)))
+    found = next(doctor.devices(HEALTHY.but(**changes), of))
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
 
 def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> None:
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot("r1")
-    assert list(checks.ports(HEALTHY, narrow))[-1].subject == "radio"
-    assert only(checks.camera(HEALTHY, narrow)) == wrong(
+    assert list(doctor.devices(HEALTHY, narrow))[-1] == wrong(
         "range",
         "the camera sees 58°, but the robot model's sensor has rays over 360°; it should be a sensor that "
         "sees no more than the camera",
     )
-    assert only(checks.camera(HEALTHY.but(camera="install it"), narrow)) == wrong("range", "install it")
-    assert list(checks.camera(HEALTHY, R2)) == []
+    camera = list(doctor.devices(HEALTHY.but(camera="install it"), narrow))[-1]
+    assert camera == wrong("range", "install it")
+    assert [found.subject for found in doctor.devices(HEALTHY, R2)] == ["base", "radio", "range"]
 
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
     for one in OFFICE_FLEET.robots:
-        made = checks.behaviour(OFFICE_FLEET, one, INSTALLED)
-        found = [*checks.floor(OFFICE_FLEET, one), *made]
+        found = [*doctor.floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
         assert [(finding.subject, finding.ok) for finding in found] == [
             ("map", True),
             ("start", True),
@@ -165,28 +162,28 @@ def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> Non
 
 def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wrong() -> None:
     lost = fleet(head='map = "maps/nowhere.yaml"\n')
-    assert list(checks.floor(lost, lost.robot("r1"))) == [
+    assert list(doctor.floor(lost, lost.robot("r1"))) == [
         wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
     ]
     one = fleet(robot(1, "start = [0, 0, 0]\nplaces = [[12.2, 5.9], [0, 0]]") + robot(2))
-    _, start, places = checks.floor(one, one.robot("r1"))
+    _, start, places = doctor.floor(one, one.robot("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
     assert places == wrong("places", "place 1 at (0, 0) is not free, but must be on free floor")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
-    assert list(checks.floor(two, two.robot("r2")))[1] == wrong(
+    assert list(doctor.floor(two, two.robot("r2")))[1] == wrong(
         "start", "r2 would stand 0.10 m from r1, but must be at least 0.35 m off"
     )
 
 
 def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
-    assert only(checks.behaviour(unknown, unknown.robot("r1"), INSTALLED)).text.startswith(
+    assert behaviour(unknown, unknown.robot("r1")).text.startswith(
         "strategy 'chaptr' is not known; it should be one of "
     )
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
-    assert only(checks.behaviour(own, own.robot("r1"), Permit((tmp_path,)))) == wrong(
+    assert behaviour(own, own.robot("r1"), Permit((tmp_path,))) == wrong(
         "behaviour", "strategy 'broken_strategy:made' fails with KeyError: 'reach'; mend its code"
     )
 
@@ -198,7 +195,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Pat
 
     def found(**changes: object) -> DoctorFinding:
         machine = HEALTHY.but(**{"certified": good} | changes)
-        return only(checks.keys(machine, listening, listening.robot("r1")))
+        return doctor.finding("keys", doctor.keys, machine, listening, listening.robot("r1"))
 
     assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
@@ -211,7 +208,9 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Pat
         found(key_mode=0o644).text == f"{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`"
     )
     assert "certificate.pem is that of r2" in found(certified=Certified("r2", good.begins, good.ends)).text
-    assert list(checks.keys(HEALTHY, fleet(), fleet().robot("r1"))) == []
+    silent = fleet()
+    *_, last = doctor.configuration(HEALTHY, silent, silent.robot("r1"), INSTALLED)
+    assert last.subject == "behaviour"
 
 
 def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:
@@ -257,15 +256,15 @@ def test_findings_are_printed_and_the_answer_is_whether_all_are_well(
     pins = re.findall(r"^([\w.-]+)==([^;\s]+)", CONSTRAINTS, re.MULTILINE)
     newest = {("llvmlite", "0.50.0"), ("numba", "0.68.1"), ("numpy", "2.5.5")}
     well_off = HEALTHY.but(versions=dict(pin for pin in pins if pin not in newest))
-    assert consultation.consult(None, None, json=False, machine=well_off)
+    assert doctor.consult(None, None, json=False, machine=well_off)
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"ok     packages base        \d+ packages, as they were tested", lines[0])
     assert re.fullmatch(r"all \d+ are well", lines[-1])
-    assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
+    assert not doctor.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     out = capsys.readouterr().out
     assert "\nwrong  disk                 0.0 GB are free at /home/robot, but 2.0 should be" in out
     assert re.search(r"\n2 of \d+ are wrong\n$", out), "the disk, and keys that were never made"
-    assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
-    report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)
+    assert not doctor.consult(OFFICE, "r2", json=True, machine=well_off)
+    report = msgspec.json.decode(capsys.readouterr().out, type=doctor.Report)
     assert (report.robot, report.ok) == ("r2", False)
     assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]

@@ -1,1 +1,0 @@
-"""What is wrong with a robot's computer, and how to put it right."""
