@@ -25,8 +25,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
 from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
-from deploy.fleet.doctor.checks import keys
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor import Machine, finding, keys
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import Onboard, Ports
@@ -189,8 +188,11 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
 
 
 def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
-    """What is wrong with the keys with which a laptop may watch the robot; empty if nothing is."""
-    return next((found.text for found in keys(Machine(), fleet, robot) if not found.ok), "")
+    """Return the fault of the keys with which a laptop may watch the robot; empty without a fault."""
+    if robot.listen is None:
+        return ""
+    found = finding("keys", keys, Machine(), fleet, robot)
+    return "" if found.ok else found.text
 
 
 class OperatorLink:
