@@ -21,7 +21,7 @@ _MOST_CODE: Final = 64 << 20
 
 
 @contextmanager
-def recruits(options: RunOptions) -> Iterator["Recruits | None"]:
+def allocated_hosts(options: RunOptions) -> Iterator["Recruits | None"]:
     """The computers that are to have the robots, if the options want any. Raises AcrcError."""
     if not options.on:
         yield None
@@ -33,7 +33,7 @@ def recruits(options: RunOptions) -> Iterator["Recruits | None"]:
 
 
 @contextmanager
-def hosts(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"]:
+def hosts_of(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"]:
     """The hosts of a run that is laid out, on their way; None: the robots are here. Raises AcrcError."""
     if found is None:
         yield None

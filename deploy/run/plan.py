@@ -23,14 +23,14 @@ from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolde
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
-from deploy.run import scenario_copy
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
+from deploy.run.scenario_copy import MAP, ScenarioCopy
 from deploy.scenario.resolve import Swarm, robot_setup
 
 MODEL: Final = "model.toml"
 """The robot's model in its folder, if that is the user's own."""
-_MAP: Final = f"../{scenario_copy.MAP}/map.yaml"
+_MAP: Final = f"../{MAP}/map.yaml"
 """The run's map, as world and radio call it."""
 
 
@@ -48,7 +48,7 @@ class RunPlan(Swarm):
 
     options: RunOptions
     """As they were asked for; `modules`: as was admitted."""
-    scenario: scenario_copy.ScenarioCopy
+    scenario: ScenarioCopy
     """The resolved scenario, as it lies beside the result."""
     commit: str
     """Version of the software."""
@@ -80,8 +80,8 @@ class RunPlan(Swarm):
     def write_scenario(self) -> None:
         """Write the scenario, with the files that it names."""
         (self.out / "scenario.toml").write_text(self.scenario.text)
-        (self.out / scenario_copy.MAP).mkdir()
-        copy_map(Path(self.world.map), self.out / scenario_copy.MAP)
+        (self.out / MAP).mkdir()
+        copy_map(Path(self.world.map), self.out / MAP)
         for source, place in self.scenario.models:
             (self.out / place).parent.mkdir(exist_ok=True)
             shutil.copy(source, self.out / place)

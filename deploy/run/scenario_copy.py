@@ -32,7 +32,7 @@ class ScenarioCopy(NamedTuple):
     """What the result says about where it comes from."""
 
 
-def beside(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
+def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
     """The copy for the run's folder, in MAP of which the map will lie; paths of the scenario are absolute."""
     scenario, out = settled.scenario, options.out
     named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))

@@ -29,7 +29,8 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from actors.runtime.isolation.sandbox import IsolationChoice, choose, warn
-from deploy.run import hosting, progress, scenario_copy
+from deploy.run import progress
+from deploy.run.hosting import allocated_hosts, hosts_of
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
@@ -49,6 +50,7 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
+from deploy.run.scenario_copy import copied_scenario
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.tables import Scenario
@@ -73,7 +75,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
     what became of every place in places.csv; the folder is sealed.
     """
-    with hosting.recruits(options) as recruits:
+    with allocated_hosts(options) as recruits:
         return _run(scenario, options, launched, recruits)
 
 
@@ -123,7 +125,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
         behaviour=settled.behaviour,
         adaptation=settled.adaptation,
         stack=settled.stack,
-        scenario=scenario_copy.beside(settled, options),
+        scenario=copied_scenario(settled, options),
         commit=software(),
         isolate=choice.isolate,
         warning=choice.warning,
@@ -187,7 +189,7 @@ def run_processes(
     with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
-        with hosting.hosts(plan, recruits) as away:
+        with hosts_of(plan, recruits) as away:
             supervisor = _supervise(plan, starting, on_progress, away)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
