@@ -29,7 +29,7 @@ class Ready(Message, frozen=True):
     actor: str
     epoch: int
     kernels: str
-    """The fingerprints of what the actor computes with (`actors.runtime.fingerprint.combined`)."""
+    """The fingerprints of what the actor computes with (`actors.runtime.processor.combined`)."""
 
 
 # --- world and robot ---------------------------------------------------------------------------------------

@@ -1,22 +1,162 @@
 """The command line. What a command needs is imported once it is known which one it is."""
 
+import difflib
 import gc
 import os
+import re
 import sys
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any, Final, get_args
 
 import typer
+from typer._click import exceptions as faults
+from typer.core import TyperGroup
 
 from actors.console import screen
 from actors.installation.usage import OptionError, extras_named
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.runtime.errors import AcrcError
-from command_line import exporting, look, replaying, run, streams, usage_errors
+from actors.runtime.errors import AcrcError, printable
+from command_line import exporting, look, replaying, run, streams
 from command_line.development import commands as development
 from command_line.fleet import app as fleet
-from command_line.groups import FOR_DEVELOPERS, Root
 from command_line.lists import app as listing
 from command_line.record import app as record
+
+COMMANDS: Final = {
+    "cluster": ("command_line.cluster", "app"),
+    "campaign": ("command_line.experiments.app", "campaign"),
+    "causes": ("command_line.experiments.app", "causes"),
+    "compare": ("command_line.experiments.app", "compare"),
+    "bundle": ("command_line.experiments.app", "bundle"),
+    "report": ("command_line.experiments.app", "report"),
+    "study": ("command_line.experiments.app", "study_app"),
+    "docs": ("command_line.documentation", "docs"),
+    "verify": ("command_line.bench.verify", "verify"),
+    "bench": ("command_line.bench.bench", "bench"),
+}
+"""The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
+
+
+class WithLazyCommands(TyperGroup):
+    """The commands that are always imported, and those of `COMMANDS`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Their names, those from elsewhere last."""
+        return [*super().list_commands(ctx), *COMMANDS]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of this name; None if there is none."""
+        if cmd_name not in COMMANDS:
+            return super().get_command(ctx, cmd_name)
+        module, name = COMMANDS[cmd_name]
+        found = getattr(import_module(module), name)
+        if isinstance(found, typer.Typer):
+            return typer.main.get_command(found)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name)(found)
+        return typer.main.get_command(alone)
+
+
+FOR_DEVELOPERS: Final = "Commands for those who change the testbed"
+_OTHERS: Final = "Commands"
+
+
+class Root(WithLazyCommands):
+    """Commands under headings (`rich_help_panel`)."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """A list of commands for each heading."""
+        known = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        limit = formatter.width - 6 - max(len(name) for name, _ in known)
+        sections: dict[str, list[tuple[str, str]]] = {_OTHERS: []}
+        for name, command in known:
+            heading = getattr(command, "rich_help_panel", None) or _OTHERS
+            sections.setdefault(heading, []).append((name, command.get_short_help_str(limit)))
+        for heading, rows in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+_NUMBERS: Final = {int: "a whole number", float: "a number"}
+
+
+def text(error: typer.TyperException) -> str:
+    """What is to be said: a sentence, or the help where no command was given."""
+    if isinstance(error, faults.NoArgsIsHelpError):
+        return error.format_message()
+    return f"acrc: {printable(_sentence(error))}"
+
+
+def _sentence(error: typer.TyperException) -> str:
+    context: Any = getattr(error, "ctx", None)
+    command = context.command_path if context else "acrc"
+    match error:
+        case faults.NoSuchOption():
+            return _unknown_option(error, command, context)
+        case faults.BadOptionUsage():
+            return _usage(error)
+        case faults.MissingParameter():
+            return f"{_name(error)}: is missing; {command} --help says what it is"
+        case faults.BadParameter():
+            return _value(error)
+    return _other(error, command, context)
+
+
+def _other(error: typer.TyperException, command: str, context: Any) -> str:
+    if named := re.match(r"No such command '(.*?)'\.", error.message):
+        return _unknown_command(named[1], command, context)
+    if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
+        form = " ".join(context.get_usage().removeprefix("Usage: ").split())
+        return f"{command.removeprefix('acrc ')}: has no use for {named[1]}; must be as in {form}"
+    return f"{command.removeprefix('acrc ')}: {error.format_message()}"
+
+
+def _unknown_option(error: faults.NoSuchOption, command: str, context: Any) -> str:
+    near = error.possibilities or []
+    right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
+    return f"{error.option_name}: is no option of {command}; {right}"
+
+
+def _usage(error: faults.BadOptionUsage) -> str:
+    if error.message.endswith("does not take a value."):
+        return f"{error.option_name}: has a value; must stand alone"
+    return f"{error.option_name}: has no value; must be followed by one"
+
+
+def _unknown_command(name: str, command: str, context: Any) -> str:
+    known = context.command.list_commands(context)
+    near = difflib.get_close_matches(name, known, n=1)
+    right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
+    return f"{name}: is no command of {command}; {right}"
+
+
+def _value(error: faults.BadParameter) -> str:
+    cause: Any = error.__cause__
+    if error.param is None or cause is None:
+        return f"{error.param_hint or 'acrc'}: {error.message}"
+    value = cause.errors()[0]["input"]
+    return f"{_name(error)}: {value}; must be {_right(error)}"
+
+
+def _name(error: faults.BadParameter) -> str:
+    """The option as it is written, or what stands for the argument in the help."""
+    parameter: Any = error.param
+    if parameter.param_type_name == "argument":
+        return str(parameter.metavar).removesuffix("…")
+    return str(max(parameter.opts, key=len))
+
+
+def _right(error: faults.BadParameter) -> str:
+    """What a value must be, by the kind and the bounds that the option declares."""
+    kind: Any = error.param.type_descriptor  # type: ignore[union-attr]
+    (inner, *_) = (*get_args(kind.annotation), kind.annotation)
+    words = _NUMBERS.get(inner)
+    if words is None:
+        return str(error.message)
+    least, most = kind.parameter_info.min, kind.parameter_info.max
+    bounds = [f" {word} {bound}" for word, bound in (("from", least), ("to", most)) if bound is not None]
+    return f"{words}{''.join(bounds)}"
+
 
 app = typer.Typer(
     name="acrc",
@@ -59,7 +199,7 @@ def main() -> None:
         _say(f"acrc: {error}")
         sys.exit(2 if isinstance(error, OptionError) else 1)
     except typer.TyperException as error:
-        _say(usage_errors.text(error))
+        _say(text(error))
         sys.exit(error.exit_code)
 
 

@@ -297,7 +297,7 @@ def scenario(
     from actors.floor import offices
     from actors.robot.behaviour.foreign import admitted, permit_of
     from deploy.run import out_folder
-    from deploy.run.preflight import preflight_here
+    from deploy.run.swarm import preflight_here
     from deploy.scenario import survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings

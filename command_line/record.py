@@ -108,10 +108,10 @@ def plot(
 
     found = lines.series(_messages(out, [key], begin, end, False), field)
     from deploy.run import out_folder
-    from observation.picture import series
+    from observation.picture import style
 
     with out_folder.writing(file.parent):
-        series.write({short(name): values for name, values in found.items()}, field, file)
+        style.write({short(name): values for name, values in found.items()}, field, file)
     answer([str(file)], {"file": file}, json=json)
 
 

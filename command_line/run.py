@@ -228,9 +228,9 @@ def run(
         compile_kernels(quiet=json)
         if hardware:
             from deploy.laboratory import hardware_in_the_loop
-            from observation.field_trial import trial_summary
+            from observation.field_trial import trial_result
 
-            trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+            trial_result.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
             return
         # the server imports what all processes need while this one imports what a run needs
         with launcher(spawn) if bus == "zenoh" else nullcontext() as launched:
@@ -317,7 +317,7 @@ def branch(
     Without a change the branch equals the run.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from deploy.branches.command import continue_run
+    from deploy.branches.branching import continue_run
 
     permit = permit_of(modules, trust=trust)
     continue_run(place, strategy, setting or (), event or (), out, permit=permit, json=json)

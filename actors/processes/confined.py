@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple, NoReturn
 from actors.runtime.isolation import mounts, sandbox
 from actors.runtime.isolation.sandbox import FOLDER, RECORDING, Names, robot_view
 from actors.runtime.lifecycle import keeper, linux
-from actors.runtime.lifecycle.parent import leave
+from actors.runtime.lifecycle.linux import leave
 
 MESSAGE_LIMIT: Final = 1 << 16
 """Bytes of one message on the socket."""

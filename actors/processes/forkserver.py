@@ -36,8 +36,14 @@ from actors.processes.confined import MESSAGE_LIMIT, Part, born
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import python
-from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl, set_title
-from actors.runtime.lifecycle.log import create_log, write_to
+from actors.runtime.lifecycle.linux import (
+    PR_SET_CHILD_SUBREAPER,
+    PR_SET_PDEATHSIG,
+    create_log,
+    prctl,
+    set_title,
+    write_to,
+)
 
 _GRACE_S: Final = 3.0
 """How long an actor may take to end in order once whoever wanted it is gone."""

@@ -18,9 +18,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from actors.console import screen
 from actors.kernels import cache_folder, kernel_sources, prune, reachable, state
-from actors.runtime.fingerprint import KernelModule, fingerprints
 from actors.runtime.lifecycle.environment import python
-from actors.runtime.processor import processor
+from actors.runtime.processor import KernelModule, fingerprints, processor
 
 _WORDS: Final = "compiling the numeric kernels, once after an installation or a change of the sources"
 _DONE: Final = "complete"
@@ -30,7 +29,7 @@ _LANES: Final = 4
 """Processes at most: one module alone takes a quarter of the whole."""
 _HELPER: Final = """
 import importlib, sys
-from actors.runtime.fingerprint import fingerprints
+from actors.runtime.processor import fingerprints
 for line in sys.stdin:
     fingerprints([importlib.import_module(line.strip())])
     print(line.strip(), flush=True)

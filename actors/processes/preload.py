@@ -11,8 +11,8 @@ import actors.robot.__main__
 import actors.world.__main__  # noqa: F401
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.robot import assembly as robot_setup
-from actors.runtime.fingerprint import fingerprints
 from actors.runtime.process import settle
+from actors.runtime.processor import fingerprints
 from actors.world.program import KERNELS
 
 # The shipped strategies, by name, for no actor knows the model problem; one of a user's own is not shared.

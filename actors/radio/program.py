@@ -12,9 +12,9 @@ from actors.radio.propagation import indoor
 from actors.radio.radio_model import RadioProgram, RadioSetup, radio_model
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import read_setup
+from actors.runtime.processor import combined, fingerprints
 
 KERNELS = (foundations, arrays, portable_draws, indoor, medium, robot_medium)
 """Modules with numeric kernels that a radio computes with."""

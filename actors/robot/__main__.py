@@ -18,13 +18,13 @@ from actors.robot import assembly, program
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
-from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import enforce
 from actors.runtime.isolation.sandbox import RECORDING, own_folder
-from actors.runtime.lifecycle import reserve
-from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
+from actors.runtime.lifecycle import failure
+from actors.runtime.lifecycle.linux import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play, tell
+from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
 
 
@@ -69,7 +69,7 @@ def main(argv: Sequence[str]) -> int:
         assembly.kernels()
         kind = SparingRecorder if process.spares_record else Recorder
         recorder = kind(folder / process.record, step_us, RECORDING if process.isolate else None)
-        reserve.hold(own_folder(folder) if process.isolate else folder)
+        failure.hold(own_folder(folder) if process.isolate else folder)
         if process.with_parent and not process.isolate:  # else its keeper sees to that
             die_with_parent(parent)
         _answer_breakpoints(told)

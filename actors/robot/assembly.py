@@ -31,7 +31,7 @@ from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, gro
 from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotModel
-from actors.runtime.fingerprint import fingerprints
+from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
 
 KERNELS: Final = (

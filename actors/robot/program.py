@@ -12,10 +12,10 @@ from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.core import to
-from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model, read_setup
+from actors.runtime.processor import combined
 
 
 class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):

@@ -17,10 +17,10 @@ import zenoh
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
 from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.lifecycle.parent import Ended
+from actors.runtime.lifecycle.linux import Ended
 from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
 from actors.runtime.message_counts import ActorDigest
 from actors.runtime.prints import Prints, taken_by
@@ -139,8 +139,8 @@ def play(
     with ExitStack() as stack:
         stack.enter_context(recorder)
         recorder.note("run", part.run)
-        reserve.hold(recorder.path.parent)
-        stack.callback(reserve.release)
+        failure.hold(recorder.path.parent)
+        stack.callback(failure.release)
         try:
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
@@ -152,7 +152,7 @@ def play(
             settle()
             with taken_by(None):  # desks that stand need not be set up each step
                 part.drive(shell, bus)
-            reserve.release()  # to end well takes as much, and a user's code may have left nothing
+            failure.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()
             if threads is not None and (wrong := leftover_fault(has_strays(), threads)):
@@ -161,7 +161,7 @@ def play(
         except Ended:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            reserve.release()  # here already: not even a call may be possible
+            failure.release()  # here already: not even a call may be possible
             tell(recorder, part.run.actor, part.core.step, error)
             return 1
     return 0

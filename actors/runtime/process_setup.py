@@ -4,15 +4,17 @@ World, radio and robots read the same kind of file, and so do base and bridge on
 a file: the struct is handed over as it is.
 """
 
+import argparse
 import math
 import os
 from pathlib import Path
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, NoReturn, TypeVar
 
 import msgspec
 
 from actors.runtime import typed_json
 from actors.runtime.access.credentials import unix_endpoint
+from actors.runtime.errors import AcrcError
 
 SETUP: Final = "setup.json"
 """The file, in the actor's folder of the run."""
@@ -65,3 +67,22 @@ def setup_bytes(setup: msgspec.Struct) -> bytes:
 def located_model(model: str, folder: Path) -> str:
     """A robot model as a set-up in `folder` names it: the path of a file, or the name of a shipped one."""
     return str(folder / model) if model.endswith(".toml") else model
+
+
+class ArgumentError(AcrcError):
+    """A command line that does not say what the actor needs."""
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """An argparse parser whose errors are sentences for the caller to show."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ArgumentError instead of printing the usage and exiting."""
+        raise ArgumentError(f"{self.prog}: {message}")
+
+
+def setup_parser(program: str, description: str) -> ArgumentParser:
+    """The command line of a process that reads a set-up: one word, the file."""
+    parser = ArgumentParser(prog=f"python -m {program}", description=description)
+    parser.add_argument("setup", type=Path, help="its set-up, setup.json in its folder of the run")
+    return parser

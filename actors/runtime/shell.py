@@ -6,9 +6,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from actors.runtime.bus_interface import Bus, Delivery, Outlet
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import Address, Core, Output
+from actors.runtime.core import Address, Bus, Core, Delivery, Outlet, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.message_counts import MessageCounts

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from actors.runtime.access import router_file
 from actors.runtime.access.credentials import reveal
-from actors.runtime.access.hosts import world_config
-from actors.runtime.command_line import setup_parser
+from actors.runtime.access.tls import world_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
+from actors.runtime.lifecycle.linux import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
+from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
 from actors.world.program import Conductor, build, load_setup, part, world_note
 

@@ -36,7 +36,7 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import few, otherwise, parted
+from actors.runtime.processor import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
+from actors.message_limits import OrderLimits, fault
 from actors.messages import Jam, Loss, ProcessOrder
-from actors.order_limits import OrderLimits, fault
 from actors.orders import (
     CloseDoor,
     Freeze,

@@ -8,12 +8,11 @@ from typing import Final
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.bus_interface import Bus
-from actors.runtime.core import to
-from actors.runtime.fingerprint import fingerprints
+from actors.runtime.core import Bus, to
 from actors.runtime.pace import Pace, ticking
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
+from actors.runtime.processor import fingerprints
 from actors.runtime.shell import Shell, run_shell
 from actors.task import visits
 from actors.task.referee import Referee

@@ -15,7 +15,7 @@ from benchmarks.commands import ACRC, spent
 from benchmarks.swarm.profiles import by_room, counted_blocks, entries, name_of
 from benchmarks.swarm.runs import SwarmTask, planned, profiled, recorded_bytes
 from deploy.run import swarm
-from deploy.scenario.toml_text import document
+from deploy.scenario.tables import document
 
 ROBOTS: Final = 8
 SECONDS: Final = 9.0

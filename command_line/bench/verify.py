@@ -221,7 +221,7 @@ def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: b
     """
     from actors.processes.kernels import compile_kernels
     from actors.runtime.errors import AcrcError
-    from command_line.development.suite import run_pytest
+    from command_line.development.commands import run_pytest
 
     marked = "claim" if named or full else "claim and not nightly"
     words = [

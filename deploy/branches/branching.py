@@ -8,10 +8,13 @@ from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
 import msgspec
+from rich.console import Console
 
-from actors.installation.usage import typed
+from actors.console import screen
+from actors.installation.usage import OptionError, typed
 from actors.instant import in_seconds, milliseconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Progress, Truth
+from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import typed_json
 from actors.runtime.bus.replay_bus import topic_of
@@ -21,16 +24,27 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from actors.topic import sender
 from actors.wording import brief
-from cleaning.strategies import entry
-from deploy.branches.change import Change, boundary, changed, control_of, with_events
+from cleaning.strategies import StrategyError, entry
+from deploy.branches.change import (
+    Change,
+    boundary,
+    changed,
+    control_of,
+    event,
+    strategy_settings,
+    with_events,
+)
+from deploy.branches.change import place as place_of
 from deploy.branches.swarm_replay import SCENARIO
-from deploy.run import swarm
-from deploy.run.options import RunOptions
+from deploy.run import out_folder, swarm
+from deploy.run.options import RunOptions, checked, folder_name
 from deploy.scenario.scenario_file import load_scenario, module_folders
+from deploy.scenario.scenario_file import settings as settings_of
 from deploy.scenario.tables import Scenario
 from observation.replay.record_check import STAMP, check, read_pass
 from observation.replay.recorded_orders import OrderBus, recorded_orders
 from observation.replay.run_recordings import all_recordings, recordings
+from observation.results import summary
 from observation.results.result import BranchOrigin, RunResult
 from observation.results.seal import seal
 
@@ -268,3 +282,64 @@ def _with_origin(result: RunResult, about: BranchOrigin, out: Path) -> RunResult
     result = msgspec.structs.replace(result, origin=origin)
     (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     return result
+
+
+def continue_run(
+    place: str,
+    strategy: str | None,
+    settings: Sequence[str],
+    events: Sequence[str],
+    out: Path | None,
+    *,
+    permit: Permit,
+    json: bool,
+) -> None:
+    """Carry the branch out and say what came of it."""
+    origin, at_s = place_of(place)
+    try:
+        changed = strategy_settings(settings_of(settings), origin / SCENARIO)
+        change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
+        typed = "" if strategy is None else entry(strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") from None
+    name = f"{folder_name(Path(origin.name))}-branch"
+    options = checked(RunOptions(out or Path("runs", name), bus="memory", scenario=origin.name, json=json))
+
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        branched = branch(origin, change, options, permit=replace(permit, typed=typed))
+    summary.print_result(branched.result, json=json)
+    console = screen(stderr=True)
+    changes = "; ".join(change.words) or "nothing changed"
+    console.print(
+        f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
+    )
+    parted = branched.divergence
+    if parted is None:
+        console.print(f"identical: the digest of {origin}")
+    else:
+        _print_parted(console, parted)
+    _print_control(console, branched, at_s)
+    if branched.undone:
+        undone = "; ".join(branched.undone)
+        raise AcrcError(f"{branched.result.out}: a branch without what was asked: {undone}")
+
+
+def _print_control(console: Console, branched: Branched, at_s: float) -> None:
+    """Print whether the new values make a difference to the same strategy made anew."""
+    control = branched.control
+    if control is None:
+        return
+    beside = f"beside the control, the same strategy made anew at {at_s:g} s with the values it had: "
+    if control.divergence is None:
+        console.print(f"{beside}identical, so the new values make no difference")
+    else:
+        console.print(f"{beside}first difference: {control.divergence.words}")
+
+
+def _print_parted(console: Console, parted: Divergence) -> None:
+    console.print(f"first difference: {parted.words}")
+    robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
+    console.print(f"does or meets otherwise: {robots or 'nobody'}")

@@ -13,10 +13,9 @@ from actors.floor.map_file import load_map
 from actors.radio.radio_model import RadioProgram
 from actors.runtime.access.rules import client_config
 from actors.runtime.bus.zenoh_bus import open_mesh
-from actors.runtime.command_line import ArgumentParser
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
-from actors.runtime.process_setup import read_setup
+from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
+from actors.runtime.process_setup import ArgumentParser, read_setup
 from actors.world.program import load_setup
 from deploy.control.page_floor import PageFloor
 from deploy.control.run_link import LISTENS, OrderLines, RunLink

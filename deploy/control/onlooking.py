@@ -7,7 +7,7 @@ from typing import Final
 from actors.messages import Heard, Received
 from actors.task.words import PlaceKey
 from deploy.control.wire import MapRobot, Waypoint
-from observation.accounting.episodes import STANDARD
+from observation.accounting.tracks import STANDARD
 
 TRAIL_S: Final = 20.0
 """So long a trail is, simulated s."""

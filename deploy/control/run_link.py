@@ -9,9 +9,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from actors.messages import ANSWERED, CONTROL, DRIVE, PROGRESS, RECEIVED, TRUTH, Answered, Control
-from actors.runtime.bus_interface import Bus, Delivery
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
+from actors.runtime.core import Bus, Delivery, at
 from actors.runtime.errors import AcrcError
 from deploy.control.scene import Scene
 from deploy.control.wire import Ask, OrderLine

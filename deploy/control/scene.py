@@ -29,7 +29,7 @@ from actors.world.world_setup import WorldSetup
 from deploy.control.onlooking import Links, SeenRobot
 from deploy.control.page_floor import PageFloor
 from deploy.control.wire import Circle, Line, MapRobot, MapState, Past, Place
-from observation.accounting.episodes import STANDARD
+from observation.accounting.tracks import STANDARD
 
 _PENDING: Final = 256
 """Orders of which nobody has said yet what became of them; older ones are forgotten."""

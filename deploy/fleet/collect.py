@@ -16,7 +16,7 @@ from observation.field_trial.trial_result import (
     with_true_frames,
     with_truth,
 )
-from observation.results.place_table import write_table
+from observation.results.outcome import write_table
 from observation.results.seal import seal
 
 

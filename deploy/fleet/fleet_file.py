@@ -24,9 +24,8 @@ from actors.runtime.errors import AcrcError
 from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Text, as_tuples
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
-from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 from deploy.scenario.resolve import Swarm
-from deploy.scenario.stack_tables import stack_fault, stack_of
+from deploy.scenario.stack_tables import AreaTable, DeecoTable, Settings, adaptation, stack_fault, stack_of
 from deploy.scenario.tables import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from firmware_bridge.beeclick.parameters import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI

@@ -26,11 +26,11 @@ from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
-from observation.evidence.recorded import Deed, Route, SaidPlaces
+from observation.evidence.run_evidence import Deed, Route, SaidPlaces
 from observation.field_trial.robot_log import FRAME_OUTCOMES
 from observation.view.drawn import say_at_once
+from observation.view.live import Seen
 from observation.view.painting import Painting
-from observation.view.seen import Seen
 from observation.view.story import Story, Track
 
 _PERIOD_S: Final = 0.2

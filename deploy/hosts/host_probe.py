@@ -12,8 +12,8 @@ from actors.installation.version import software
 from actors.processes.kernels import compile_kernels
 from actors.robot import assembly
 from actors.runtime.errors import printable
-from actors.runtime.fingerprint import few, otherwise
 from actors.runtime.isolation import sandbox
+from actors.runtime.processor import few, otherwise
 from deploy.hosts.channel import Words
 from observation.results.result import versions
 

@@ -23,13 +23,13 @@ import msgspec
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.launch import Launcher, launcher
-from actors.runtime.access import credentials, hosts, router_file
+from actors.runtime.access import credentials, router_file, tls
 from actors.runtime.access.credentials import Credentials, reveal
 from actors.runtime.access.tls import load_keys
-from actors.runtime.bus.host_router import HostRouter, open_host_router
+from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import own_folder
-from actors.runtime.lifecycle.parent import Ended, die_with_parent, leave_in_order
+from actors.runtime.lifecycle.linux import Ended, die_with_parent, leave_in_order
 from deploy.hosts.channel import (
     ERRAND,
     FOLDER,
@@ -100,7 +100,7 @@ class HostProgram:
             self._lay_out(self._begin, self._launched)
             try:
                 assert self._issued is not None
-                config = hosts.host_config(self._issued, load_keys(self._folder / KEYS), self._begin.endpoint)
+                config = tls.host_config(self._issued, load_keys(self._folder / KEYS), self._begin.endpoint)
                 robot = self._begin.robots[0]
                 self._router = stack.enter_context(open_host_router(config, robot, between=self._turn))
                 while not (self._finishing and not self._robots.running and self._robots.settled):

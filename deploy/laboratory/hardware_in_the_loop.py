@@ -28,12 +28,12 @@ from actors.runtime.process_setup import SETUP, setup_bytes
 from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect
 from deploy.fleet.onboard import Onboard, Ports
-from deploy.fleet.onboard_supervisor import OnboardSupervisor
+from deploy.fleet.onboard_run import OnboardSupervisor
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import RunPlan, told_radio, told_world
-from deploy.run.preflight import preflight
+from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.parameters import BoardSettings

@@ -23,18 +23,17 @@ from actors.robot.program import part as robot_part
 from actors.robot.program import share
 from actors.runtime import prints
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
-from actors.runtime.core import at
+from actors.runtime.core import Delivery, at
 from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import fingerprints
-from actors.runtime.lifecycle import process_table, reserve
+from actors.runtime.lifecycle import failure, process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, failure_note, in_words, own_frames, where
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.lifecycle.process_table import ProcessGlance, leftover_fault
 from actors.runtime.pace import Pace, ticking
 from actors.runtime.process import ActorProcess, final_note
+from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
@@ -177,15 +176,15 @@ class MemorySwarm:
         with self._stack:
             if self._plan.own_code:
                 self._show = self._stack.enter_context(warded(self._plan.timeout.step_s))
-            reserve.hold(self._plan.out)
-            self._stack.callback(reserve.release)
+            failure.hold(self._plan.out)
+            self._stack.callback(failure.release)
             try:
                 with Leftovers() as leftovers:
                     self._play()
             except (SystemExit, TimedOut) as error:
                 raise AcrcError(self._note_failure(error)) from None
             except Exception as error:
-                reserve.release()  # here already: not even a call may be possible
+                failure.release()  # here already: not even a call may be possible
                 sentence = self._note_failure(error)
                 if isinstance(error, AcrcError) or not (frames := own_frames(error)):
                     raise
@@ -207,7 +206,7 @@ class MemorySwarm:
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
-            reserve.release()  # to end well takes as much, and a user's code may have left nothing
+            failure.release()  # to end well takes as much, and a user's code may have left nothing
 
     @contextmanager
     def _breakpoints(self) -> Iterator[None]:

@@ -10,14 +10,13 @@ from typing import Final
 from actors import orders
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
+from actors.message_limits import OrderLimits, fault
 from actors.messages import ANSWERED, CONTROL, Answered, Control
-from actors.order_limits import OrderLimits, fault
 from actors.orders import Order
 from actors.runtime.access import router_file, rules
 from actors.runtime.bus.zenoh_bus import open_mesh
-from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
+from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
 
 

@@ -1,5 +1,6 @@
 """Lays a run out on disk, and says what every process is started with."""
 
+import os
 import shutil
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ import msgspec
 
 from actors.floor import offices
 from actors.floor.map_header import read_header
+from actors.installation.version import software
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
 from actors.processes.silence import Timeout
@@ -25,8 +27,70 @@ from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.run.scenario_copy import MAP, ScenarioCopy
-from deploy.scenario.resolve import Swarm, robot_setup
+from deploy.scenario.resolve import ResolvedScenario, Swarm, robot_setup
+from deploy.scenario.stack_tables import presets_of
+from deploy.scenario.tables import Scenario, to_toml
+from observation.results.result import UNKNOWN, Origin, versions
+
+MAP: Final = "map"
+"""Folder of the map, in the run's folder."""
+_MODELS: Final = "models"
+
+
+class ScenarioCopy(NamedTuple):
+    """What is written beside a result."""
+
+    text: str
+    """Of `scenario.toml`."""
+    models: tuple[tuple[Path, str], ...]
+    """Robot models, and where the text has them: a path in the run's folder."""
+    origin: Origin = UNKNOWN
+    """What the result says about where it comes from."""
+
+
+def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
+    """The copy for the run's folder, in MAP of which the map will lie; paths of the scenario are absolute."""
+    scenario, out = settled.scenario, options.out
+    named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
+    files = [name for name in named if name is not None and name.endswith(".toml")]
+    places = {name: f"{_MODELS}/{number}-{Path(name).name}" for number, name in enumerate(files, start=1)}
+
+    def moved(model: str | None) -> str | None:
+        return model if model is None else places.get(model, model)
+
+    lay = options.modules[0] if options.modules else scenario.run.modules
+    modules = os.path.relpath(lay, out) if ":" in scenario.run.strategy and lay else None
+    here = scenario.model_copy(
+        update={
+            "map": f"{MAP}/map.yaml",
+            "run": scenario.run.model_copy(update={"modules": modules}),
+            "robots": scenario.robots.model_copy(update={"model": moved(scenario.robots.model)}),
+            "robot": tuple(
+                robot.model_copy(update={"model": moved(robot.model)}) for robot in scenario.robot
+            ),
+        }
+    )
+    models = tuple((Path(name), place) for name, place in places.items())
+    return ScenarioCopy(
+        to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software())
+    )
+
+
+def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
+    """The origin of a run of `scenario`, whose file is called `name`."""
+    run, presets = scenario.run, presets_of(scenario)
+    return Origin(
+        name,
+        run.strategy,
+        behaviour,
+        dict(scenario.strategy),
+        commit,
+        versions(),
+        key=run.key or "",
+        navigation=presets["navigation"],
+        localisation=presets["localisation"],
+    )
+
 
 MODEL: Final = "model.toml"
 """The robot's model in its folder, if that is the user's own."""

@@ -12,8 +12,8 @@ from actors.processes.last_word import last_line, where_it_crashed, where_it_sta
 from actors.processes.launch import Child, Launcher, LaunchError, Program
 from actors.processes.resource_watch import ResourceWatch
 from actors.processes.silence import WORLD, HoldUp, Silence, SilenceVerdict, Suspect, Telling, Timeout
-from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
+from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.failure import FailureNote, in_words

@@ -1,37 +1,50 @@
 """A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
 
+import contextlib
 import math
 import os
+import re
+import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
 from actors.processes import silence
-from actors.processes.launch import Launcher, Program, launcher
+from actors.processes.last_word import said, show
+from actors.processes.launch import Child, Launcher, Program, launcher
 from actors.processes.resource_watch import ResourceWatch
 from actors.processes.robot_logs import check_names, shown
+from actors.processes.scratch import scratch_folder
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.silence import HoldUp, Timeout
 from actors.processes.warden import warded
-from actors.robot.behaviour.modules import expect
+from actors.robot import assembly
+from actors.robot.behaviour.modules import expect, look_in
+from actors.robot.behaviour.succession import rehearse
+from actors.robot_model import load_model
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
-from actors.runtime.isolation.sandbox import IsolationChoice, choose, warn
+from actors.runtime.errors import AcrcError, printable
+from actors.runtime.isolation.sandbox import IsolationChoice, choose, code_entries, unseen, warn
+from actors.runtime.lifecycle.failure import FailureNote, failure_note, own_frames
+from actors.runtime.prints import taken_by
+from actors.runtime.recording import RecordingError, read_notes
+from deploy.hosts.channel import place_of
 from deploy.run import progress
-from deploy.run.hosting import allocated_hosts, hosts_of
-from deploy.run.memory_swarm import MemorySwarm
+from deploy.run.memory_swarm import MemorySwarm, exits_caught
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
@@ -39,9 +52,11 @@ from deploy.run.plan import (
     Debugged,
     RunPlan,
     control_program,
+    copied_scenario,
     in_common,
     issue_credentials,
     lay_out,
+    lay_out_robot,
     observer_program,
     radio_program,
     remove_credentials,
@@ -49,20 +64,189 @@ from deploy.run.plan import (
     router_of,
     world_program,
 )
-from deploy.run.preflight import preflight, preflight_here
-from deploy.run.scenario_copy import copied_scenario
 from deploy.run.supervisor import Supervisor
-from deploy.scenario.resolve import ResolvedScenario, resolve
+from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.tables import Scenario
 from deploy.scenario.warnings import scenario_warnings
 from observation.results import summary
 from observation.results.hosts_file import elsewhere
-from observation.results.place_table import write_table
+from observation.results.outcome import write_table
 from observation.results.result import Circumstances, RunResult, gather
 from observation.results.seal import seal
 
 if TYPE_CHECKING:
     from deploy.hosts.run_hosts import Recruits, RunHosts
+
+_KEYS: Final = "keys"
+"""Folder with this computer's keys of the run, in the world's."""
+_MOST_CODE: Final = 64 << 20
+"""Bytes of a strategy's code that a host is sent."""
+
+
+@contextmanager
+def allocated_hosts(options: RunOptions) -> Iterator["Recruits | None"]:
+    """The computers that are to have the robots, if the options want any. Raises AcrcError."""
+    if not options.on:
+        yield None
+        return
+    from deploy.hosts.run_hosts import recruited  # noqa: PLC0415
+
+    with recruited(options.on, place_of(options.listen) if options.listen else None) as found:
+        yield found
+
+
+@contextmanager
+def hosts_of(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"]:
+    """The hosts of a run that is laid out, on their way; None: the robots are here. Raises AcrcError."""
+    if found is None:
+        yield None
+        return
+    from deploy.hosts.run_hosts import (  # noqa: PLC0415
+        RunHosts,
+        SharedErrand,
+        shares,
+    )
+
+    robots = [robot.id for robot in plan.world.robots]
+    placed = shares(robots, {name: offer.cores for name, offer in found.offers.items()})
+    shared = SharedErrand(
+        out=plan.out,
+        spawn=plan.options.spawn,
+        limits=plan.options.limits,
+        timeout_s=plan.timeout.step_s,
+        share=lambda some: tuple(in_common(plan, Path(), some)),
+        leave=plan.options.leave,
+        code=tuple(tuple(_code(folder, plan.options.hidden)) for folder in plan.options.modules),
+    )
+    away = RunHosts(found, placed, plan.folder("world").resolve() / _KEYS, shared)
+    try:
+        yield away
+    finally:
+        away.close()
+
+
+def _code(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
+    """The files of a folder with a strategy's code, as far as a robot may see them. Raises AcrcError."""
+    left = _MOST_CODE
+    for entry in code_entries(folder.absolute(), unseen(hidden)):
+        for path in sorted(entry.rglob("*")) if entry.is_dir() else [entry]:
+            if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts:
+                left -= path.stat().st_size
+                if left < 0:
+                    raise AcrcError(
+                        f"--modules: {folder}: has more than {_MOST_CODE >> 20} MiB of files for hosts; "
+                        "must be a folder with a strategy's code alone"
+                    )
+                yield path.relative_to(folder.absolute()).as_posix(), path
+
+
+_HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
+"""What faulthandler writes of the place where the main thread was."""
+
+
+@dataclass(frozen=True)
+class PreflightLimits:
+    """What a preflight may take."""
+
+    patience_s: float = 120.0
+    """Until the robot has been made, kernels included, which are compiled at the first start ever."""
+    grace_s: float = 5.0
+    """Beyond that, for a process that does not heed it."""
+
+
+def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = PreflightLimits()) -> None:
+    """Make the first robot in a process of its own, in a folder that is gone afterwards.
+
+    Raises AcrcError where that fails, hangs or ends; a bug's traceback is shown first.
+    """
+    robot = plan.world.robots[0]
+    with scratch_folder() as folder:
+        options = replace(plan.options, out=folder)
+        stage = replace(plan, options=options, debug=plan.debug and Debugged("", ""))
+        lay_out_robot(stage, robot)
+        program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
+        program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
+        child = launched.start(program)
+        try:
+            _await_end(child, launched, bounds)
+            hung = child.exit_code is None
+        finally:
+            child.send(signal.SIGKILL)
+            _await_end(child, launched, replace(bounds, patience_s=0.0))
+        _judge(plan, child, bounds, hung=hung)
+
+
+def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
+    """Make the first robot's behaviour in this process, and drop it.
+
+    For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
+    areas or equipment that do not fit, for an entry that leads nowhere, and for an error in the strategy's
+    own code, with its frames.
+    """
+    name, robot = settled.scenario.run.strategy, settled.world.robots[0]
+    told = robot_setup(settled, robot)
+    model = load_model(robot.model, robot.sensor)
+    floor = assembly.floor(load_map(settled.world.map), model, told.stack)
+    start = assembly.start(told, model, floor)
+    # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
+    look_in(modules)
+    with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
+        try:
+            rehearse(settled.behaviour, start)
+        except AcrcError:
+            raise
+        except Exception as error:
+            which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
+            cause = failure_note("", 0, error).cause
+            sentence = f"strategy {which.rstrip(',')}, made for {robot.id} before the run: {cause}"
+            raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
+
+
+def _await_end(child: Child, launched: Launcher, bounds: PreflightLimits) -> None:
+    deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
+    while child.exit_code is None and time.monotonic() < deadline:
+        launched.wait(0.05)
+
+
+def _judge(plan: RunPlan, child: Child, bounds: PreflightLimits, *, hung: bool) -> None:
+    """AcrcError unless the robot's process says that the robot could be made.
+
+    `hung`: it had not ended by itself in time, so the signal that ended it was ours.
+    """
+    made = f"strategy {plan.behaviour!r}, made for {child.program.actor} before the run"
+    notes = _notes(child.program)
+    if "failure" in notes:
+        note = msgspec.json.decode(notes["failure"], type=FailureNote)
+        if note.expected:
+            raise AcrcError(printable(note.cause))
+        show(said(child.program))
+        raise AcrcError(f"{made}: {printable(note.cause)}")
+    if child.exit_code == 0 and "run" in notes:
+        return
+    told = said(child.program)
+    place = _HUNG.search(told)
+    if place is not None:
+        where = f"{Path(place[1]).name}:{place[2]}"
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+    if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
+        raise AcrcError(told.strip().splitlines()[-1])
+    show(told)
+    if hung:
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
+    assert child.exit_code is not None
+    if child.exit_code < 0:
+        number = signal.Signals(-child.exit_code)
+        raise AcrcError(f"{made}: its process was ended by signal {number.name}")
+    raise AcrcError(f"{made}: its process ended with exit code {child.exit_code}")
+
+
+def _notes(program: Program) -> dict[str, bytes]:
+    assert program.record is not None
+    try:
+        return {name: bytes(text, "utf-8") for name, text in read_notes(program.record).items()}
+    except (OSError, RecordingError):
+        return {}
+
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""

@@ -11,7 +11,7 @@ from actors.randomness import generator
 from actors.robot_model import OdometryKind
 from actors.runtime.errors import AcrcError
 from cleaning.place import GOLDEN
-from deploy.scenario import checks
+from deploy.scenario import events
 from deploy.scenario.tables import RobotTable, Scenario
 
 
@@ -87,7 +87,7 @@ def _draw_start(
             keep_off=taken,
             start=floor,
             passage=figure.radius,
-            areas=checks.for_starts(scenario),
+            areas=events.for_starts(scenario),
         )
     except PlacementError as error:
         where = "" if scenario.robots.areas is None else " in robots.areas"
@@ -156,7 +156,7 @@ def places(
         return _checked(grid, figure, _golden(index, count), where)
     if count == 0:
         return ()
-    chosen = checks.for_places(scenario)
+    chosen = events.for_places(scenario)
     try:
         points = draw_points(
             grid,

@@ -19,11 +19,9 @@ from actors.runtime.errors import AcrcError
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
-from deploy.scenario.adaptation_tables import adaptation
-from deploy.scenario.checks import check_areas, of_places
-from deploy.scenario.events import timed_orders
+from deploy.scenario.events import check_areas, of_places, timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
-from deploy.scenario.stack_tables import presets_of, stack_of
+from deploy.scenario.stack_tables import adaptation, presets_of, stack_of
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 

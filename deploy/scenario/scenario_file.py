@@ -22,11 +22,9 @@ from actors.robot.behaviour.modules import located
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
 from deploy.scenario import events
-from deploy.scenario.adaptation_tables import AreaTable
-from deploy.scenario.checks import area_fault, robot_fault
-from deploy.scenario.stack_tables import IMPROVED_REMOVED, stack_fault
-from deploy.scenario.tables import Scenario
-from deploy.scenario.toml_text import document
+from deploy.scenario.events import area_fault, robot_fault
+from deploy.scenario.stack_tables import IMPROVED_REMOVED, AreaTable, stack_fault
+from deploy.scenario.tables import Scenario, document
 
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import msgspec
 
-from deploy.scenario.toml_text import inline
+from deploy.scenario.tables import inline
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep_bytes
 from experiments.study.study import Study

@@ -20,7 +20,7 @@ import msgspec
 from actors.processes.robot_logs import EVERYBODY
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -16,7 +16,7 @@ from actors.runtime.recording.reading import opened
 from deploy.run.options import Bus
 from experiments.study.study import Study, Trial
 from observation.accounting.time_spent import TimeSpent
-from observation.evidence.recorded import taken
+from observation.evidence.run_evidence import taken
 from observation.replay.run_recordings import recordings
 from observation.results.result import RunResult
 

@@ -12,7 +12,7 @@ from actors.floor.placement import draw_points
 from actors.geometry import Point
 from actors.randomness import generator
 from actors.robot_model import OdometryKind, load_model
-from deploy.scenario.checks import for_places
+from deploy.scenario.events import for_places
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from experiments.study.study import Distribution, Study, Trial, Variant

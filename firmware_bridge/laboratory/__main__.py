@@ -23,10 +23,10 @@ import msgspec
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.randomness import generator
-from actors.runtime.command_line import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import fingerprints
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.process_setup import ArgumentError, ArgumentParser
+from actors.runtime.processor import fingerprints
 from actors.task import visits
 from actors.world import drive, odometry_kernel, rays
 from actors.world.physics import SUBSTEP

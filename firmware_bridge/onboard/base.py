@@ -20,12 +20,11 @@ from actors.runtime.access import router_file
 from actors.runtime.access.credentials import reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
-from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.command_line import setup_parser
+from actors.runtime.bus.zenoh_bus import WakingBus
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
-from actors.runtime.process_setup import read_setup
+from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore

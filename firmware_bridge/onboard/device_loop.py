@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from actors.instant import Instant, seconds
-from actors.runtime.bus.waking_bus import WakingBus
+from actors.runtime.bus.zenoh_bus import WakingBus
 from actors.runtime.core import Core
 from actors.runtime.shell import Shell
 from firmware_bridge.serial_port import PortError, SerialPort

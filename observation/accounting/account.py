@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from actors.instant import in_seconds
 from observation.accounting.classify import CAUSES, Classified, classify
-from observation.accounting.episodes import STANDARD, EpisodeParameters, runs
 from observation.accounting.findings import FrameCounts, blocking_events, deadlocks, findings
 from observation.accounting.robot_states import NOBODY
 from observation.accounting.time_spent import (
@@ -22,10 +21,19 @@ from observation.accounting.time_spent import (
     KnowledgeUsed,
     TimeSpent,
 )
-from observation.accounting.tracks import Said, Tracks, during, said_by, seconds_of, tracks_of
+from observation.accounting.tracks import (
+    STANDARD,
+    EpisodeParameters,
+    Said,
+    Tracks,
+    during,
+    runs,
+    said_by,
+    seconds_of,
+    tracks_of,
+)
 from observation.accounting.true_floor import TrueFloor
-from observation.evidence.recorded import SaidDecision
-from observation.evidence.run_evidence import RunEvidence, largest_radius
+from observation.evidence.run_evidence import RunEvidence, SaidDecision, largest_radius
 from observation.evidence.run_reader import read_run
 from observation.replay.run_recordings import all_recordings, recordings
 

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observation.accounting import robot_states
-from observation.accounting.episodes import STANDARD, EpisodeParameters
 from observation.accounting.robot_states import NOBODY, Flags, RobotStates, in_wall
 from observation.accounting.time_spent import Cause
-from observation.accounting.tracks import Said, Tracks
+from observation.accounting.tracks import STANDARD, EpisodeParameters, Said, Tracks
 from observation.accounting.true_floor import Passages, TrueFloor
 
 

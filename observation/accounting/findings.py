@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from actors.instant import seconds
 from observation.accounting.classify import CAUSES, Classified
-from observation.accounting.episodes import Blocking, EpisodeParameters, runs
 from observation.accounting.robot_states import NOBODY
 from observation.accounting.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
-from observation.accounting.tracks import Tracks, seconds_of
+from observation.accounting.tracks import Blocking, EpisodeParameters, Tracks, runs, seconds_of
 from observation.accounting.true_floor import Passages
 
 AT_DOOR: Final = "door"

@@ -8,8 +8,20 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
-from observation.accounting.episodes import Episode, EpisodeParameters, lost, runs, standing
-from observation.accounting.tracks import ABORTED, NO_GOAL, REACHED, Said, Tracks, during, pursued
+from observation.accounting.tracks import (
+    ABORTED,
+    NO_GOAL,
+    REACHED,
+    Episode,
+    EpisodeParameters,
+    Said,
+    Tracks,
+    during,
+    lost,
+    pursued,
+    runs,
+    standing,
+)
 from observation.accounting.true_floor import Passages, Stage
 
 Flags = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from actors.floor import distance, flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
-from observation.accounting.episodes import STANDARD, EpisodeParameters
+from observation.accounting.tracks import STANDARD, EpisodeParameters
 from observation.evidence.things_over_time import ON_FLOOR, FloorThing, FloorThings
 from observation.replay.recorded_orders import GivenOrder
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
+from actors.message_limits import OrderLimits, fault
 from actors.messages import (
     AIRED,
     CONTROL,
@@ -27,22 +28,20 @@ from actors.messages import (
     Senses,
     Truth,
 )
-from actors.order_limits import OrderLimits, fault
 from actors.radio.radio_model import RadioSetup
 from actors.topic import Topic
-from observation.evidence.recorded import SaidPlaces
 from observation.evidence.run_evidence import (
     EvidenceError,
     HeardCopy,
     RunEvidence,
+    SaidPlaces,
     places,
     result,
     world_setup,
 )
 from observation.recordings.topics import Growing, Recorded
 from observation.replay.recorded_orders import GivenOrder
-from observation.replay.recorded_setup import setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import recordings, setup_of
 
 _PATIENCE_S: Final = 1.0
 """So long what robots recorded of a step is waited for, s."""

@@ -11,11 +11,10 @@ import msgspec
 from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
-from observation.explanation.air import Air
-from observation.explanation.chain import Chain, Link, Made, Second, decisions
+from observation.explanation.chain import Air, Chain, Link, Made, Second, decisions
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
-from observation.trace.coding import TraceError
+from observation.trace.kept import TraceError
 from observation.trace.rows import Trace
 from observation.trace.traces import BOUNDS, traces
 

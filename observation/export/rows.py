@@ -9,14 +9,12 @@ from actors.messages import TRUTH
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
-from observation.evidence.recorded import taken
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import RunEvidence, taken
 from observation.evidence.run_reader import read_run
-from observation.replay.recorded_setup import run_of, setup_of
-from observation.replay.run_recordings import all_recordings
+from observation.replay.run_recordings import all_recordings, run_of, setup_of
 from observation.replay.sandboxed_calls import Bounds
-from observation.trace.coding import TraceError
 from observation.trace.frame_fates import FrameFate, frame_fates
+from observation.trace.kept import TraceError
 from observation.trace.rows import KnowledgeChange, Trace
 from observation.trace.traces import BOUNDS, traces
 

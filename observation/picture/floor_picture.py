@@ -22,7 +22,7 @@ from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_evidence import RunEvidence, largest_radius
 from observation.evidence.things_over_time import spans
 from observation.picture import marks, style
-from observation.picture.labels import PointLabel
+from observation.picture.marks import PointLabel
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"

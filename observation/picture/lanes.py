@@ -12,8 +12,7 @@ from matplotlib.patches import Patch
 from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
 from observation.accounting.account import Spell
 from observation.accounting.time_spent import Cause
-from observation.evidence.recorded import Deed
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import Deed, RunEvidence
 from observation.evidence.things_over_time import ordered
 from observation.picture import marks, style
 

@@ -10,8 +10,7 @@ from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 from observation.accounting.account import Spell, spells
 from observation.accounting.time_spent import Cause
-from observation.evidence.recorded import SaidDecision, adaptation, outcomes
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import RunEvidence, SaidDecision, adaptation, outcomes
 from observation.evidence.things_over_time import ordered
 from observation.page import rendering
 from observation.page.rendering import PagePicture, PageSection, PageTable

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from observation.accounting.account import spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, labels, lanes, style
+from observation.picture import floor_picture, lanes, marks, style
 
 
 def draw(run: RunEvidence) -> Figure:
@@ -37,8 +37,8 @@ def draw(run: RunEvidence) -> Figure:
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
     draw_progress(figure.add_subplot(grid[1:, 1] if style.few(run.robots) else grid[2, 1]), run)
-    labels.settle(figure)
-    labels.place(floor, drawn.labels, drawn.taken)
+    marks.settle(figure)
+    marks.place(floor, drawn.labels, drawn.taken)
     return figure
 
 

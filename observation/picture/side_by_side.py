@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from observation.accounting.account import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.picture import floor_picture, labels, lanes, style
+from observation.picture import floor_picture, lanes, marks, style
 from observation.picture.floor_picture import DrawnRun
 
 _MARGIN: Final = 1.5
@@ -40,9 +40,9 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
         ],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
-    labels.settle(figure)
+    marks.settle(figure)
     for axes, drawn in floors:
-        labels.place(axes, drawn.labels, drawn.taken)
+        marks.place(axes, drawn.labels, drawn.taken)
     return figure
 
 

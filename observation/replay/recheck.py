@@ -21,9 +21,9 @@ import msgspec
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.environment import passed_on
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 from observation.replay.record_check import check
 from observation.replay.record_replay import replay_actor
 from observation.replay.run_recordings import all_recordings
@@ -135,7 +135,7 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
     code = 1
     try:
         die_with_parent(parent)
-        reserve.hold(Path(tempfile.gettempdir()))
+        failure.hold(Path(tempfile.gettempdir()))
         os.dup2(2, 1)  # what a strategy prints is no answer
         os.write(theirs, msgspec.json.encode(_again(out, actor)))
         code = 0
@@ -149,7 +149,7 @@ def _again(out: Path, actor: str) -> RecheckedActor:
     except AcrcError as error:
         return RecheckedActor(actor, fault=str(error)[:_LONGEST])
     except Exception as error:  # a strategy that takes another way may fail there
-        reserve.release()
+        failure.release()
         return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
 
 

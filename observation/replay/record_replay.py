@@ -15,16 +15,15 @@ from actors.robot.program import part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import difference, otherwise
 from actors.runtime.prints import Prints
 from actors.runtime.process import ActorProcess, FinalNote, RunNote
+from actors.runtime.processor import difference, otherwise
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 from observation.replay.debugging import EnoughError
-from observation.replay.recorded_setup import run_of, told
-from observation.replay.run_recordings import all_recordings
+from observation.replay.run_recordings import all_recordings, run_of, told
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Truth
 from actors.orders import Order
 from actors.runtime.bus.memory_bus import MemoryBus
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
-from actors.runtime.core import at
+from actors.runtime.core import Delivery, at
 from actors.runtime.recording import Note, read_recording
 
 

@@ -11,9 +11,9 @@ from actors.robot import assembly
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.failure import print_traceback
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 from actors.runtime.recording import Reading
 
 
@@ -40,7 +40,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
     Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
-        room = reserve.hold(options.answer.parent)
+        room = failure.hold(options.answer.parent)
         assembly.kernels()  # while their cache can still be written
         if options.isolate:
             isolate(
@@ -62,7 +62,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
 
 def bug(actor: str, error: Exception) -> str:
     """What is answered where the code failed; the whole traceback goes to the log, if that takes any more."""
-    reserve.release()
+    failure.release()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 

@@ -24,8 +24,7 @@ from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import warn
-from observation.replay.recorded_setup import code_folders, run_of, told
-from observation.replay.run_recordings import all_recordings
+from observation.replay.run_recordings import all_recordings, code_folders, run_of, told
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 """Processes on board that serve devices: no program replays those."""

@@ -30,13 +30,13 @@ from observation.results.outcome import (
     NodeOutcome,
     OutcomeError,
     Outcomes,
+    counted,
     deeco_result,
     navigation_outcome,
     navigation_result,
     node_outcome,
     own_outcome,
 )
-from observation.results.place_table import counted
 
 PARENT = "its parent"
 

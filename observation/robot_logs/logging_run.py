@@ -14,21 +14,18 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
 from actors.runtime.process_setup import located_model
 from observation.evidence.run_evidence import world_setup
-from observation.replay.recorded_setup import setup_of
-from observation.replay.run_recordings import all_recordings
+from observation.replay.run_recordings import all_recordings, setup_of
 from observation.replay.sandboxed_calls import Bounds
-from observation.robot_logs.floor_entries import (
+from observation.robot_logs.robot_entries import (
     body_entries,
+    command_entries,
+    held_entries,
     link_entries,
     map_entry,
     place_entries,
-    thing_entries,
-)
-from observation.robot_logs.robot_entries import (
-    command_entries,
-    held_entries,
     sensed_entries,
     static_frames,
+    thing_entries,
     traced_entries,
     true_entries,
 )

@@ -15,8 +15,7 @@ from actors.runtime.errors import AcrcError
 from observation.recordings.topics import is_closed
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Call, failed, program_words, start
-from observation.trace.coding import PART, TraceError, decode, parts
-from observation.trace.kept import inputs, keep
+from observation.trace.kept import PART, TraceError, decode, inputs, keep, parts
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, may_keep
 

@@ -23,8 +23,7 @@ from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
 from observation.replay.growing_replay import GrowingReplay
 from observation.replay.record_replay import Onlook, made_again, replay_actor
-from observation.replay.recorded_setup import setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import recordings, setup_of
 from observation.trace.kept import inputs, keep, kept
 
 _SHORTEST_PAUSE_NS: Final = 190_000

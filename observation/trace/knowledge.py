@@ -26,8 +26,9 @@ from observation.trace.rows import (
     KnowledgeDecision,
     ReplicaNews,
     ReplicaRead,
+    in_words,
+    seconds,
 )
-from observation.trace.words import in_words, seconds
 
 
 class Dependence(NamedTuple):

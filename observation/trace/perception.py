@@ -1,15 +1,17 @@
 """Looks into a robot's core while that is replayed: reads, draws no random number, changes nothing."""
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
 
 from actors.geometry import CERTAIN, Point, Pose
-from actors.instant import Duration, Instant
+from actors.instant import Duration, Instant, milliseconds
 from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Drive
 from actors.portable import arrays
+from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
@@ -17,13 +19,26 @@ from actors.robot.core import RobotCore
 from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
 from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
-from actors.robot_model import RangeSensor
-from actors.runtime.core import Inputs, Output, read
+from actors.robot_model import RangeSensor, load_model
+from actors.runtime.core import Core, Inputs, Output, read
+from actors.runtime.process_setup import located_model
 from actors.task.words import PlaceKey
-from deeco.node import Node
+from deeco.node import Node, looking_on
+from observation.replay.run_recordings import recordings, setup_of
+from observation.trace.knowledge import Tracer
 from observation.trace.orders import goal_change
-from observation.trace.rows import Doing, GoalChange, Held, Known, ReplicaContact, Singles, ragged
-from observation.trace.words import in_words, rows
+from observation.trace.rows import (
+    Doing,
+    GoalChange,
+    Held,
+    Known,
+    ReplicaContact,
+    Singles,
+    Trace,
+    in_words,
+    ragged,
+    rows,
+)
 
 _PARTICLES: Final = 300
 """So many of the filter's particles are kept: more are a blot."""
@@ -308,3 +323,50 @@ def _placed(points: Any, frame: Pose) -> Singles:
     x, y = points[:, 0], points[:, 1]
     placed: Singles = np.column_stack((frame.x + c * x - s * y, frame.y + s * x + c * y)).astype(np.float32)
     return placed
+
+
+PERIOD: Final = milliseconds(500)
+"""Between two close looks: as often as a person can follow."""
+
+
+class Collector:
+    """Collects from one core: `attach` belongs into `Onlook`, all of the replay into `looking`."""
+
+    def __init__(self, out: Path, actor: str) -> None:
+        """RecordingError for a recording without a first record."""
+        path = recordings(out)[actor]
+        setup = setup_of(path, RobotSetup, "a robot")
+        sensor = load_model(located_model(setup.model, path.parent), setup.sensor).sensor
+        self._perception = Perception(setup.id, sensor, setup.stack.local_map.cell, PERIOD)
+        self._tracer = Tracer()
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Nodes that are made meanwhile tell what they do."""
+        with looking_on(self._tracer):
+            yield
+
+    def attach(self, core: Core, step_us: int) -> None:
+        """Look at every step of the core from now on."""
+        self._perception.attach(core, step_us)
+        self._tracer.prepare(core, step_us)
+        self._tracer.orders.attach(cast(RobotCore, core))
+
+    @property
+    def has_looked(self) -> bool:
+        """There was a close look since the last part."""
+        return self._perception.has_looked
+
+    def part(self, fault: str | None = None) -> Trace:
+        """What is new since the last part; `fault`: why the robot cannot be followed any further."""
+        tracer = self._tracer
+        part = Trace(
+            **self._perception.taken(),
+            changes=tuple(tracer.changes),
+            news=tuple(tracer.news),
+            orders=tuple(tracer.orders.found),
+            has_nodes=tracer.has_nodes,
+            fault=fault,
+        )
+        tracer.changes, tracer.news, tracer.orders.found = [], [], []
+        return part

@@ -21,9 +21,8 @@ from observation.replay import sandboxed
 from observation.replay.growing_replay import GrowingReplay
 from observation.replay.record_replay import Onlook, made_again, replay_actor
 from observation.replay.run_recordings import recordings
-from observation.trace.coding import MOST_BYTES, encode
-from observation.trace.collector import Collector
-from observation.trace.kept import own_files
+from observation.trace.kept import MOST_BYTES, encode, own_files
+from observation.trace.perception import Collector
 from observation.trace.rows import Trace
 
 _NICE: Final = 19

@@ -7,11 +7,9 @@ from typing import Final
 
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.recording.reading import report_damage
-from observation.replay.recorded_setup import run_of
-from observation.replay.run_recordings import all_recordings
+from observation.replay.run_recordings import all_recordings, run_of
 from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask, check_trust
-from observation.trace.coding import MOST_BYTES, TraceError, decode, joined, parts
-from observation.trace.kept import inputs, keep, kept
+from observation.trace.kept import MOST_BYTES, TraceError, decode, inputs, joined, keep, kept, parts
 from observation.trace.rows import Trace
 
 BOUNDS: Final = Bounds(MOST_BYTES)

@@ -9,7 +9,7 @@ from pathlib import Path
 from actors.observer import viewer
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
+from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
 from observation.view import live
 from observation.view.drawn import FILE_NAME, say_at_once
 

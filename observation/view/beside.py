@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from actors.observer import screenshot, viewer
+from actors.observer import viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
@@ -31,7 +31,7 @@ def picture(folders: Sequence[Path], wishes: Wishes, path: Path, second: float |
     with scratch_folder() as folder:
         view = folder / FILE_NAME
         complete = _draw(stories, view, wishes, None, say)
-        shot = screenshot.take(view, _end(stories) / 2 if second is None else second)
+        shot = viewer.take(view, _end(stories) / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
     return complete

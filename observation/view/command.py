@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from actors.observer import screenshot, viewer
+from actors.observer import viewer
 from actors.observer.viewer import OpenViewer
 from actors.processes.kernels import compile_kernels
 from actors.processes.scratch import scratch_folder
@@ -30,7 +30,7 @@ def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Sa
     with scratch_folder() as folder:
         view = folder / "view.rrd"
         complete = draw(story, view, wishes, send_to=None, say=say, began=began)
-        shot = screenshot.take(view, story.end / 2 if second is None else second)
+        shot = viewer.take(view, story.end / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
     return complete

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from actors.observer.drawing import insides, places, words
+from actors.observer.drawing import places, words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.words import LearntExchange, Occupation
 from observation.trace.rows import Doing, Trace
@@ -115,7 +115,7 @@ class PaintedInside:
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: when the plot of its age goes on, and when it was heard last, s."""
         if shown.detailed:
-            insides.introduce_inside(canvas, source.robot)
+            words.introduce_inside(canvas, source.robot)
 
     def draw(self, inside: Trace, end: float | None = None) -> Iterator[LearntExchange]:
         """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
@@ -178,11 +178,11 @@ class PaintedInside:
 def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Trace) -> None:
     """Scan, particles, estimate, costs, plan and arc."""
     seconds: Floats = clock(inside.instants)
-    insides.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)
+    words.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)
     when = clock(inside.particles_at)
-    insides.draw_clouds(canvas, robot, "particles", when, inside.particles.counts, inside.particles.values)
-    insides.draw_estimates(canvas, robot, seconds, inside.estimates, inside.covariances)
-    insides.draw_arcs(canvas, robot, seconds, inside.estimates, inside.twists)
-    insides.draw_plans(canvas, robot, clock(inside.plans_at), inside.plans.rows())
+    words.draw_clouds(canvas, robot, "particles", when, inside.particles.counts, inside.particles.values)
+    words.draw_estimates(canvas, robot, seconds, inside.estimates, inside.covariances)
+    words.draw_arcs(canvas, robot, seconds, inside.estimates, inside.twists)
+    words.draw_plans(canvas, robot, clock(inside.plans_at), inside.plans.rows())
     costs = clock(inside.costs_at)
-    insides.draw_costs(canvas, robot, costs, inside.costs, inside.corners, inside.cell)
+    words.draw_costs(canvas, robot, costs, inside.costs, inside.corners, inside.cell)

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from actors.installation.usage import wrong_value
-from actors.observer.drawing import layout, places, radio, robots, things, words
+from actors.observer.drawing import layout, places, robots, things, words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.places import PlaceState, draw_places
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
@@ -130,7 +130,7 @@ class Painting:
         things.draw_floor(canvas, story.grid, story.doors)
         things.draw_marks(canvas)
         things.draw_lines(canvas, "copies", FATES)
-        radio.introduce_radio(canvas)
+        robots.introduce_radio(canvas)
         for robot in story.robots:
             robots.introduce(canvas, robot)
             places.introduce_intent(canvas, robot)
@@ -163,11 +163,11 @@ class Painting:
         canvas = self._canvas
         rows = zip(fates.seconds.tolist(), fates.receivers.tolist(), fates.outcomes.tolist(), strict=True)
         self._lost += [(s, who, fate_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES]
-        shown = radio.shown_s(canvas)
-        seconds = _every(radio.period(canvas), max(0.0, self._fates_since - shown), until)
-        radio.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._fates_since)
+        shown = robots.shown_s(canvas)
+        seconds = _every(robots.period(canvas), max(0.0, self._fates_since - shown), until)
+        robots.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._fates_since)
         self._fates_since = until
-        self._lost = [one for one in self._lost if one[0] > until - shown - radio.period(canvas)]
+        self._lost = [one for one in self._lost if one[0] > until - shown - robots.period(canvas)]
         self._plots.copies(fates, until, last=last)
 
     def inside(self, source: Source, inside: Trace, end: float | None = None) -> None:
@@ -216,9 +216,9 @@ class Painting:
     def _links(self, story: Story) -> None:
         canvas = self._canvas
         heard = np.concatenate((self._heard, story.heard))
-        self._heard = heard[heard[:, 0] > story.end - 2 * radio.LASTING]
-        seconds = _every(radio.period(canvas), story.since, story.end)
-        radio.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
+        self._heard = heard[heard[:, 0] > story.end - 2 * robots.LASTING]
+        seconds = _every(robots.period(canvas), story.since, story.end)
+        robots.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
 
     def _positions(self, seconds: Floats) -> Floats:
         """(n, robots, 2): where robots are, m."""

@@ -11,7 +11,7 @@ from actors.observer.drawing.words import DrawnEvent
 from actors.observer.glyphs import FATES, GREY, WHITE
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
-from observation.evidence.recorded import Deed
+from observation.evidence.run_evidence import Deed
 from observation.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
 from observation.trace.rows import Trace
 from observation.view.story import Clock, Floats, Source, Story, Track

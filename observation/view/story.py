@@ -13,8 +13,7 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.task.words import PlaceKey
-from observation.evidence.recorded import Deed, Route, taken
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import Deed, Route, RunEvidence, taken
 from observation.evidence.run_reader import recorded_run
 from observation.evidence.things_over_time import OrderedChange, Things, ThingsOverTime, ordered
 from observation.field_trial.aligned_clocks import AlignedClocks

@@ -21,7 +21,7 @@ from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
 from command_line import run
 from command_line.development import commands
-from command_line.development.checks import Check, run_checks
+from command_line.development.commands import Check, run_checks
 from command_line.documentation import tree
 from observation.results import summary
 from observation.results.outcome import DeecoResult, NavigationResult

@@ -33,7 +33,7 @@ def words(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         report.write_text("".join(json.dumps(row) + "\n" for row in ROWS if row["claim"] in words))
         return 3 if "attacks" in words else 1
 
-    monkeypatch.setattr("command_line.development.suite.run_pytest", run)
+    monkeypatch.setattr("command_line.development.commands.run_pytest", run)
     return given
 
 

@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
+from actors.message_limits import OrderLimits
 from actors.messages import SENSES, Senses
-from actors.order_limits import OrderLimits
 from actors.orders import Freeze, Give, Kill, Order, Restart, Thaw
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError

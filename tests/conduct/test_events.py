@@ -24,11 +24,10 @@ from actors.orders import (
     Wall,
 )
 from actors.robot_model import load_model
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
-from actors.runtime.core import at
+from actors.runtime.core import Delivery, at
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import combined
+from actors.runtime.processor import combined
 from actors.world.body import Bodies
 from tests.conduct.theatre import STEP, Scripted, Theatre, told
 from tests.world.scenery import with_sensor

@@ -28,9 +28,8 @@ from actors.orders import Order
 from actors.radio.program import build as build_radio
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
-from actors.runtime.core import Address, Core, Inputs, Output, at, read, to
+from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import Unrecorded
 from actors.runtime.shell import Shell

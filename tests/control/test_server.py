@@ -23,9 +23,8 @@ from actors.messages import (
 )
 from actors.observer.glyphs import contrast
 from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
+from actors.runtime.core import Delivery, at
 from actors.task.words import PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from command_line.development import suite as module
-from command_line.development.suite import BUDGET, BY_FILE, ProcessCounter, run_suite
+from command_line.development import commands as module
+from command_line.development.commands import BUDGET, BY_FILE, ProcessCounter, run_suite
 from tests import warm
 
 Suite = Callable[..., tuple[int, list[list[str]]]]
@@ -26,7 +26,7 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Suite:
 
     def run(*words: str, code: int = 0) -> tuple[int, list[list[str]]]:
         calls: list[list[str]] = []
-        monkeypatch.setattr("command_line.development.suite.os.cpu_count", lambda: 1)
+        monkeypatch.setattr("command_line.development.commands.os.cpu_count", lambda: 1)
         monkeypatch.setattr(module, "run_pytest", lambda root, words: calls.append(list(words)) or code)
         return run_suite(tmp_path, words), calls
 

@@ -10,8 +10,7 @@ from numpy.random import Generator
 from actors.installation.repository import SHIPPED
 from actors.randomness import generator
 from deploy.scenario.scenario_file import parse
-from deploy.scenario.tables import Scenario
-from deploy.scenario.toml_text import document
+from deploy.scenario.tables import Scenario, document
 from observation.accounting.findings import CARRIED, NO_CONTACT
 from observation.accounting.time_spent import Cause
 from tests.experiments.planted_strategies import DITHERING, SLEEPING

@@ -20,12 +20,11 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from observation.accounting.account import account, decision_events, diagnosis_score
 from observation.accounting.classify import CAUSES, Classified, classify
-from observation.accounting.episodes import STANDARD
 from observation.accounting.findings import FrameCounts, blocking_events, deadlocks, findings
 from observation.accounting.time_spent import Cause, DeadlockCount
-from observation.accounting.tracks import Said, TimedJam, Tracks
+from observation.accounting.tracks import STANDARD, Said, TimedJam, Tracks
 from observation.accounting.true_floor import TrueFloor
-from observation.evidence.recorded import SaidDecision
+from observation.evidence.run_evidence import SaidDecision
 from observation.replay.recorded_orders import GivenOrder
 from observation.results.outcome import GivenGoal
 from tests.experiments import situations

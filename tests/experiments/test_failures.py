@@ -14,8 +14,7 @@ from actors.instant import seconds
 from benchmarks.measured import average, proportion
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting.account import judge
-from observation.accounting.episodes import STANDARD, Episode, lost, runs, standing
-from observation.accounting.tracks import ABORTED, Tracks
+from observation.accounting.tracks import ABORTED, STANDARD, Episode, Tracks, lost, runs, standing
 from observation.accounting.true_floor import Passages
 from observation.evidence.run_reader import read_run
 from observation.results.outcome import GivenGoal

@@ -13,7 +13,7 @@ from observation.explanation.explain import Explainer, ExplanationError, wish
 from observation.export.rows import ExportError, tables
 from observation.replay.sandboxed_calls import Bounds
 from observation.replay.trusted_replay import replay
-from observation.trace.coding import PART, TraceError, decode, encode, parts
+from observation.trace.kept import PART, TraceError, decode, encode, parts
 from observation.trace.program import whole
 from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start

@@ -13,10 +13,9 @@ import pytest
 import zenoh
 
 from actors.messages import DRIVE
-from actors.runtime.access import credentials, hosts
+from actors.runtime.access import credentials, tls
 from actors.runtime.access.credentials import Credentials, Gate, reveal
-from actors.runtime.access.rules import CERTIFIED, client_config
-from actors.runtime.access.session_config import session_config, set_value
+from actors.runtime.access.rules import CERTIFIED, client_config, session_config, set_value
 from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.bus.zenoh_bus import open_session
 from actors.runtime.errors import AcrcError
@@ -43,7 +42,7 @@ class AttackedHosts:
         with_gate = Credentials(
             issued.robots, issued.others, issued.dictionary, issued.files, issued.sockets, gate
         )
-        self._world = self._open(hosts.world_config(with_gate))
+        self._world = self._open(tls.world_config(with_gate))
         for key in ("swarm/up/**", "swarm/infra/**"):
             self._world.declare_subscriber(key, _into(self._heard["world"]))
         reveal(issued)
@@ -103,7 +102,7 @@ class AttackedHosts:
     def _robot(self, host: str, robot: str) -> zenoh.Session:
         issued = credentials.issue({robot: self._made(f"{host}-{robot}")}, self._made(host), ())
         keys = load_keys(self._written(f"{host}-keys", self._keys.hosts[host]))
-        self._open(hosts.host_config(issued, keys, self._endpoint))
+        self._open(tls.host_config(issued, keys, self._endpoint))
         reveal(issued)
         return self._open(client_config(issued.files[robot], issued.endpoint(robot)))
 

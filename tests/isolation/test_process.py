@@ -20,7 +20,7 @@ from pathlib import Path
 from actors.runtime.isolation import mounts, sandbox, syscall_filter
 from actors.runtime.lifecycle import linux
 from actors.runtime.isolation.sandbox import Confinement, IsolationError, available, isolate, separate
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 
 def attempt(act):
     try:

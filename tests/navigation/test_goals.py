@@ -16,8 +16,7 @@ from actors.robot.behaviour import Decision, GoalStatus, Start, View
 from actors.robot_model import load_model
 from actors.task.words import PlaceGivenUp, PlaceReport
 from deploy.scenario.scenario_file import Overrides, parse
-from deploy.scenario.tables import Scenario
-from deploy.scenario.toml_text import document
+from deploy.scenario.tables import Scenario, document
 from tests.recorded_runs import record
 
 MODEL = "turtlebot2"

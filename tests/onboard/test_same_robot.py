@@ -23,8 +23,15 @@ from deploy.fleet import onboard
 from deploy.fleet import onboard as layout
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.onboard import Onboard, Ports, onboard_robot_program
-from deploy.fleet.onboard_run import AT_START, OnboardOptions, OperatorLink, _link_fault, _told, prepare
-from deploy.fleet.onboard_supervisor import OnboardSupervisor
+from deploy.fleet.onboard_run import (
+    AT_START,
+    OnboardOptions,
+    OnboardSupervisor,
+    OperatorLink,
+    _link_fault,
+    _told,
+    prepare,
+)
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan

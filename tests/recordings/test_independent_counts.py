@@ -24,8 +24,7 @@ from experiments.report.cases import Case
 from experiments.report.sections import COSTS
 from observation.accounting.account import account
 from observation.accounting.time_spent import TimeSpent
-from observation.evidence.recorded import outcomes, taken
-from observation.evidence.run_evidence import world_setup
+from observation.evidence.run_evidence import outcomes, taken, world_setup
 from observation.export import rows
 from observation.export.parquet_files import TABLES
 from observation.results.result import RunResult

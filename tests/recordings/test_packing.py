@@ -18,8 +18,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
 from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, read_recording
-from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED
-from actors.runtime.recording.packing import MessageUnpacker, Packer
+from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED, MessageUnpacker, Packer
 from actors.runtime.recording.reading import FAULTS
 from actors.runtime.recording.scans import LARGEST, ScanBuffers
 from observation.recordings.topics import Growing

@@ -12,12 +12,12 @@ import pytest
 from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from observation.evidence.recorded import taken
+from observation.evidence.run_evidence import taken
 from observation.replay.sandboxed_calls import Call, ask
 from observation.trace import kept as keeping
 from observation.trace import traces as tracing
-from observation.trace.coding import PART
 from observation.trace.frame_fates import frame_fates, replayed
+from observation.trace.kept import PART
 from observation.trace.knowledge import ABSENT, PathDifference, differences, root
 from observation.trace.orders import KnownPoints
 from observation.trace.program import whole

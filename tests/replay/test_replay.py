@@ -26,8 +26,7 @@ from observation.explanation.explain import Explainer
 from observation.replay import debugging
 from observation.replay.recheck import RecheckError, recheck
 from observation.replay.record_replay import Onlook, replay_actor
-from observation.replay.recorded_setup import code_folders, setup_of
-from observation.replay.run_recordings import recordings
+from observation.replay.run_recordings import code_folders, recordings, setup_of
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

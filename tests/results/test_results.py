@@ -20,13 +20,15 @@ from observation.results.outcome import (
     NodeOutcome,
     OutcomeError,
     Outcomes,
+    PlaceCounts,
+    counted,
     deeco_result,
     means,
     navigation_outcome,
     navigation_result,
     node_outcome,
+    write_table,
 )
-from observation.results.place_table import PlaceCounts, counted, write_table
 from observation.results.result import RobotReports, robot_reports
 
 RECORD = Path("out/r1/r1.mcap")

@@ -5,7 +5,7 @@ import sys
 
 from actors.installation.repository import REPOSITORY
 from actors.robot import assembly
-from actors.runtime.fingerprint import fingerprints
+from actors.runtime.processor import fingerprints
 from actors.world.program import KERNELS
 
 SCRIPT = """
@@ -17,7 +17,7 @@ from actors.messages import Drive
 from actors.robot import assembly
 from actors.robot.behaviour.ports import Decision
 from actors.robot_model import load_model
-from actors.runtime.fingerprint import fingerprints
+from actors.runtime.processor import fingerprints
 from actors.task.referee import Referee
 from actors.world.body import Bodies
 from actors.world.program import KERNELS

@@ -23,9 +23,9 @@ from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, 
 from actors.robot.stack import Stack
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.processor import combined
 
 MAPS = Path(__file__).parents[2] / "maps"
 ROBOT = RobotSetup(

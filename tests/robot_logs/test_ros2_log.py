@@ -21,8 +21,7 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from command_line.exporting import export
-from observation.evidence.recorded import taken
-from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_evidence import RunEvidence, taken
 from observation.evidence.run_reader import read_run
 from observation.robot_logs import robot_entries, ros2_log
 from observation.robot_logs.logging_run import LogReport, log_run

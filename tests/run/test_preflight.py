@@ -12,7 +12,7 @@ from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
-from deploy.run.preflight import PreflightLimits, preflight
+from deploy.run.swarm import PreflightLimits, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """

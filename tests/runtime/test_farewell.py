@@ -14,7 +14,7 @@ import pytest
 PROGRAM = """
 import sys
 import zenoh
-from actors.runtime.access.session_config import session_config, set_value
+from actors.runtime.access.rules import session_config, set_value
 from actors.runtime.bus.zenoh_bus import open_session
 
 mode, way, endpoint, key = sys.argv[1:]

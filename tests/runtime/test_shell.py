@@ -9,9 +9,8 @@ import pytest
 from actors.messages import AIRED, DRIVE, SENSES, Drive, Odometry, Senses
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
-from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.core import Address, Delivery, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (

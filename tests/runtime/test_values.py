@@ -13,8 +13,16 @@ from actors.messages import DRIVE, MESSAGE_VERSION, RECEIVED, Drive, Heard, Rece
 from actors.runtime import typed_json
 from actors.runtime.codec import WireError, decode, encode
 from actors.runtime.difference import first_difference
-from actors.runtime.fingerprint import combined, difference, fingerprints, otherwise, parted
-from actors.runtime.processor import Processor, _model_in, processor
+from actors.runtime.processor import (
+    Processor,
+    _model_in,
+    combined,
+    difference,
+    fingerprints,
+    otherwise,
+    parted,
+    processor,
+)
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 

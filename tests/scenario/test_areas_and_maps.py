@@ -15,8 +15,7 @@ from actors.world.world_setup import BodySetup
 from deploy.run.plan import copy_map
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, map_files, parse
-from deploy.scenario.tables import Scenario
-from deploy.scenario.toml_text import to_toml
+from deploy.scenario.tables import Scenario, to_toml
 from tests.floor.map_files import written
 from tests.scenario.faults import scenario
 

@@ -10,7 +10,7 @@ from actors.installation.repository import REPOSITORY
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import GOLDEN
 from cleaning.settings import from_settings
-from deploy.scenario.checks import for_places
+from deploy.scenario.events import for_places
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.stack_tables import TABLES

@@ -25,7 +25,7 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.place import GOLDEN
-from deploy.scenario.checks import for_places
+from deploy.scenario.events import for_places
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario

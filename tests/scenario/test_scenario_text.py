@@ -10,11 +10,10 @@ from hypothesis import strategies as some
 from actors.floor.placement import Area
 from actors.instant import seconds
 from actors.robot.behaviour.adaptation import Adaptation
-from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.tables import Scenario
-from deploy.scenario.toml_text import to_toml
+from deploy.scenario.stack_tables import adaptation
+from deploy.scenario.tables import Scenario, to_toml
 from tests.scenario.faults import scenario
 
 texts = some.text(some.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=8)

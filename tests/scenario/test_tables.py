@@ -26,11 +26,10 @@ from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import parse
-from deploy.scenario.stack_tables import stack
-from deploy.scenario.toml_text import to_toml
+from deploy.scenario.stack_tables import adaptation, stack
+from deploy.scenario.tables import to_toml
 from tests.navigation.course import DWA, LOCAL_MAPS
 from tests.scenario.faults import scenario
 

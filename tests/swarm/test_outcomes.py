@@ -14,7 +14,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import EventTable, Scenario
-from observation.replay.recorded_setup import setup_of
+from observation.replay.run_recordings import setup_of
 from observation.results.result import RunResult
 from tests.in_process import acrc
 from tests.seeds import sampled

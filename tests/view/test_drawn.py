@@ -25,9 +25,8 @@ from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.explanation.explain import Explainer
 from observation.trace.frame_fates import by_outcome, read_fates
-from observation.trace.rows import Trace
+from observation.trace.rows import Trace, in_words
 from observation.trace.traces import Traced
-from observation.trace.words import in_words
 from observation.view import beside, drawn
 from observation.view.drawn import Wishes, draw, place, read_story
 from tests.view.conftest import Rows, rows

@@ -21,7 +21,7 @@ from actors.observer.glyphs import Colour
 from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey
 from observation.accounting.time_spent import Cause
-from observation.evidence.recorded import Deed, Route
+from observation.evidence.run_evidence import Deed, Route
 from observation.evidence.things_over_time import FloorThing, OrderedChange
 from observation.trace.rows import ACTIVITIES
 from observation.view import __main__ as program

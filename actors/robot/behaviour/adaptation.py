@@ -7,7 +7,7 @@ from actors.robot.behaviour.ports import ExchangeSettings, Setting
 
 
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """As the tables of a scenario or of a fleet say it (`deploy.scenario.adaptation_tables`)."""
+    """As the tables of a scenario or of a fleet say it (`deploy.scenario.stack_tables`)."""
 
     settings: dict[str, Setting] = {}
     """The strategy's, by name; what they are, the strategy says itself (`cleaning.settings`)."""

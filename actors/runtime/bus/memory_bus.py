@@ -3,8 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from actors.runtime.bus_interface import Delivery
-from actors.runtime.core import Address
+from actors.runtime.core import Address, Delivery
 from actors.runtime.errors import AcrcError
 from actors.runtime.shell import Shell
 from actors.topic import Message, Topic

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import TOPICS
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
+from actors.runtime.core import Delivery
 from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, Note, read_recording

@@ -4,14 +4,15 @@ import math
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 import zenoh
 
-from actors.runtime.bus_interface import Delivery
-from actors.runtime.core import Address
+from actors.messages import READY
+from actors.runtime.core import Address, Delivery
 from actors.runtime.errors import AcrcError
 from actors.topic import Message, Topic
 
@@ -118,3 +119,82 @@ def _take_leave(session: zenoh.Session) -> None:
 def _close(session: zenoh.Session) -> None:
     with suppress(zenoh.ZError):
         session.close()  # type: ignore[no-untyped-call]
+
+
+class HostRouter:
+    """What a host knows of its link to the world's router."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        """`robot`: any of its robots."""
+        self._session = session
+        self._publisher: Any = session.declare_publisher(READY.key(robot))
+
+    @property
+    def joined(self) -> bool:
+        """True once the world hears what robots say here; before, it would be lost without a word."""
+        return bool(self._publisher.matching_status.matching)
+
+    @property
+    def linked(self) -> bool:
+        """True while there is a link to the world's router."""
+        return bool(self._session.info.routers_zid())
+
+
+@contextmanager
+def open_host_router(
+    config: zenoh.Config, robot: str, between: Callable[[], None] = lambda: None
+) -> Iterator[HostRouter]:
+    """The router of a host; see `open_session`."""
+    with open_session(config, between=between) as session:
+        yield HostRouter(session, robot)
+
+
+class WakingBus:
+    """Publishes and receives over one session. For Linux.
+
+    What arrives beyond QUEUE messages that nobody has taken is dropped and counted: the sender of a flood
+    must not hold up an actor that has a robot to stop.
+    """
+
+    QUEUE: Final = 4096
+
+    def __init__(self, session: zenoh.Session, listens: Sequence[Address]) -> None:
+        self._session = session
+        self._arrived: deque[Delivery] = deque()
+        self._lock = threading.Lock()
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.dropped = 0
+        self._subscribers: list[Any] = [
+            session.declare_subscriber(address.key, self._listener(address.topic)) for address in listens
+        ]
+
+    def fileno(self) -> int:
+        """Readable while something has arrived; for `select`."""
+        return self._wake
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Hand `payload` to everyone who listens to `key`."""
+        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def take(self) -> list[Delivery]:
+        """Everything that has arrived, in its order."""
+        with self._lock:
+            try:
+                os.eventfd_read(self._wake)
+            except BlockingIOError:
+                return []
+            arrived = list(self._arrived)
+            self._arrived.clear()
+        return arrived
+
+    def _listener(self, topic: Topic[Message]) -> Any:
+        def arrive(sample: zenoh.Sample) -> None:
+            delivery = Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
+            with self._lock:
+                if len(self._arrived) >= self.QUEUE:
+                    self.dropped += 1
+                    return
+                self._arrived.append(delivery)
+                os.eventfd_write(self._wake, 1)
+
+        return arrive

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 import msgspec
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle import failure
 
 _MB: Final = 1_000_000
 _STACK: Final = 64 * 1024 * 1024
@@ -65,7 +65,7 @@ def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
     _lower(resource.RLIMIT_DATA, chosen.memory_mb * _MB)
     _lower(resource.RLIMIT_NOFILE, chosen.open_files)
     _lower(resource.RLIMIT_FSIZE, chosen.file_mb * _MB)
-    reserve.keep_room_in_files()
+    failure.keep_room_in_files()
     _lower(resource.RLIMIT_CORE, 0)
     _lower(resource.RLIMIT_STACK, _STACK)  # it is not among the data
     if isolated and hasattr(resource, "RLIMIT_NPROC"):

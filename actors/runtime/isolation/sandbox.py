@@ -19,7 +19,7 @@ import msgspec
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import container, mounts, syscall_filter
 from actors.runtime.lifecycle import keeper, linux
-from actors.runtime.lifecycle.log import write_to
+from actors.runtime.lifecycle.linux import write_to
 
 _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID

@@ -1,9 +1,14 @@
 """How a process that failed says so: the cause in words that can be shown on any terminal."""
 
+import mmap
+import os
+import resource
 import sysconfig
+import tempfile
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -12,7 +17,65 @@ from typing import Final
 import msgspec
 
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.lifecycle import reserve
+
+_MEMORY: Final = 16 * 1024 * 1024
+"""Bytes; own choice: many times what a failure note and the traceback in the log take. It is address space
+until it is used."""
+_DISK: Final = 64 * 1024
+"""Bytes; own choice: the last records of a recording, and the traceback in the log."""
+_DESCRIPTORS: Final = 8
+_MAP_NORESERVE: Final = 0x4000
+"""mmap(2); makes the kernel keep it apart from what lies beside it, so that all of it comes free at once."""
+
+
+class _Held:
+    """The memory, and how each other part is let go."""
+
+    memory: mmap.mmap | None = None
+    others: Final[list[Callable[[], object]]] = []
+
+
+_held: Final = _Held()
+
+
+def hold(folder: Path) -> int:
+    """Hold a reserve, the disk's in `folder`, unless this process does already.
+
+    The descriptor that stands for the room on disk, for a process that closes all others; -1: there is none.
+    What the system does not give is left out.
+    """
+    if _held.memory is not None:
+        return -1
+    with suppress(OSError):
+        _held.memory = mmap.mmap(-1, _MEMORY, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
+    for _ in range(_DESCRIPTORS):
+        with suppress(OSError):
+            _held.others.append(partial(os.close, os.open(os.devnull, os.O_RDONLY)))
+    room = -1
+    with suppress(OSError), tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+        os.posix_fallocate(file.fileno(), 0, _DISK)
+        room = os.dup(file.fileno())
+        _held.others.append(partial(os.ftruncate, room, 0))  # what was forked from this process has it, too
+    return room
+
+
+def keep_room_in_files() -> None:
+    """Hold back a little of what a file of this process may have, if that is limited."""
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    if most != resource.RLIM_INFINITY:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (max(most - _DISK, 0), most))
+        _held.others.append(partial(resource.setrlimit, resource.RLIMIT_FSIZE, (most, most)))
+
+
+def release() -> None:
+    """Let go what is held, if anything; the memory first, for which nothing must be allocated."""
+    if _held.memory is not None:
+        _held.memory.close()
+        _held.memory = None
+    while _held.others:
+        with suppress(OSError, ValueError):  # a strategy may have closed it, or lowered the limit
+            _held.others.pop()()
+
 
 _LIBRARIES: Final = tuple(
     f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
@@ -48,7 +111,7 @@ class FailureNote(msgspec.Struct, frozen=True):
 
 def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
     """The cause, whole, as far as it can be printed; lets the process's reserve go, if it holds one."""
-    reserve.release()
+    release()
     if isinstance(error, AcrcError | TimedOut):
         return FailureNote(actor, step, printable(str(error)), expected=True)
     # what the lack of memory meets on its way up may fail, too: the first one is the cause

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import Final, NoReturn
 
-from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.lifecycle.linux import die_with_parent
 
 _FORWARDED: Final = (
     signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2,

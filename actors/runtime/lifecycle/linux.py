@@ -6,10 +6,15 @@ Each raises OSError with what was tried in its text. Numbers are those of the ke
 
 import contextlib
 import ctypes
+import faulthandler
 import os
+import signal
+import sys
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Final
+from types import FrameType
+from typing import Final, NoReturn
 
 CLONE_NEWNS: Final = 0x0002_0000
 CLONE_NEWCGROUP: Final = 0x0200_0000
@@ -171,3 +176,72 @@ def drop_capabilities() -> None:
     nothing = (ctypes.c_uint32 * 6)()
     _checked(_libc().capset(header, nothing), "capset")
     prctl(_PR_SET_NO_NEW_PRIVS, 1)
+
+
+RESERVE: Final = 8192
+"""Bytes that a log has on the disk behind its end: once that is full, why a process ends still finds room."""
+
+
+def create_log(path: Path) -> int:
+    """A descriptor of a new file to append to; FileExistsError where anything lies there, a link too."""
+    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
+    keep_room(log)
+    return log
+
+
+def keep_room(log: int) -> None:
+    """Have room for so many bytes more again, as lines have used it up; a full disk leaves what there is."""
+    if sys.platform == "linux":
+        with suppress(OSError):  # also a file system that cannot, or no file at all
+            reserve(log, os.fstat(log).st_size + RESERVE)
+
+
+def write_to(log: int) -> None:
+    """Send this process's standard output and error to an open log, from the system's level on."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.dup2(log, 1)
+    os.dup2(log, 2)
+    os.close(log)
+
+
+class Ended(SystemExit):
+    """This process was told to end by SIGTERM, and does so in order."""
+
+
+def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> None:
+    """Get the signal `number` as soon as the parent ends; `parent` is the parent's process id.
+
+    To be called after `isolate`, because a change of user or capabilities clears the setting (prctl(2),
+    PR_SET_PDEATHSIG), and in the thread that lives as long as the process. The parent is held to have ended
+    when the *thread* that started this process ends. On systems other than Linux only a parent that is
+    already gone is noticed.
+    """
+    if sys.platform == "linux":
+        prctl(PR_SET_PDEATHSIG, number)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), number)
+
+
+def leave_in_order() -> None:
+    """Let SIGTERM end this process by Ended, so that sockets, files and sessions are closed."""
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        raise Ended(128 + number)
+
+    signal.signal(signal.SIGTERM, leave)
+
+
+def leave(code: int) -> NoReturn:
+    """End this process now: what threads of a user's own do is not waited for, nor what a full disk keeps."""
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(code)
+
+
+def answer_where() -> None:
+    """From now on SIGUSR1 writes to standard error where this process stands, out of an endless loop, too,
+    and so does a crash, such as an overflow of the stack."""
+    faulthandler.enable(file=2)
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=True)

@@ -1,8 +1,7 @@
 """Recordings: what one process received, sent and noted, in an append-only MCAP file with checksums."""
 
 from actors.runtime.recording.form import LARGE, Direction, Entry, Note, RecordingError, UnwritableError
-from actors.runtime.recording.notes import decoded, read_notes
-from actors.runtime.recording.reading import Reading, read_recording
+from actors.runtime.recording.reading import Reading, decoded, read_notes, read_recording
 from actors.runtime.recording.recorder import Journal, Recorder, Unrecorded
 
 __all__ = [
