@@ -19,7 +19,7 @@ from actors.processes.resource_watch import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Names
-from actors.runtime.lifecycle import linux, process_table, reserve
+from actors.runtime.lifecycle import failure, linux, process_table
 from actors.runtime.lifecycle.failure import FailureNote, failure_note, in_words
 from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
@@ -91,17 +91,17 @@ def hoarding(left_kb: int, name: str) -> None:
 def robot(folder: Path, deed: Deed) -> None:
     """A robot's process: records, does the deed, and reports its failure."""
     with Recorder(folder / "r2.mcap", 100_000) as recorder:
-        reserve.hold(folder)
+        failure.hold(folder)
         try:
             deed()
         except BaseException as error:
-            reserve.release()
+            failure.release()
             tell(recorder, "r2", 20, error)
 
 
 def replay(folder: Path, deed: Deed) -> None:
     """A program that replays, and whose code does the deed."""
-    reserve.hold(folder)
+    failure.hold(folder)
     try:
         deed()
     except Exception as error:
@@ -155,13 +155,13 @@ def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_r
         open_all()
 
     def ends_well() -> None:
-        reserve.hold(tmp_path)
+        failure.hold(tmp_path)
         with suppress(OSError):
             deed()
         with suppress(OSError):
             process_table.table()
             os._exit(71)
-        reserve.release()
+        failure.release()
         assert os.getpid() in process_table.table()
 
     assert in_child(lambda: robot(tmp_path, deed)) == 0
@@ -176,7 +176,7 @@ def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_r
 def fill(folder: Path, limit: Deed) -> None:
     """Record until the disk or the limit refuses more; report the failure."""
     recorder = Recorder(folder / "r2.mcap", 100_000)
-    reserve.hold(folder)
+    failure.hold(folder)
     limit()
     with recorder:
         try:
@@ -221,15 +221,15 @@ def test_a_recording_on_a_disk_that_is_full_has_its_last_record(tmp_path: Path) 
 
 def test_a_reserve_is_held_once_and_released_whole(tmp_path: Path) -> None:
     before = {entry.name for entry in Path("/proc/self/fd").iterdir()}
-    room = reserve.hold(tmp_path)
+    room = failure.hold(tmp_path)
     try:
         assert os.fstat(room).st_blocks * 512 >= 64 * 1024 and list(tmp_path.iterdir()) == []
-        assert reserve.hold(tmp_path) == -1
+        assert failure.hold(tmp_path) == -1
     finally:
-        reserve.release()
+        failure.release()
         os.close(room)
     assert {entry.name for entry in Path("/proc/self/fd").iterdir()} == before
-    reserve.release()
+    failure.release()
     assert failure_note("r2", 3, MemoryError()).cause == "MemoryError"
 
 
