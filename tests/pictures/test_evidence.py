@@ -34,7 +34,7 @@ from observation.evidence import run_evidence, run_reader
 from observation.evidence.run_evidence import EvidenceError, RunEvidence
 from observation.evidence.run_reader import RunReader, read_run
 from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
-from observation.picture import labels, lanes, marks, moving, run_html, run_page, style
+from observation.picture import lanes, marks, moving, run_html, run_page, style
 from observation.picture.floor_picture import meetings
 from observation.recordings.topics import Recorded
 from observation.replay.recorded_orders import GivenOrder
@@ -266,9 +266,9 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
         axes = figure.add_subplot()
         axes.set_xlim(0.0, 10.0)
         axes.set_ylim(0.0, 6.0)
-        labels.settle(figure)
-        crowd = [labels.PointLabel(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
-        left_out = labels.place(axes, [*crowd, labels.PointLabel("far", 1.0, 1.0, "#000000")])
+        marks.settle(figure)
+        crowd = [marks.PointLabel(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
+        left_out = marks.place(axes, [*crowd, marks.PointLabel("far", 1.0, 1.0, "#000000")])
         written = [text for text in axes.texts if text.get_text()]
         placed = [text.get_window_extent() for text in written if isinstance(text, Annotation)]
     assert len(placed) == 21 - left_out and left_out < 10

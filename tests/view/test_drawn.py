@@ -12,7 +12,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from actors.geometry import Point
-from actors.observer import glyphs, screenshot
+from actors.observer import glyphs, viewer
 from actors.observer.sheet import APPLICATION
 from actors.radio.medium.state import Outcome
 from actors.robot.behaviour.foreign import INSTALLED
@@ -189,8 +189,8 @@ def test_the_viewer_shows_everything(folder: Path, computed: None, tmp_path: Pat
     view = tmp_path / "view.rrd"
     draw(read_story(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
     try:
-        shot = screenshot.take(view, 20.0, 1200, 800)
-    except screenshot.ScreenshotError as error:
+        shot = viewer.take(view, 20.0, 1200, 800)
+    except viewer.ScreenshotError as error:
         pytest.skip(f"what a person sees is not looked at: {error}")
     assert {one.name: one.kind for one in shot.views}.items() >= SHOWN.items()
     assert [one for one in shot.views if one.reports] == []
