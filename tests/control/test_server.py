@@ -168,7 +168,12 @@ def test_the_word_of_every_state_can_be_read() -> None:
     told = page_floor.state_colours()
     assert tuple(told) == page_floor.STATES
     for ground, letters in told.values():
-        assert contrast(tuple(bytes.fromhex(ground[1:])), tuple(bytes.fromhex(letters[1:]))) >= 4.5
+        assert contrast(rgb(ground), rgb(letters)) >= 4.5
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
 
 
 Trial = Callable[[Any, Mesh, Any], Awaitable[None]]

@@ -37,7 +37,7 @@ def folder(recorded_run: Path) -> Path:
     return recorded_run
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def strict() -> Iterator[None]:
     """Let rerun raise where it would only warn."""
     rr = pytest.importorskip("rerun")

@@ -4,7 +4,7 @@ from collections import Counter
 from io import BytesIO
 from pathlib import Path
 from shutil import copytree
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -39,6 +39,27 @@ WORLD = {
 INSIDE = {"scan", "particles", "estimate", "costs", "plan", "arc"}
 
 
+class View(NamedTuple):
+    """Everything in the view file of the run, drawn once, and the messages of drawing it."""
+
+    rows: Rows
+    said: list[str]
+
+
+@pytest.fixture(scope="module")
+def view(
+    folder: Path, insides: dict[str, Trace], strict: None, tmp_path_factory: pytest.TempPathFactory
+) -> View:
+    said: list[str] = []
+    path = tmp_path_factory.mktemp("view") / "run.rrd"
+    traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
+        draw(read_story(folder), path, Wishes(why=True), send_to=None, say=said.append)
+    assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
+    return View(rows(path), said)
+
+
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch, insides: dict[str, Trace]) -> None:
     """Robots are looked into once for all tests."""
@@ -56,15 +77,11 @@ def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
 
 
 def test_everything_that_a_person_looks_at_is_in_the_file(
-    folder: Path, evidence: RunEvidence, insides: dict[str, Trace], computed: None, tmp_path: Path
+    folder: Path, evidence: RunEvidence, insides: dict[str, Trace], view: View
 ) -> None:
-    said: list[str] = []
-    path = tmp_path / "run.rrd"
-    draw(read_story(folder), path, Wishes(why=True), send_to=None, say=said.append)
+    found, said = view
     assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
     assert said[-1].endswith("with what 2 robots perceived and meant")
-    assert not path.with_name("run.rrd.part").exists()
-    found = rows(path)
     assert {f"/world/{name}" for name in WORLD} <= set(found)
     assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
     assert {"/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
@@ -116,15 +133,14 @@ def test_layout_and_chosen_robots(folder: Path, computed: None, tmp_path: Path) 
     assert {"/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
 
 
-def test_two_runs_share_a_timeline(folder: Path, computed: None, tmp_path: Path) -> None:
+def test_two_runs_share_a_timeline(folder: Path, view: View, computed: None, tmp_path: Path) -> None:
     copytree(folder, tmp_path / "branch")
     said: list[str] = []
     path = tmp_path / "beside.rrd"
     beside.save((folder, tmp_path / "branch"), Wishes(), path, said.append)
     assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
-    draw(read_story(folder), tmp_path / "one.rrd", Wishes(), send_to=None, say=lambda sentence: None)
-    one, both = rows(tmp_path / "one.rrd"), rows(path)
-    drawn_there = {entity for entity in one if entity != "/__properties"}
+    one, both = view.rows, rows(path)
+    drawn_there = {entity for entity in one if entity != "/__properties" and not entity.startswith("/why/")}
     assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}
     for entity in ("/world/robots/r1", "/inside/r2/scan", "/r1", "/world/radio/losses"):
         whens = [[row.get("sim_time") for row in some] for some in (one[entity], both[f"/2{entity}"])]
