@@ -32,7 +32,7 @@ LONGEST: Final = (
     "failures/test_failures.py",
     "failures/test_kills.py",
     "pictures/test_pictures.py",
-    "onboard/test_live.py",
+    "onboard/test_standstill.py",
     "experiments/test_campaign.py",
     "navigation/test_goals.py",
     "documentation/test_site.py",

@@ -1,18 +1,129 @@
-"""Links, boards and the lines between them in virtual time: for tests and for measuring."""
+"""Radio boards, links and hosts in virtual time."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.beeclick.air import EmulatedAir
+from actors.board_readings import LinkState
+from actors.instant import START, Duration, Instant, milliseconds
+from actors.radio.radio_model import RadioSetup
+from actors.world.physics import SUBSTEP
+from firmware_bridge.beeclick import wire
+from firmware_bridge.beeclick.air import EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.link import BoardLink
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
+from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reception import Event
+from firmware_bridge.beeclick.wire import (
+    SYNC_PATTERN,
+    Answer,
+    Command,
+    PacketSent,
+    SendPacket,
+    SetAddress,
+    SetChannel,
+    SetPower,
+    Synchronise,
+)
 from firmware_bridge.device_lines import CLEAN, Disturbance
+
+SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
+ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
+
+
+def said(parts: Iterable[Answer | bytes]) -> bytes:
+    """What a board says, noise included."""
+    return b"".join(part if isinstance(part, bytes) else wire.encode_answer(part) for part in parts)
+
+
+class Host:
+    """A link and the time; plays both sides."""
+
+    def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
+        self.now = Instant(0)
+        self.link = BoardLink(BoardSettings(0x0103), parameters)
+        self.link.connect(self.now)
+
+    def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:
+        """What follows if the board says that, so many µs later."""
+        self.now = Instant(self.now + after)
+        return self.link.take(self.now, said(parts))
+
+    def due(self) -> bytes:
+        return self.link.due(self.now)
+
+    def commands(self) -> list[Command]:
+        """What the board is told now."""
+        data, found = self.due(), []
+        while data:
+            size = wire.command_size(data)
+            assert size is not None
+            found.append(decoded(data[:size]))
+            data = data[size:]
+        return found
+
+    def get_ready(self) -> "Host":
+        """The exchange at the start."""
+        assert self.due() == SYNC
+        assert self.hear(SYNC_PATTERN) == []
+        assert len(self.commands()) == 3
+        self.hear(*ECHOES)
+        assert self.link.phase is LinkPhase.READY
+        return self
+
+    def send(self, *tags: int) -> list[int]:
+        """Send packets, one per tag, and give the board what it takes; the packets' numbers."""
+        for tag in tags:
+            assert self.link.send(self.now, tag, bytes([tag] * 3)) == []
+        return [command.number for command in self.commands() if isinstance(command, SendPacket)]
+
+
+def confirm(number: int, failed: bool = False) -> PacketSent:
+    return PacketSent(number, failed)
+
+
+def states(events: Iterable[Event]) -> list[LinkState]:
+    """That a board is up, or down."""
+    return [event for event in events if isinstance(event, LinkState)]
+
+
+def causes(events: Iterable[Event]) -> list[str]:
+    """Why it was down each time."""
+    return [state.cause for state in states(events) if not state.up]
+
+
+def boards(count: int, spacing: float = 2.0) -> EmulatedAir:
+    """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
+    addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
+    where = air(RadioSetup(1, SUBSTEP, addresses, "beeclick"))
+    for _ in addresses:
+        where.add(EmulatedBoard(where, START))
+    where.place(START, [standing(number * spacing, 0.0) for number in range(count)])
+    return where
+
+
+def standing(x: float, y: float) -> State:
+    """The state of what stands there, m."""
+    return (x, y, 0.0, 0.0, 0.0, 0.0)
+
+
+def decoded(data: bytes) -> Command:
+    """The command of all these bytes."""
+    match data[0]:
+        case 0:
+            return Synchronise()
+        case 1:
+            return SendPacket(int.from_bytes(data[2:6], "little"), data[6:])
+        case 2:
+            return SetChannel(data[1])
+        case 3:
+            return SetPower(int.from_bytes(data[1:], "little", signed=True))
+        case _:
+            return SetAddress(int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:], "little"))
+
 
 _KEPT: Final = 100_000
 """Events of a desk; older ones are forgotten."""
@@ -29,8 +140,6 @@ class Desk:
     to_host: Disturbance = CLEAN
     plugged: bool = True
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=_KEPT))
-    written: int = 0
-    """Bytes, by the host."""
     come: int = 0
     """Bytes, to the host."""
 
@@ -42,7 +151,6 @@ class Desk:
         self.come += len(come)
         self.events.extend(self.link.take(now, come))
         if out := self.link.due(now):
-            self.written += len(out)
             self.board.take(now, self.to_board.apply(out, rng))
 
     def send(self, now: Instant, tag: int, data: bytes) -> None:
@@ -54,31 +162,15 @@ class Desk:
         self.plugged = False
         self.events.extend(self.link.lost(now))
 
-    def plug(self, now: Instant) -> None:
-        """Put it in again."""
-        self.plugged = True
-        self.link.connect(now)
-
-    def of(self, *kinds: type[Event]) -> list[Event]:
-        """The events of these kinds."""
-        return [event for event in self.events if isinstance(event, kinds)]
-
 
 class Lab:
     """Desks in one room; hosts look after their lines at fixed times."""
 
-    def __init__(
-        self,
-        air: EmulatedAir,
-        desks: Sequence[Desk],
-        rng: np.random.Generator,
-        poll: Duration = _POLL,
-    ) -> None:
+    def __init__(self, air: EmulatedAir, desks: Sequence[Desk], rng: np.random.Generator) -> None:
         self.now = Instant(0)
         self.desks = desks
         self._air = air
         self._rng = rng
-        self._poll = poll
         for desk in desks:
             desk.link.connect(self.now)
 
@@ -86,7 +178,7 @@ class Lab:
         """Let so much time pass."""
         until = self.now + duration
         while self.now < until:
-            self.now = Instant(min(self.now + self._poll, until))
+            self.now = Instant(min(self.now + _POLL, until))
             self._air.advance(self.now)
             for desk in self.desks:
                 desk.serve(self.now, self._rng)

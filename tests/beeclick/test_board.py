@@ -1,22 +1,35 @@
-"""The emulated board: synchronisation, its two rings, packets, settings, sensors."""
+"""Bytes of the board's messages; emulated boards alone and with links on their lines; the port of a board."""
 
+import os
+import pty
+import tty
 from dataclasses import replace
+from functools import reduce
+from operator import xor
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from actors.bounds import ParameterError
 from actors.ieee802154 import TURNAROUND_NS
 from actors.instant import START, Instant, milliseconds, seconds
-from actors.radio.frame import DataFrame, airtime_us
+from actors.radio.frame import DataFrame, airtime_us, link_qualities, rssi_codes, rssi_dbm, strengths_dbm
 from actors.radio.medium.state import Cca
 from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
+from firmware_bridge.beeclick.parameters import BoardSettings, power_setting, radiated
+from firmware_bridge.beeclick.reception import PacketEnd, parse_rmc
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,
     Command,
     Moisture,
+    NoiseError,
     Notes,
     PacketSent,
     ReceivedPacket,
@@ -29,19 +42,201 @@ from firmware_bridge.beeclick.wire import (
     Synchronised,
     Warmth,
     byte_time,
+    bytes_in,
 )
-from tests.beeclick.hosts import standing
+from firmware_bridge.serial_port import BoardPort, PortError
+from tests.beeclick.lab import Desk, Lab, standing
+from tests.beeclick.lab import boards as row_of_boards
+
+COMMANDS: list[tuple[str, Command]] = [
+    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronise()),
+    ("01 02 04 03 02 01 aa bb", SendPacket(0x01020304, b"\xaa\xbb")),
+    ("01 00 ff ff ff ff", SendPacket(0xFFFFFFFF, b"")),
+    ("02 0f", SetChannel(15)),
+    ("03 9c ff", SetPower(-100)),
+    ("03 95 fe", SetPower(-363)),
+    ("04 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
+]
+ANSWERS: list[tuple[str, Answer]] = [
+    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronised()),
+    (
+        "01 02 ba ba 02 01 90 ff 12 34 68 69",
+        ReceivedPacket(0xBABA, 0x0102, rssi_code=0x90, lqi=0xFF, fcs=0x3412, data=b"hi"),
+    ),
+    ("02 04 03 02 01 00", PacketSent(0x01020304, failed=False)),
+    ("03 00", SetChannel(0)),
+    ("04 95 fe", SetPower(-363)),
+    ("05 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
+    ("06 08 24 47 50 52 4d 43 2c 56", Sentence(b"$GPRMC,V")),
+    ("07 04 c2 b0 43 0a", Notes("°C\n".encode())),
+    ("08 d7 00", Warmth(215)),
+    ("09 ec ff", Moisture(-20)),
+]
+
+
+@pytest.mark.parametrize(("text", "command"), COMMANDS)
+def test_a_command_is_these_bytes(text: str, command: Command) -> None:
+    data = bytes.fromhex(text)
+    assert wire.encode_command(command) == data
+    assert wire.command_size(data) == len(data)
+
+
+@pytest.mark.parametrize(("text", "answer"), ANSWERS)
+def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
+    data = bytes.fromhex(text)
+    assert wire.encode_answer(answer) == data
+    assert wire.read_answer(data, 0, len(data)) == (answer, len(data))
+    assert wire.read_answer(b"\xff" + data + b"\xff", 1, len(data) + 1) == (answer, len(data) + 1)
+    for end in range(len(data)):
+        assert wire.read_answer(data, 0, end) is None
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        (SendPacket(0, bytes(119)), "the length of SendPacket.data is 119, but must be from 0 to 118"),
+        (SendPacket(1 << 32, b""), "SendPacket.number is 4294967296, but must be from 0 to 4294967295"),
+        (SetChannel(16), "SetChannel.code is 16, but must be from 0 to 15"),
+        (SetPower(1), "SetPower.tenths_db is 1, but must be from -363 to 0"),
+        (SetAddress(0x10000, 0), "SetAddress.pan is 65536, but must be from 0 to 65535"),
+    ],
+)
+def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentence: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        wire.encode_command(command)
+    assert str(caught.value) == sentence
+    with pytest.raises(ParameterError, match=r"the length of Notes\.text is 256, but must be from 0 to 255"):
+        wire.encode_answer(Notes(b"x" * 256))
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("0a", "unknown_type"),
+        ("00 49", "bad_pattern"),
+        ("01 77", "bad_length"),
+        ("02 00 00 00 00 02", "bad_status"),
+        ("03 10", "bad_channel"),
+        ("04 01 00", "bad_power"),
+        ("06 08 24 47 50 47", "bad_text"),
+        ("07 01 c2", "bad_text"),
+        ("08 72 fe", "bad_temperature"),
+        ("08 0d 18", "bad_temperature"),
+    ],
+)
+def test_noise_is_recognised_by_its_last_byte(text: str, cause: str) -> None:
+    data = bytes.fromhex(text)
+    with pytest.raises(NoiseError, match=f"^{cause}$"):
+        wire.read_answer(data, 0, len(data))
+    assert wire.read_answer(data, 0, len(data) - 1) is None
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
+    try:
+        one = wire.read_answer(data, 0, len(data))
+    except NoiseError:
+        return
+    if one is not None:
+        answer, end = one
+        assert wire.encode_answer(answer) == data[:end]
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"address": 0xFFFE}, "board.address is 65534, but must be from 0 to 65533"),
+        ({"address": 1, "pan": 0xFFFF}, "board.pan is 65535, but must be from 0 to 65534"),
+        ({"address": 1, "channel": 10}, "board.channel is 10, but must be from 11 to 26"),
+        ({"address": 1, "power_dbm": -12}, "board.power_dbm is -12, but must be 0, -0.5 or -6.3 dBm, or"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ParameterError, match=f"^{sentence}"):
+        BoardSettings(**settings)  # type: ignore[arg-type]
+
+
+def test_the_line_takes_ten_bits_a_byte() -> None:
+    assert byte_time(0) == 0
+    assert byte_time(921_600) == 10_000_000
+    assert byte_time(1) == 11  # 10.85
+    for count in range(500):
+        assert bytes_in(byte_time(count)) == count
+        assert bytes_in(byte_time(count) - 1) == max(count - 1, 0)
+
+
+def sentence(body: str) -> bytes:
+    return f"${body}*{reduce(xor, body.encode()):02X}".encode()
+
+
+FIX = "GPRMC,123519.50,A,5005.2460,N,01425.1230,E,000.0,084.4,230614,,"
+
+
+def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
+    position = parse_rmc(sentence(FIX))
+    assert position is not None
+    assert position.valid
+    assert position.latitude == pytest.approx(50.087433333333334)
+    assert position.longitude == pytest.approx(14.418716666666667)
+    south = parse_rmc(sentence("GPRMC,000000,A,3351.0000,S,15112.0000,W,0,0,010100"))
+    none = parse_rmc(sentence("GPRMC,,V,,,,,,,,,,N"))
+    assert none is not None and (none.valid, none.latitude, none.longitude) == (False, None, None)
+    assert south is not None and (south.latitude, south.longitude) == (-33.85, -151.2)
+
+
+@pytest.mark.parametrize(
+    ("part", "wrong"),
+    [
+        ("GPRMC", "GPGGA"), (",A,", ",B,"), ("5005.2460", ""), ("5005.2460", "50052460"),
+        ("5005.2460", "5060.0000"), ("5005.2460", "9000.0001"), (",N,", ",X,"), ("01425.1230", "1425.1230"),
+        ("01425.1230", "18000.1000"), (FIX, "GPRMC,123519,A"),
+    ],
+)  # fmt: skip
+def test_a_sentence_with_a_wrong_part_is_no_fix(part: str, wrong: str) -> None:
+    assert parse_rmc(sentence(FIX.replace(part, wrong))) is None
+    assert parse_rmc(sentence(FIX)[:-2] + b"00") is None
+
+
+@given(st.binary(max_size=100))
+def test_junk_is_no_fix(text: bytes) -> None:
+    assert parse_rmc(b"$GPRMC," + text) is parse_rmc(text) is None
+
+
+def test_code_and_dbm_agree_to_half_a_code() -> None:
+    table = {0: -90, 5: -87, 37: -80, 89: -70, 138: -60, 193: -50, 239: -40, 255: -35}
+    assert {code: rssi_dbm(code) for code in table} == table
+    dbm = np.arange(-900, -350) / 10
+    codes = rssi_codes(dbm)
+    assert np.abs(strengths_dbm(codes) - dbm).max() <= 0.51
+    assert strengths_dbm(codes).tolist() == [rssi_dbm(code) for code in codes.tolist()]
+    values = [rssi_dbm(code) for code in range(256)]
+    assert values == sorted(set(values)) and values[41] == pytest.approx(-80 + 4 / 6)
+    assert rssi_codes(np.array(values)).tolist() == list(range(256))
+    assert rssi_codes(np.array([-np.inf, -120.0, 10.0])).tolist() == [0, 0, 255]
+
+
+def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
+    made = {-4: 0, -6: -5, -7: -63, -12: -63, -99: -63, -100: -100, -120: -163, -300: -300}
+    assert {asked: radiated(asked) for asked in made} == made
+    right = [asked for asked in range(-363, 1) if radiated(asked) == asked]
+    assert right == sorted(-10 * large - small for large in (0, 10, 20, 30) for small in (0, 5, 63))
+    assert [power_setting(asked / 10) for asked in right] == right
+
+
+def test_link_quality_grows_from_the_weakest_frame_over_twenty_decibels() -> None:
+    dbm = np.array([-120.0, -96.0, -86.0, -76.0, -30.0])
+    assert link_qualities(dbm, -96.0).tolist() == [0, 0, 128, 255, 255]
 
 
 class Bench:
     """A board whose host the test plays, alone on the medium unless others are put there."""
 
-    def __init__(self, boards: int = 1, csma: bool = False, distance: float = 2.0) -> None:
+    def __init__(self, boards: int = 1, distance: float = 2.0) -> None:
         self.now = START
         model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
-        if not csma:  # a frame begins when the chip has it, but for the turnaround
-            at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
-            model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
+        # a frame begins when the chip has it, but for the turnaround
+        at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
+        model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
         self.air = EmulatedAir(range(1, boards + 1), lambda channel: model, 1)
         self.boards = [EmulatedBoard(self.air, START) for _ in range(boards)]
         for board in self.boards:
@@ -74,13 +269,6 @@ class Bench:
         self.boards[board].run(self.now)
 
 
-def packets(count: int, size: int = 10) -> list[Command]:
-    return [SendPacket(number, bytes([number]) * size) for number in range(count)]
-
-
-# --- in and out of step ----------------------------------------------------------------------------------
-
-
 def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
     bench = Bench()
     bench.tell(SetAddress(1, 2), SetChannel(3))
@@ -99,21 +287,10 @@ def test_a_stray_zero_makes_it_miss_a_sync_and_filler_helps() -> None:
 
 def test_filler_ends_any_command_that_it_believes_to_be_in() -> None:
     bench = Bench()
-    for begun in (
-        b"\x01",
-        b"\x01\xff",
-        b"\x01\x76" + bytes(50),
-        b"\x02",
-        b"\x03\x00",
-        b"\x04\x01",
-        b"\x00He",
-    ):
+    for begun in (b"\x01\xff", b"\x01\x76" + bytes(50), b"\x02", b"\x03\x00", b"\x04\x01", b"\x00He"):
         bench.sync()
         bench.tell(begun, b"\xff" * 261, Synchronise())
         assert bench.wait(60_000).endswith(SYNC_PATTERN), begun
-
-
-# --- the rings -------------------------------------------------------------------------------------------
 
 
 def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
@@ -140,9 +317,6 @@ def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
     assert bench.said() == [Synchronised()]
 
 
-# --- packets ---------------------------------------------------------------------------------------------
-
-
 def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
     bench = Bench()
     bench.sync()
@@ -165,16 +339,13 @@ def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
     assert [b.counters["heard"] for b in bench.boards] == [1, 0, 0, 0]  # 2: channel, 3: 100 m
 
 
-@pytest.mark.parametrize(("asked", "dbm"), [(-100, -10.0), (-120, -16.3), (-7, -6.3), (-4, 0.0)])
+@pytest.mark.parametrize(("asked", "dbm"), [(-100, -10.0), (-7, -6.3)])
 def test_the_power_echo_is_what_was_asked_for_not_what_is_sent(asked: int, dbm: float) -> None:
     bench = Bench()
     bench.sync()
     bench.tell(SetPower(asked))
     assert bench.said() == [SetPower(asked)]
     assert bench.board.power_dbm == dbm
-
-
-# --- the rest --------------------------------------------------------------------------------------------
 
 
 def test_sensors_speak_in_pairs() -> None:
@@ -213,7 +384,7 @@ def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     bench.sync()
     bench.tell(SetAddress(0xBABA, 5), SetChannel(0))
     bench.said()
-    bench.tell(*packets(3, size=118))
+    bench.tell(*(SendPacket(number, bytes(118)) for number in range(3)))
     bench.wait(3_000)
     bench.board.reboot(bench.now)
     assert (bench.board.pan, bench.board.address, bench.board.channel) == (0, 0, 0)
@@ -221,3 +392,53 @@ def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     assert bench.said(seconds(1.3)) == []
     assert bench.boards[1].counters["heard"] == 0  # what was in the air was cut off
     assert bench.said(seconds(0.1)) == [Warmth(215)]
+
+
+def lab(boards: int) -> Lab:
+    air = row_of_boards(boards)
+    desks = []
+    for number, board in enumerate(air.devices):
+        assert isinstance(board, EmulatedBoard)
+        desks.append(Desk(BoardLink(BoardSettings(number + 1)), board))
+    return Lab(air, desks, np.random.default_rng(1))
+
+
+def ends(desk: Desk) -> list[tuple[str, int]]:
+    return [(type(e).__name__, e.tag) for e in desk.events if isinstance(e, PacketEnd)]
+
+
+def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
+    for delay in range(0, 400, 80):
+        room = lab(1)
+        (desk,) = room.desks
+        room.run(milliseconds(50))
+        desk.board.reboot(room.now)
+        room.run(milliseconds(1_700 + delay))
+        desk.board.press(room.now)
+        room.run(seconds(3))
+        assert not desk.board.hung
+        assert desk.link.phase is LinkPhase.READY
+
+
+def test_writing_does_not_wait_and_loses_nothing_until_the_port_is_unplugged() -> None:
+    board, host = pty.openpty()
+    tty.setraw(host)
+    path, data = os.ttyname(host), os.urandom(200_000)
+    os.close(host)
+    with BoardPort(path) as port:
+        assert port.read() == b""
+        os.write(board, bytes(range(256)))
+        assert port.read() == bytes(range(256))
+        port.write(data)
+        assert not port.is_idle
+        got = bytearray()
+        while len(got) < len(data):
+            got += os.read(board, 65_536)
+            port.write(b"")
+        assert port.is_idle and bytes(got) == data
+        os.close(board)
+        gone = f"{path}: the BEE-click board has gone while in use"
+        with pytest.raises(PortError, match=rf"^{gone} \(end of file\); plug its USB cable in again$"):
+            port.read()
+        with pytest.raises(PortError, match=rf"^{gone} \(EIO\); plug its USB cable in again$"):
+            port.write(b"x")

@@ -7,7 +7,7 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from observation.results.result import RunResult
-from tests.field_trial.runs import CROWD, run
+from tests.field_trial.runs import CROWD, clock, copies, run
 
 
 class Run(NamedTuple):
@@ -28,3 +28,9 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("crowd")
     (folder / "crowd.toml").write_text(CROWD)
     return Run(folder / "out", run(folder / "crowd.toml", folder / "out", 60.0))
+
+
+@pytest.fixture
+def far(head_on: Run, tmp_path: Path) -> Path:
+    """Copies of the recordings of both robots of `head_on`."""
+    return copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})

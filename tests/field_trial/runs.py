@@ -1,15 +1,103 @@
-"""Simulated runs to collect again, made once for all tests, and their rewritten copies."""
+"""Simulated runs to collect, and their recordings rewritten as with other clocks."""
 
 import csv
+import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import msgspec
+import numpy as np
+
 from actors.installation.repository import REPOSITORY
+from actors.messages import Drive, Heard, RadioEvent, Received, Senses, Sent, Transmit
+from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.codec import decode, encode
+from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.process import FinalNote, RunNote
+from actors.runtime.recording import Entry, Note, Recorder, read_recording
+from actors.topic import Message
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.results.result import RunResult
-from tests.field_trial.rewriting import Clock, rewrite
+
+Clock = Callable[[int], int]
+_NOTES = {"run": RunNote, "final": FinalNote, "failure": FailureNote}
+
+
+def clock(offset_us: int = 0, drift_ppm: float = 0.0) -> Clock:
+    """What a clock shows when it is `instant`."""
+    return lambda instant: instant + offset_us + round(instant * drift_ppm / 1e6)
+
+
+def noise(seed: int, spread_us: float) -> Callable[[], int]:
+    """How much too late a stamp is: 1 ms, and with exponential noise on top."""
+    generator = np.random.default_rng(seed)
+    return lambda: 1000 + int(generator.exponential(spread_us))
+
+
+def rewrite(
+    source: Path,
+    target: Path,
+    clocks: dict[str, Clock],
+    *,
+    late: Callable[[], int] = lambda: 0,
+    bridge: Clock | None = None,
+    keep: Callable[[Entry | Note], bool] = lambda item: True,
+) -> None:
+    """Copy a recording with every instant of a robot's messages as its clock in `clocks` shows it.
+
+    `late` is added to the stamps of the radio; `bridge`: the clock of these stamps, if it is another one.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with Recorder(target, 100_000) as recorder:
+        step = 0
+        for item in read_recording(source):
+            if not keep(item):
+                continue
+            if isinstance(item, Note):
+                recorder.note(item.name, msgspec.json.decode(item.json, type=_NOTES[item.name]))
+                continue
+            robot = item.key.split("/")[2] if item.key.count("/") == 3 else ""
+            if item.payload is None or robot not in clocks:
+                continue
+            own = clocks[robot]
+            message = decode(topic_of(item.key), item.key, item.payload)
+            payload = encode(_moved(message, own, bridge or own, late))
+            if item.step != step:
+                recorder.flush()
+                step = item.step
+            if item.direction == "in":
+                recorder.received(item.key, item.step, item.sequence, payload)
+            else:
+                recorder.sent(item.key, item.step, item.sequence, payload, hashlib.sha256(payload).digest())
+
+
+def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int]) -> Message:
+    replace = msgspec.structs.replace
+    match message:
+        case Senses():
+            return replace(message, instant=own(message.instant))
+        case Drive():
+            return replace(
+                message,
+                reports=tuple(replace(one, instant=own(one.instant)) for one in message.reports),
+                given_up=tuple(replace(one, instant=own(one.instant)) for one in message.given_up),
+            )
+        case Transmit():
+            return replace(
+                message, frames=tuple(replace(one, instant=own(one.instant)) for one in message.frames)
+            )
+        case Received():
+            return replace(message, events=tuple(_stamped(one, bridge, late) for one in message.events))
+        case _:
+            return message
+
+
+def _stamped(event: RadioEvent, bridge: Clock, late: Callable[[], int]) -> RadioEvent:
+    more = late() if isinstance(event, Heard | Sent) else 0
+    return msgspec.structs.replace(event, instant=bridge(event.instant) + more)
+
 
 CROWD = f"""
 map = "{REPOSITORY / "maps" / "corridor.yaml"}"

@@ -101,7 +101,7 @@ def chain(robots: int) -> frozenset[tuple[int, int]]:
     ids=["exponential", "two robots", "4 s", "chain", "one way"],
 )
 def test_the_stated_error_covers_the_truth_in_95_percent_of_seeds(air: Air) -> None:
-    seeds, covered = 60, 0
+    seeds, covered = 24, 0
     for seed in range(seeds):
         one = replace(air, seed=seed)
         alignment = align(one.frames(), one.robots, DEFAULTS)
@@ -116,18 +116,18 @@ def told(fit: Fit, instant: int) -> float:
 
 def test_so_it_does_where_robots_are_unequally_late() -> None:
     covered, scattered = 0, 0
-    for seed in range(100):
+    for seed in range(40):
         air = Air(seed, robots=4, duration_s=30.0, unlike_us=DEFAULTS.unlike_us / math.sqrt(2))
         alignment = align(air.frames(), 4, DEFAULTS)
         covered += all(error <= bound for error, bound in air.errors(alignment))
         scattered += all(error <= bound for error, bound in air.errors(alignment, told))
-    assert covered >= 95 > scattered
+    assert covered >= 38 > scattered
 
 
 def test_the_stated_error_is_not_idle() -> None:
     """Of 60 s at 2 ms of noise: within a millisecond, and the errors reach a good part of it."""
     pairs = [
-        pair for seed in range(30) for pair in Air(seed).errors(align(Air(seed).frames(), 3, DEFAULTS), told)
+        pair for seed in range(12) for pair in Air(seed).errors(align(Air(seed).frames(), 3, DEFAULTS), told)
     ]
     errors, bounds = np.array(pairs).T
     assert np.median(bounds) < 1200.0
@@ -151,16 +151,12 @@ def test_a_lag_of_one_kind_of_stamp_is_told_from_an_offset_where_both_hear() -> 
 def test_a_tenth_of_wild_stamps_does_no_harm() -> None:
     generator = np.random.default_rng(5)
     air = Air(5)
-    frames = [
-        frame._replace(stamps=(*frame.stamps[:-1], wild(frame.stamps[-1], generator)))
-        for frame in air.frames()
-    ]
+    frames = []
+    for frame in air.frames():
+        *others, last = frame.stamps
+        late = last._replace(instant=last.instant + 300_000 * (generator.uniform() < 0.1))
+        frames.append(frame._replace(stamps=(*others, late)))
     assert all(error <= min(bound, 3000.0) for error, bound in air.errors(align(frames, 3, DEFAULTS)))
-
-
-def wild(stamp: Stamp, generator: np.random.Generator) -> Stamp:
-    late = 300_000 if generator.uniform() < 0.1 else 0
-    return stamp._replace(instant=stamp.instant + late)
 
 
 def test_clocks_without_a_common_frame_are_groups_of_their_own() -> None:

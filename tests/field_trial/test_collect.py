@@ -1,22 +1,26 @@
-"""Recordings with clocks of their own give the result of the simulated run; truth of a laboratory."""
+"""Recordings with clocks of their own give the result of the simulated run; wrong input is named."""
 
-from collections.abc import Iterator
+import shutil
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
+from actors.messages import DRIVE, MESSAGE_VERSION, Drive
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
+from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_recording, recorder
 from actors.task.referee import PlaceOutcome
 from deploy.fleet.collect import collect
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from observation.field_trial.recordings import FieldTrialError
 from observation.field_trial.trial_result import TrialResult
 from tests.field_trial.conftest import Run
-from tests.field_trial.rewriting import Clock, clock, noise, rewrite
-from tests.field_trial.runs import copies, table
+from tests.field_trial.runs import Clock, clock, copies, noise, rewrite, table
 from tests.swarm.command import acrc
 
 EPOCH = 1_700_000_000_000_000
@@ -29,12 +33,8 @@ def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_pa
     for name in ("robots", "places_total", "places_claimed", "places_given_up", "places_lost", "completion_s",
                  "settled_s", "last_reached_s", "radio_bytes_per_robot_s", "deeco"):  # fmt: skip
         assert getattr(ours, name) == getattr(truth, name), name
-    assert (ours.duration_s, ours.places_done, ours.contacts, ours.notes) == (
-        truth.simulated_s,
-        None,
-        None,
-        (),
-    )
+    assert (ours.duration_s, ours.notes) == (truth.simulated_s, ())
+    assert ours.places_done is ours.contacts is None
     for name in ("frames_sent", "bytes_sent", "copies_heard"):
         assert ours.frames[name] == truth.frames[name]
     for row, true in zip(
@@ -106,12 +106,8 @@ def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run,
         return isinstance(item, Note) or ("received" not in item.key and "transmit" not in item.key)
 
     rewrite(head_on.out / "r1" / "r1.mcap", tmp_path / "r1" / "r1.mcap", {"r1": clock(EPOCH)})
-    rewrite(
-        head_on.out / "r2" / "r2.mcap",
-        tmp_path / "r2" / "r2.mcap",
-        {"r2": clock(EPOCH + 2_000_000)},
-        keep=keep,
-    )
+    own = {"r2": clock(EPOCH + 2_000_000)}
+    rewrite(head_on.out / "r2" / "r2.mcap", tmp_path / "r2" / "r2.mcap", own, keep=keep)
     ours = collect([tmp_path])
     (r2,) = ours.per_robot["r2"].clock
     assert (r2.error_s, r2.surely_within_s, r2.from_s, r2.frames) == (None, None, 2.0, 0)
@@ -122,12 +118,11 @@ def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run,
 
 
 @pytest.mark.parametrize("share", [0.2, 0.93])
-def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, tmp_path: Path, share: float) -> None:
-    copies(head_on.out, tmp_path, {"r1": clock(), "r2": clock()})
-    path = tmp_path / "r2" / "r2.mcap"
+def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, far: Path, share: float) -> None:
+    path = far / "r2" / "r2.mcap"
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
-    ours = collect([tmp_path])
+    ours = collect([far])
     (report,) = ours.per_robot["r2"].recordings
     steps = report.steps
     whole = 10 * head_on.result.simulated_s
@@ -182,14 +177,13 @@ def test_large_messages_come_from_whoever_received_them(
     assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s
 
 
-def test_the_lateness_is_that_of_the_robots_base(head_on: Run, tmp_path: Path) -> None:
-    copies(head_on.out, tmp_path, {"r1": clock(), "r2": clock()})
+def test_the_lateness_is_that_of_the_robots_base(head_on: Run, far: Path) -> None:
     for start, lateness in (("r2.base", {"2": 90, "7": 8}), ("r2.base.1", {"3": 1, "45": 1})):
-        write_base(tmp_path / "r2.base" / f"{start}.mcap", head_on.out, lateness)
-    whole = collect([tmp_path]).per_robot
+        write_base(far / "r2.base" / f"{start}.mcap", head_on.out, lateness)
+    whole = collect([far]).per_robot
     assert (whole["r2"].lateness_p50_ms, whole["r2"].lateness_p99_ms, whole["r2"].overruns) == (2, 7, 6)
     assert (whole["r1"].lateness_p50_ms, whole["r1"].overruns) == (None, None)
-    assert collect([tmp_path / "r1", tmp_path / "r2"]).per_robot["r2"] == whole["r2"]  # what lies beside
+    assert collect([far / "r1", far / "r2"]).per_robot["r2"] == whole["r2"]  # what lies beside
 
 
 def write_base(path: Path, run: Path, lateness: dict[str, int]) -> None:
@@ -207,14 +201,8 @@ def write_base(path: Path, run: Path, lateness: dict[str, int]) -> None:
         recorder.note("final", final)
 
 
-def rows(ours: Path, simulated: Path) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
-    """Of both tables, one beside the other."""
-    return zip(table(ours / "places.csv"), table(simulated / "places.csv"), strict=True)
-
-
 def assert_same_table(ours: Path, simulated: Path, within_s: float) -> None:
-    """Who said what of which place, and when."""
-    for row, true in rows(ours, simulated):
+    for row, true in zip(table(ours / "places.csv"), table(simulated / "places.csv"), strict=True):
         assert {name: row[name] for name in TOLD} == {name: true[name] for name in TOLD}
         for name in ("reported_s", "given_up_s"):
             assert bool(row[name]) == bool(true[name])
@@ -228,20 +216,11 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     said = acrc("fleet", "collect", tmp_path / "far", "--out", tmp_path / "out")
     assert (said.returncode, said.stderr) == (0, "")
     lines, frames = said.stdout.splitlines(), head_on.result.frames
-    sent, heard = frames["frames_sent"], frames["copies_heard"]
-    assert lines[-3:] == [
-        f"{head_on.result.simulated_s:g} s from the first step of all to the last",
-        f"radio: frames handed {sent}, frames sent {sent}, copies heard {heard}, "
-        f"bytes sent {frames['bytes_sent']}",
-        f"written to {tmp_path / 'out'}",
-    ]
+    assert lines[-1] == f"written to {tmp_path / 'out'}"
     cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
-    clocks, of = {"r1": "itself", "r2": r"+2.5000 s ± "}, head_on.result.frames_by_robot
-    for row, (robot, clock_said) in zip(cells, clocks.items(), strict=False):
-        done_s = head_on.result.per_robot[robot].completion_s
-        counted = (str(of[robot]["frames_sent"]), str(of[robot]["copies_heard"]))
-        assert row[:5] == [robot, "3 of 3", f"{done_s:.1f} s", *counted] and row[5].startswith(clock_said)
-    assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", str(sent), str(heard)]
+    counted = [str(frames["frames_sent"]), str(frames["copies_heard"])]
+    assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", *counted]
+    assert cells[1][:2] == ["r2", "3 of 3"] and cells[1][5].startswith("+2.5000 s ± ")
     done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
     result = msgspec.json.decode(done.stdout, type=TrialResult)
     assert (result.places_claimed, result.out, done.stderr) == (6, None, "")
@@ -301,10 +280,115 @@ def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path)
     assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
 
 
-def test_another_field_trials_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:
-    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+def test_another_field_trials_truth_is_one_sentence(head_on: Run, far: Path, tmp_path: Path) -> None:
     with pytest.raises(FieldTrialError, match="--truth: the laboratory began 1699999995 s after the field"):
         collect([far], None, laboratory(head_on, tmp_path / "result.json"))
     (tmp_path / "junk.json").write_text("{}")
     with pytest.raises(FieldTrialError, match=r"/junk\.json is no result of a laboratory: began_us is"):
         collect([far], None, tmp_path / "junk.json")
+
+
+def sentence(*folders: Path, out: Path | None = None) -> str:
+    with pytest.raises(AcrcError) as error:
+        collect(folders, out)
+    return str(error.value)
+
+
+def test_folders_that_make_no_field_trial_are_refused(head_on: Run, crowd: Run, tmp_path: Path) -> None:
+    gone, bare, world = tmp_path / "gone", tmp_path / "bare", tmp_path / "no" / "world"
+    bare.mkdir()
+    shutil.copytree(head_on.out / "world", world)
+    one = copies(head_on.out, tmp_path / "one", {"r1": clock(), "r2": clock()})
+    two = copies(head_on.out, tmp_path / "two", {"r2": clock()})
+    later = copies(crowd.out, tmp_path / "later", {"r2": clock(86_400_000_000)})
+    assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
+    assert sentence(bare) == f"{bare}: no recording in it; there should be *.mcap or */*.mcap"
+    assert sentence(world.parent) == f"{world.parent}: no robot's recording in there, such as r2.mcap"
+    assert f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0" in sentence(
+        one, two
+    )
+    assert "no frame connects their recordings" in sentence(one / "r1", later)
+    assert (
+        sentence(head_on.out, out=one) == f"--out: {one} exists and is not an empty folder; must be a new one"
+    )
+    assert collect([one, one / "r2"]).robots == 2, "the same file twice is one"
+
+
+def test_junk_beside_recordings_and_impossible_instants_are_named_and_left_out(
+    head_on: Run, tmp_path: Path
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock(1 << 61)})
+    (far / "r1" / "a.mcap").write_bytes(b"anything")
+    (far / "r1" / "empty.mcap").touch()
+    ours = collect([far])
+    assert ours.notes[:3] == (
+        f"{far}/r1/a.mcap: not a recording of this project, or damaged at its start",
+        f"{far}/r1/empty.mcap: ends before its first record, or is no actor's recording; left out",
+        f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what "
+        "comes before is taken",
+    )
+
+
+def test_a_robots_file_cut_before_its_first_step_counts_for_nothing(far: Path) -> None:
+    path = far / "r2" / "r2.mcap"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.index(b"swarm/")])
+    ours = collect([far])
+    assert ours.per_robot["r2"].clock == () and ours.per_robot["r2"].recordings[0].steps == 0
+    assert ours.notes[0] == (
+        f"{path}: cut short before its first step, without a last record, as by switching off"
+    )
+    path.unlink()
+    (far / "r1" / "r1.mcap").write_bytes(whole[: whole.index(b"swarm/")])
+    assert sentence(far) == f"{far}/r1/r1.mcap: no robot has taken a step in there"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_damage_anywhere_is_a_sentence_at_most(far: Path, seed: int) -> None:
+    path = far / "r2" / "r2.mcap"
+    generator = np.random.default_rng(seed)
+    data = bytearray(path.read_bytes())
+    for position in generator.integers(0, len(data), 3):
+        data[position] ^= int(generator.integers(1, 256))
+    path.write_bytes(data)
+    try:
+        ours = collect([far])
+    except AcrcError as error:
+        assert "\n" not in str(error)
+    else:
+        assert ours.per_robot["r1"].places_claimed >= 0
+        assert ours.per_robot["r1"].recordings[0].ended == "as planned"
+
+
+def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
+    ours = collect([head_on.out / "r1"])
+    assert (ours.robots, ours.places_claimed) == (1, 3)
+    spoken: set[tuple[str, int]] = set()
+    for item in read_recording(head_on.out / "r1" / "r1.mcap"):
+        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive" and item.payload is not None:
+            drive = decode(at(DRIVE, "r1").topic, item.key, item.payload)
+            assert isinstance(drive, Drive)
+            spoken |= {(report.owner, report.place) for report in drive.reports}
+            spoken |= {(place.owner, place.place) for place in drive.route or ()}
+    assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
+    heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
+    assert ours.notes == (
+        f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
+        "meant to go is not known",
+        "r2: its list of places is not known, so the table has those that others spoke of, without where "
+        "they are",
+    )
+
+
+def test_messages_of_another_version_are_a_sentence(
+    head_on: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock()})
+    monkeypatch.setattr("tests.field_trial.runs.encode", lambda message: b"\x07" + encode(message)[1:])
+    copies(head_on.out, far, {"r2": clock()})
+    ours = collect([far])
+    assert ours.per_robot["r2"].recordings[0].ended == "damaged"
+    assert ours.notes[0] == (
+        f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7 where message version {MESSAGE_VERSION} was due; "
+        "what comes before is taken"
+    )

@@ -8,10 +8,7 @@ from pathlib import Path
 from deploy.fleet.doctor import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.udev import UsbPort
 from firmware_bridge.serial_port import PortDevice
-
-KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")
-BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI", "1-1.2")
-LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001", "1-1.3")
+from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 from deploy.fleet.udev import UsbPort
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI
-from tests.fleet.patient import BOARD_AT_1, LIDAR_AT_2, Patient
-from tests.fleet.texts import OFFICE, ROOT, fleet, robot
+from tests.fleet.patient import Patient
+from tests.fleet.texts import BOARD_AT_1, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 
 CONSTRAINTS = (ROOT / "constraints.txt").read_text()
 PINS = """\

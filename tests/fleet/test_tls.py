@@ -1,13 +1,15 @@
-"""Who may watch a robot over the network: real routers and laptops over TLS on this machine."""
+"""Who may watch and stop robots over the network: real routers and laptops over TLS on this machine."""
 
+import queue
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,18 @@ from typing import Any
 import pytest
 import zenoh
 
+from actors import messages
+from actors.installation.usage import OptionError
+from actors.messages import PROGRESS, Control, Drive, Progress
+from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.access import credentials, rules
 from actors.runtime.access.credentials import Credentials
 from actors.runtime.access.tls import Keys, laptop_config, listening_router_config, load_keys
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.topic import Message
+from deploy.fleet import watch
+from deploy.fleet.watch import LaptopParameters, WatchAnswer
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
 from tests.fleet.texts import ROOT
@@ -80,7 +91,7 @@ def router(robot: Robot) -> Iterator[zenoh.Session]:
 
 
 class Ear:
-    """Hears everything that a session is sent; a mark says when all before it has come."""
+    """Hears everything that a session is sent."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._subscriber = session.declare_subscriber("swarm/**", zenoh.handlers.FifoChannel(1000))
@@ -93,7 +104,6 @@ class Ear:
         return heard
 
     def all(self) -> list[str]:
-        """What has come."""
         return [str(sample.key_expr) for sample in iter(self._subscriber.try_recv, None)]
 
     def close(self) -> None:
@@ -101,9 +111,9 @@ class Ear:
 
 
 def assert_powerless(guest: zenoh.Session, router: zenoh.Session, operator: zenoh.Config) -> None:
-    """What the guest sends comes to nobody, and it is sent nothing."""
     ear, own = Ear(router), Ear(guest)
-    guest.put(CONTROL, b"stop")
+    for key in (DRIVE, CONTROL):
+        guest.put(key, b"stop")
     own.until(CONTROL)  # its own loopback
     # The guest's attempts are long through, or not, when the operator has connected and given an order.
     with zenoh.open(operator) as session:
@@ -146,44 +156,42 @@ def test_the_operators_laptop_hears_everything_and_may_give_orders_but_nothing_e
     ear.close()
 
 
-@pytest.mark.parametrize(
-    ("case", "let_in"),
-    [
-        ("no certificate", False),
-        ("of another authority", False),
-        ("of another authority, trusting ours", False),
-        ("a robot's own", False),
-        ("under another name", True),
-    ],
-)
-def test_whoever_is_not_the_operator_is_refused_or_hears_nothing(
-    case: str, let_in: bool, robot: Robot, router: zenoh.Session
+@pytest.mark.parametrize("case", ["no certificate", "of another authority", "trusting ours", "a robot's own"])
+def test_only_certificates_of_the_fleets_laptops_are_let_in(
+    case: str, robot: Robot, router: zenoh.Session
 ) -> None:
-    config = _laptop(case, robot)
-    assert refused(config) is not let_in
-    if not let_in:
-        return
-    with zenoh.open(config) as session:
-        assert_powerless(session, router, laptop_config(robot.keys("operator", robot.issuer), robot.endpoint))
+    keys = robot.keys("operator", robot.issuer if case == "no certificate" else robot.stranger)
+    if case == "trusting ours":
+        shutil.copy(robot.own.authority, keys.authority)
+    elif case == "a robot's own":
+        keys = robot.keys("r2", robot.issuer, SERVER, ["127.0.0.1"])
+    config = laptop_config(keys, robot.endpoint)
+    if case == "no certificate":
+        for name in ("connect_certificate", "connect_private_key"):
+            config.insert_json5(f"transport/link/tls/{name}", "null")
+        config.insert_json5("transport/link/tls/enable_mtls", "false")
+    assert refused(config)
 
 
-def _laptop(case: str, robot: Robot) -> zenoh.Config:
-    match case:
-        case "of another authority":
-            return laptop_config(robot.keys("operator", robot.stranger), robot.endpoint)
-        case "of another authority, trusting ours":
-            keys = robot.keys("operator", robot.stranger)
-            shutil.copy(robot.own.authority, keys.authority)
-            return laptop_config(keys, robot.endpoint)
-        case "a robot's own":
-            return laptop_config(robot.keys("r2", robot.issuer, SERVER, ["127.0.0.1"]), robot.endpoint)
-        case "under another name":
-            return laptop_config(robot.keys("visitor", robot.issuer), robot.endpoint)
-    config = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
-    for name in ("connect_certificate", "connect_private_key"):
-        config.insert_json5(f"transport/link/tls/{name}", "null")
-    config.insert_json5("transport/link/tls/enable_mtls", "false")
-    return config
+@pytest.mark.parametrize("case", ["another name", "the word without a certificate", "r1", "operator"])
+def test_what_is_let_in_without_the_operators_certificate_alone_hears_and_says_nothing(
+    case: str, robot: Robot, router: zenoh.Session
+) -> None:
+    """`r1` and `operator`: their passwords beside a laptop's certificate give the rights of neither."""
+    operator = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
+    if case == "the word without a certificate":
+        file = robot.folder / "guessed"
+        file.write_text("certificate:certificate\n")
+        config = rules.client_config(file, robot.issued.endpoint("radio"))
+        operator = rules.client_config(robot.issued.files["operator"], robot.issued.endpoint("operator"))
+    elif case == "another name":
+        config = laptop_config(robot.keys("visitor", robot.issuer), robot.endpoint)
+    else:
+        name, password = credentials.read(robot.issued.files[case])
+        config = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
+        config.insert_json5("transport/auth/usrpwd", f'{{"user": "{name}", "password": "{password}"}}')
+    with zenoh.open(config) as guest:
+        assert_powerless(guest, router, operator)
 
 
 def test_a_laptop_refuses_a_robot_under_a_name_that_its_certificate_does_not_hold_for(
@@ -194,64 +202,215 @@ def test_a_laptop_refuses_a_robot_under_a_name_that_its_certificate_does_not_hol
     assert refused(laptop_config(keys, robot.endpoint.replace("127.0.0.1", "localhost")))
 
 
-def test_the_word_that_goes_with_a_certificate_opens_nothing_without_one(
-    robot: Robot, router: zenoh.Session
-) -> None:
-    file = robot.folder / "guessed"
-    file.write_text("certificate:certificate\n")
-    with zenoh.open(rules.client_config(file, robot.issued.endpoint("radio"))) as session:
-        assert_powerless(
-            session,
-            router,
-            rules.client_config(robot.issued.files["operator"], robot.issued.endpoint("operator")),
-        )
-
-
-@pytest.mark.parametrize("user", ["r1", "operator"])
-def test_a_certificate_and_a_password_do_not_add_up(user: str, robot: Robot, router: zenoh.Session) -> None:
-    """Neither the rights of the one nor those of the other: over TLS the certificate alone counts."""
-    name, password = credentials.read(robot.issued.files[user])
-    config = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
-    config.insert_json5("transport/auth/usrpwd", f'{{"user": "{name}", "password": "{password}"}}')
-    operator = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
-    with zenoh.open(config) as session:
-        assert_powerless(session, router, operator)
-        ear = Ear(router)
-        session.put(DRIVE, b"as r1")
-        with zenoh.open(operator) as own:
-            own.put(CONTROL, b"")
-            assert ear.until(CONTROL) == []
-        ear.close()
-
-
 def test_a_robots_password_goes_on_opening_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
     ear = Ear(router)
     config = rules.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
     with zenoh.open(config) as session:
         session.put(DRIVE, b"as r1")
-        assert str(ear._subscriber.recv().key_expr) == DRIVE
+        assert ear.until(DRIVE) == []
     ear.close()
 
 
-@pytest.mark.timeout(30, method="thread")  # a signal would not end it
+LAPTOP = """
+import sys, time, zenoh; from pathlib import Path
+from actors.runtime.access.tls import laptop_config, load_keys
+with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as session:
+    ear = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))
+    session.put('swarm/infra/control', b'')
+    time.sleep(100)
+"""
+
+
+@pytest.mark.timeout(60, method="thread")  # a signal would not end it
 def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tmp_path: Path) -> None:
-    """With low latency on this link the first of these messages that finds no room would wait for ever."""
+    """With low latency on this link the first of these messages that finds no room would wait for ever.
+
+    The laptop has none of this process's pipes: it is stopped, and who reads them would wait for their end.
+    """
     other = Robot(tmp_path)
     keys = other.keys("operator", other.issuer).certificate.parent
+    words = [sys.executable, "-c", LAPTOP, keys, other.endpoint]
     with other.router() as session:
-        code = (
-            "import sys, time, zenoh; from pathlib import Path\n"
-            "from actors.runtime.access.tls import laptop_config, load_keys\n"
-            "with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as session:\n"
-            "    ear = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))\n"
-            "    session.put('swarm/infra/control', b'')\n"
-            "    time.sleep(100)\n"
-        )
         ear = Ear(session)
-        with subprocess.Popen([sys.executable, "-c", code, keys, other.endpoint], cwd=ROOT) as laptop:
+        laptop = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
             assert ear.until(CONTROL) == []
             ear.close()
             laptop.send_signal(signal.SIGSTOP)
             for _ in range(20_000):
                 session.put(SENSES, bytes(1500), congestion_control=zenoh.CongestionControl.BLOCK)
+        finally:
             laptop.kill()
+            laptop.wait()
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory: pytest.TempPathFactory) -> list[Robot]:
+    """Two robots of one fleet, and one of another."""
+    fleet = [Robot(tmp_path_factory.mktemp(f"robot{number}")) for number in range(3)]
+    fleet[1].issuer = fleet[0].issuer
+    fleet[1].own = fleet[1].keys("r1", fleet[0].issuer, SERVER, ["127.0.0.1"])
+    return fleet
+
+
+@pytest.fixture(scope="module")
+def keys(robots: list[Robot]) -> Path:
+    """The operator's folder."""
+    return robots[0].keys("operator", robots[0].issuer).authority.parent
+
+
+@contextmanager
+def base(robot: Robot, *, obeys: bool = True) -> Iterator[list[Order]]:
+    """The orders that a robot has got; it says what became of them, or nothing."""
+    orders: list[Order] = []
+    with robot.router() as session:
+
+        def hear(sample: zenoh.Sample) -> None:
+            control = decode(messages.CONTROL, messages.CONTROL.key(), sample.payload.to_bytes())  # type: ignore[arg-type]
+            assert isinstance(control, Control)
+            orders.extend(control.orders)
+            (order,) = control.orders
+            stopped, paused = isinstance(order, Stop), isinstance(order, Pause)
+            if obeys:
+                said = encode(Progress(3, 0, 2, 0, stopped, paused))
+                threading.Thread(target=session.put, args=(PROGRESS.key(), said)).start()
+
+        subscriber = session.declare_subscriber(messages.CONTROL.key(), hear)
+        yield orders
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_all_robots_are_stopped_at_once_and_every_failure_is_named(robots: list[Robot], keys: Path) -> None:
+    good, deaf, foreign = robots
+    with ExitStack() as stack:
+        silent = stack.enter_context(socket.socket())
+        silent.bind(("127.0.0.1", 0))
+        silent.listen(5)
+        dumb = f"tls/127.0.0.1:{silent.getsockname()[1]}"
+        got = stack.enter_context(base(good))
+        heard = stack.enter_context(base(deaf, obeys=False))
+        theirs = stack.enter_context(base(foreign))
+        nobody = f"tls/127.0.0.1:{_free_port()}"
+        began = time.monotonic()
+        answers = watch.give(
+            [nobody, dumb, foreign.endpoint, deaf.endpoint, good.endpoint, good.endpoint], keys, Stop()
+        )
+        took = time.monotonic() - began
+    assert took < 2.5, "2 s, and what a loaded machine takes to start threads"
+    assert got == heard == [Stop()] and theirs == []
+    late = "it was not reached within 2 s"
+    assert answers == [
+        WatchAnswer(nobody, f"{late}: connection refused"),
+        WatchAnswer(dumb, f"{late}: no answer within 1.5 s"),
+        WatchAnswer(
+            foreign.endpoint,
+            f"{late}: its certificate is not accepted here, unable to get local issuer certificate",
+        ),
+        WatchAnswer(deaf.endpoint, "it was given the order, but did not say within 2 s that it obeys"),
+        WatchAnswer(good.endpoint, None),
+    ]
+
+
+def test_a_router_that_does_not_accept_this_laptop_is_told_from_one_that_is_not_there(
+    robots: list[Robot],
+) -> None:
+    mixed = robots[0].keys("operator", robots[0].stranger)
+    shutil.copy(robots[0].own.authority, mixed.authority)
+    with base(robots[0]) as got:
+        (answer,) = watch.give([robots[0].endpoint], mixed.authority.parent, Stop())
+    assert got == [] and answer.failure is not None
+    assert answer.failure.startswith("it was not reached within 2 s: it does not accept this laptop's cert")
+
+
+def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
+    robots: list[Robot], keys: Path
+) -> None:
+    nobody = f"tls/127.0.0.1:{_free_port()}"
+    with base(robots[0]) as got:
+        for order in (Pause(), Resume()):
+            assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
+        assert got == [Pause(), Resume()]
+        words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
+        command = [sys.executable, "-m", "command_line", *words]  # it ends its process at once
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        1,
+        f"acrc: {robots[0].endpoint}: has stopped\n",
+        f"acrc: {nobody}: it was not reached within 2 s: connection refused\n",
+    )
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "sentence"),
+    [
+        ("tcp/r1:7447", "ENDPOINT: tcp/r1:7447; must be like tls/192.168.1.12:7447"),
+        ("tls/r1:70000", "ENDPOINT: tls/r1:70000; must be one with a port from 1 to 65535"),
+    ],
+)
+def test_what_is_no_endpoint_is_refused_before_anybody_is_told_anything(
+    endpoint: str, sentence: str, robots: list[Robot], keys: Path
+) -> None:
+    with base(robots[0]) as got, pytest.raises(OptionError) as caught:
+        watch.give([robots[0].endpoint, endpoint], keys, Stop())
+    assert str(caught.value) == sentence
+    assert got == []
+
+
+def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
+    robots: list[Robot], keys: Path
+) -> None:
+    one, other, nobody = robots[0], robots[1], f"tls/127.0.0.1:{_free_port()}"
+    names = (nobody, one.endpoint, other.endpoint)
+    command = [sys.executable, "-u", "-m", "command_line", "fleet", "watch", *names, "--keys", str(keys)]
+    with one.router() as first:
+        watcher = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        assert watcher.stdout is not None
+        lines = iter(watcher.stdout.readline, "")
+
+        def until(*wanted: str) -> None:
+            left = set(wanted)
+            while left:
+                left.discard(next(lines).rstrip("\n"))
+
+        try:
+            refused = "is not heard: connection refused; it is looked for"
+            until(f"{nobody}  {refused}", f"{other.endpoint}  {refused}", f"{one.endpoint}  is heard")
+            with other.router():
+                until(f"{other.endpoint}  is heard")
+            until(f"{other.endpoint}  is no longer heard; it is looked for")
+            first.put(PROGRESS.key(), encode(Progress(7, 0, 2, 1, False)))
+            until(f"{one.endpoint}  step 7: 2 places left, 1 reported, running")
+            held = ("the battery is nearly empty", "a wheel\x1b[2J")
+            first.put(PROGRESS.key(), encode(Progress(8, 0, 2, 1, False, held=held)))
+            until(f"{one.endpoint}  step 8: 2 places left, 1 reported, running, {held[0]}, a wheel\\x1b[2J")
+            with other.router():
+                until(f"{other.endpoint}  is heard")
+        finally:
+            watcher.kill()
+            watcher.wait()
+
+
+def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up(
+    robots: list[Robot], keys: Path
+) -> None:
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    taken: list[tuple[str, str, Message]] = []
+    drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
+    with robots[0].router() as session:
+        watch.listen(
+            [robots[0].endpoint],
+            keys,
+            lines,
+            LaptopParameters(retry_s=3600.0),  # its thread never ends
+            more=(at(messages.DRIVE, "*"),),
+            take=lambda *words: taken.append(words),
+        )
+        deadline = time.monotonic() + 20.0
+        while len(taken) < 2 and time.monotonic() < deadline:
+            session.put(messages.DRIVE.key("r1"), encode(drive))
+            session.put(PROGRESS.key(), encode(Progress(3, 0, 2, 0, False)))
+            time.sleep(0.05)
+    assert (robots[0].endpoint, messages.DRIVE.key("r1"), drive) in taken
+    said = [lines.get_nowait() for _ in range(lines.qsize())]
+    assert f"{robots[0].endpoint}  is heard" in said
+    assert any(line.endswith("step 3: 2 places left, 0 reported, running") for line in said)

@@ -4,9 +4,13 @@ from pathlib import Path
 
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, parse
+from deploy.fleet.udev import UsbPort
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "fleets" / "office.toml"
+KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")
+BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI", "1-1.2")
+LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001", "1-1.3")
 HEAD = 'map = "maps/corridor.yaml"\n'
 ROBOT = """
 [[robot]]

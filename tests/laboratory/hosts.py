@@ -7,8 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import msgspec
 
@@ -66,9 +65,7 @@ class Running:
         assert self._heard() == "ready"
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait(PATIENCE_S)
@@ -111,15 +108,7 @@ class Running:
         return self._process.stdout.readline().rstrip("\n")
 
 
-class Host(Protocol):
-    """Whoever looks after one line."""
-
-    def serve(self) -> None:
-        """Read what has come, write what is due; waits a few milliseconds at most."""
-
-
-def until(condition: Callable[[], bool], *hosts: Host) -> None:
-    """Serve until that is so."""
+def until(condition: Callable[[], bool], *hosts: "BaseHost | LidarHost") -> None:
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, "nothing came of it in time"

@@ -46,6 +46,10 @@ def lidar(fault: LidarFault) -> Act:
     return lambda rig: rig.lidars["r1"].fail(fault)
 
 
+def device(name: str) -> Act:
+    return lambda rig: setattr(rig.lidars["r1"], name, True)
+
+
 def noise(share: float, ways: str) -> Act:
     def act(rig: SensorRig) -> None:
         vehicle = rig.vehicles["r1"]
@@ -82,6 +86,11 @@ FAULTS = {
     "gyro: stands still": SensorFault(base(gyro="frozen"), in_arc=True),
     "gyro: sign reversed": SensorFault(base(gyro_scale=-1.0), in_arc=True),
     "gyro: says double": SensorFault(base(gyro_scale=2.0), in_arc=True),
+    **{f"lidar: {name}": SensorFault(device(name), AT_ONCE) for name in ("dark", "stuck", "silent")},
+    "base: silent": SensorFault(base(silent=True), AT_ONCE),
+    "base: motor over-current": SensorFault(base(overcurrent=1), AT_ONCE),
+    "base: battery nearly empty": SensorFault(base(battery=13.0), AT_ONCE),
+    "guardian: gone": SensorFault(lambda rig: rig.vehicles["r1"].guardian.leave(), AT_ONCE),
     "base's clock: stands still": SensorFault(base(stamp="frozen"), AT_ONCE),
     "base's clock: goes backward": SensorFault(base(stamp="backward"), AT_ONCE),
     "base's clock: jumps": SensorFault(base(stamp="jumping"), AT_ONCE),
@@ -97,17 +106,8 @@ FAULTS = {
 FLOORS = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 CELL, CLEARANCE, APART = 0.05, 0.6, 1.2
 """m."""
-REPORTS = frozenset(HoldCause) - {
-    HoldCause.NO_FEEDBACK,
-    HoldCause.LINK_RECOVERING,
-    HoldCause.WHEEL_DROP,
-    HoldCause.PUT_DOWN,
-    HoldCause.BUMPER,
-    HoldCause.BLIND,
-    HoldCause.NO_COMMAND,
-    HoldCause.STALE_COMMAND,
-    HoldCause.BLOCKED,
-}
+_RIGHT = "NO_FEEDBACK LINK_RECOVERING WHEEL_DROP PUT_DOWN BUMPER BLIND NO_COMMAND STALE_COMMAND BLOCKED"
+REPORTS = frozenset(HoldCause) - {HoldCause[name] for name in _RIGHT.split()}
 """Causes that report a fault of a sensor; the report of a blocked robot is right."""
 
 
@@ -168,30 +168,19 @@ def wander(floor: int, robots: int, speed: float) -> Callable[[int, Path], Senso
 
 def driven(
     velocities: Callable[[int], dict[str, tuple[float, float]]],
-    floor: Callable[[int, Path], Path],
-    starts: Callable[[int], Starts],
+    room: tuple[float, float] | None,
+    starts: Callable[[int], Starts] = lambda seed: starts_on(FLOORS[seed % 3], seed, 1),
 ) -> Callable[[int, Path], SensorRig]:
-    """Robots that keep their velocities, m/s and rad/s; each argument depends on the seed."""
+    """Robots that keep their velocities, m/s and rad/s, in an empty room, m, or on one of the floors."""
 
     def build(seed: int, folder: Path) -> SensorRig:
-        rig = SensorRig(floor(seed, folder), starts(seed), seed)
+        floor = FLOORS[seed % 3] if room is None else plain_floor(folder, *room)
+        rig = SensorRig(floor, starts(seed), seed)
         for name, velocity in velocities(seed).items():
             rig.vehicles[name].pilot = Straight(*velocity)
         return rig
 
     return build
-
-
-def in_room(width: float, depth: float) -> Callable[[int, Path], Path]:
-    return lambda _, folder: plain_floor(folder, width, depth)
-
-
-def any_floor(seed: int, _: Path) -> Path:
-    return FLOORS[seed % 3]
-
-
-def any_start(seed: int) -> Starts:
-    return starts_on(FLOORS[seed % 3], seed, 1)
 
 
 def carry(rig: SensorRig) -> None:
@@ -200,7 +189,12 @@ def carry(rig: SensorRig) -> None:
     rig.laboratory.carry("r1", Pose(x, y, heading))
 
 
+def pushing(seed: int) -> dict[str, tuple[float, float]]:
+    return {name: (v, 0.05 * (seed % 3 - 1)) for name, v in (("r1", 0.1), ("r2", 0.4), ("r3", 0.3))}
+
+
 CONVOY = [(14.0 + x, 2.0 + y, 0.0) for x, y in ((0, 0), (0.9, 0), (-0.9, 0), (0, 0.9), (0, -0.9))]
+CONVOY_OF = ("r1", "r2", "r3", "r4", "r5")
 PUSHED = [(2.0, 2.0, 0.0), (1.3, 2.0, 0.0), (2.6, 1.1, math.pi / 2)]
 WANDERINGS = (
     (0, 1, 0.5), (1, 1, 0.5), (2, 1, 0.5), (0, 1, 0.15), (2, 1, 0.3), (0, 6, 0.5), (2, 4, 0.4), (1, 3, 0.3),
@@ -208,42 +202,27 @@ WANDERINGS = (
 """Floor, robots, m/s."""
 SITUATIONS = {
     **{
-        f"{robots} wander in the {FLOORS[floor].stem} at {speed:g} m/s": SensorSituation(
-            wander(floor, robots, speed), robots=robots
-        )
-        for floor, robots, speed in WANDERINGS
+        f"{robots} wander in the {FLOORS[floor].stem} at {v:g} m/s":
+        SensorSituation(wander(floor, robots, v), robots=robots)
+        for floor, robots, v in WANDERINGS
     },
     "a convoy of 5 in a corridor without features": SensorSituation(
-        driven(
-            lambda _: {f"r{number}": (0.4, 0.0) for number in range(1, 6)},
-            in_room(60.0, 4.0),
-            lambda _: CONVOY,
-        ),
+        driven(lambda _: dict.fromkeys(CONVOY_OF, (0.4, 0.0)), (60.0, 4.0), lambda _: CONVOY),
         20.0, 5,
     ),
     "a long corridor without features": SensorSituation(
-        driven(lambda _: {"r1": (0.5, 0.0)}, in_room(60.0, 3.0), lambda _: [(14.0, 1.7, 0.01)]), 40.0
+        driven(lambda _: {"r1": (0.5, 0.0)}, (60.0, 3.0), lambda _: [(14.0, 1.7, 0.01)]), 40.0
     ),
     "a hall without an echo": SensorSituation(
-        driven(lambda _: {}, in_room(40.0, 40.0), lambda _: [(20.0, 20.0, 0.3)]), 30.0
+        driven(lambda _: {}, (40.0, 40.0), lambda _: [(20.0, 20.0, 0.3)]), 30.0
     ),
     "turning on the spot": SensorSituation(
-        driven(lambda seed: {"r1": (0.0, (-1.0) ** seed * (0.3 + 0.4 * (seed % 5)))}, any_floor, any_start)
+        driven(lambda seed: {"r1": (0.0, (-1.0) ** seed * (0.3 + 0.4 * (seed % 5)))}, None)
     ),
-    "standing": SensorSituation(driven(lambda _: {"r1": (0.0, 0.0)}, any_floor, any_start), 180.0),
+    "standing": SensorSituation(driven(lambda _: {"r1": (0.0, 0.0)}, None), 180.0),
     "backing into a wall": SensorSituation(
-        driven(lambda _: {"r1": (-0.3, 0.0)}, in_room(6.0, 4.0), lambda seed: [(1.5, 2.0, 0.1 * (seed % 7))]),
-        30.0,
+        driven(lambda _: {"r1": (-0.3, 0.0)}, (6.0, 4.0), lambda seed: [(1.5, 2.0, 0.1 * (seed % 7))]), 30.0
     ),
-    "pushed by two others": SensorSituation(
-        driven(
-            lambda seed: {
-                name: (v, 0.05 * (seed % 3 - 1)) for name, v in (("r1", 0.1), ("r2", 0.4), ("r3", 0.3))
-            },
-            in_room(12.0, 4.0),
-            lambda _: PUSHED,
-        ),
-        20.0, 3,
-    ),
+    "pushed by two others": SensorSituation(driven(pushing, (12.0, 4.0), lambda _: PUSHED), 20.0, 3),
     "carried elsewhere while it drives": SensorSituation(wander(0, 1, 0.5), 60.0, event=carry),
 }  # fmt: skip

@@ -44,19 +44,18 @@ class LidarFault(NamedTuple):
     """What a lidar reports instead of its measurements."""
 
     turns: int = 0
-    """It repeats so many of its last turns for ever; 0: it does not."""
+    """It repeats so many of its last turns for ever; 0: none."""
     share: float = 1.0
-    """The part of each turn that is repeated, from its beginning."""
+    """The part of each turn that is repeated."""
     comb: bool = False
-    """Only every other sample is repeated."""
+    """Only every other sample is repeated, ..."""
     noisy: bool = False
-    """Repeated with fresh noise."""
+    """... or with fresh noise."""
     late_s: float = 0.0
-    """Delay of all samples, s; at most 2 s."""
+    """Delay of all samples, at most 2 s."""
     turned_deg: float = 0.0
-    """Turned on its mount, degrees counter-clockwise."""
+    """Turned on its mount, counter-clockwise."""
     mirrored: bool = False
-    """Left and right exchanged."""
 
 
 class FaultyRplidar(EmulatedRplidar):
@@ -167,12 +166,16 @@ class MemoryPort(SerialPort):
 class PassiveGuardian(LastWord):
     """A guardian without a process, which never intervenes."""
 
-    def __init__(self) -> None: ...
+    def __init__(self) -> None:
+        self.watches = True
 
     def serve(self, now: Instant, port: object) -> None: ...
 
+    def leave(self) -> None:
+        self.watches = False
+
     def holds(self, now: Instant) -> bool:
-        return True
+        return self.watches
 
     def close(self) -> None: ...
 
@@ -195,9 +198,9 @@ class RigVehicle:
         self._random = noise
         self.log: list[str] = []
         self.held: list[HoldChange] = []
-        self.kobuki = KobukiDriver(START)
+        self.kobuki, self.guardian = KobukiDriver(START), PassiveGuardian()
         lidar = Lidar(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self.log.append)
-        ports = (lambda: self.lines[BASE], self.kobuki, lidar, PassiveGuardian(), self.log.append)
+        ports = (lambda: self.lines[BASE], self.kobuki, lidar, self.guardian, self.log.append)
         self.bot = TurtleBot(*ports, MODEL.sensor.mount)
 
     def disturb(self, share: float, ways: str) -> None:

@@ -2,7 +2,6 @@
 
 import ctypes
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -10,35 +9,28 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Final, NamedTuple, Self
 
-import msgspec
-
 from actors.installation.repository import REPOSITORY, SHIPPED
-from actors.radio.radio_model import RadioSetup
 from actors.runtime.errors import AcrcError
-from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from tests.laboratory.hosts import Running, setup
 
 GUARDIAN: Final = "guardian.py"
 MAP: Final = SHIPPED / "maps" / "corridor.yaml"
-_START: Final = (8.0, 12.5, 0.0)
-_PLACES: Final = ((22.0, 12.5), (8.0, 12.5))
 _FAST: Final = 0.45
 """m/s, of 0.5: above it the robot counts as driving."""
-_FLEET: Final = """
+FLEET: Final = """
 map = "{map}"
 [run]
 strategy = "none"
 [[robot]]
 id = "r1"
 address = 1
-start = [8.0, 12.5, 0.0]
+start = [12.0, 12.5, 0.0]
 places = [[22.0, 12.5], [8.0, 12.5]]
-base = "{links}/r1/base"
-radio = "{links}/r1/radio"
-range = "{links}/r1/range"
+base = "{links}/base"
+radio = "{links}/radio"
+range = "{links}/range"
 """
 _NICE: Final = -10
 """The robot's processes and the emulated devices, where the system allows it; the service has -5."""
@@ -66,56 +58,41 @@ class Where(NamedTuple):
 class Rig:
     """Emulated devices and the processes of a robot; a context manager."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, more: str = "") -> None:
+        """`more`: lines of the robot's table."""
+        self.folder, self._more = folder, more
         self.out = folder / "runs" / "one"
         self._links = folder / "links"
 
     def __enter__(self) -> Self:
-        body = BodySetup("r1", "turtlebot2", "chapter", "exact", _START, _PLACES)
-        world = WorldSetup(str(MAP), 1, 100_000, 1_000_000, (body,))
-        radio = RadioSetup(1, world.step_us, (("r1", 1),), "beeclick")
-        setup = self.folder / "setup.json"
-        setup.write_bytes(msgspec.json.encode(LaboratorySetup(world, radio)))
-        files = ("--setup", setup, "--links", self._links, "--result", self.folder / "result.json")
         before = os.nice(0)
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, 0, _NICE)
-        self._room = subprocess.Popen(
-            [sys.executable, "-m", "firmware_bridge.laboratory", *map(str, files)],
-            cwd=REPOSITORY,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        self._heard = b""
-        self._answer(patience_s=60.0)  # "ready"
+        self._laboratory = Running(self.folder, setup(1)).__enter__()
         command = self.onboard()
         self._log = (self.folder / "onboard.log").open("wb")
         self._onboard = subprocess.Popen(command, cwd=REPOSITORY, stdout=self._log, stderr=self._log)
         os.setpriority(os.PRIO_PROCESS, 0, before)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._onboard.poll() is None:
             self._onboard.kill()
         self._onboard.wait()
         parts = ("base", "bridge")
         for word in ("actors.robot", *(f"firmware_bridge.onboard.{part}" for part in parts), GUARDIAN):
             killed(self.processes(word))
-        self._room.kill()
-        self._room.wait()
+        self._laboratory.__exit__()
         self._log.close()
-        for stream in (self._room.stdin, self._room.stdout):
-            assert stream is not None
-            stream.close()
+
+    def exit_code(self, patience_s: float) -> int:
+        """Return that of the supervisor, once it has ended."""
+        return self._onboard.wait(patience_s)
 
     def write_fleet(self, map_file: str) -> Path:
         """Write the file of a fleet of this robot alone."""
         fleet = self.folder / "fleet.toml"
-        fleet.write_text(_FLEET.format(map=map_file, links=self._links))
+        fleet.write_text(FLEET.format(map=map_file, links=self._links / "r1") + self._more)
         return fleet
 
     def onboard(self) -> list[str]:
@@ -139,21 +116,14 @@ class Rig:
                 found.append(int(entry.name))
         return found
 
-    def order(self, line: str) -> str:
-        """Cause a fault of a device; return the answer."""
-        assert self._room.stdin is not None
-        self._room.stdin.write(f"{line}\n".encode())
-        self._room.stdin.flush()
-        return self._answer(patience_s=10.0)
-
     def expect_ok(self, line: str) -> None:
         """Cause a fault of a device. Raises NotDrivingError if it is refused."""
-        if (answer := self.order(line)) != "ok":
+        if (answer := self._laboratory.say(line)) != "ok":
             raise NotDrivingError(f"{line}: {answer}")
 
     def where(self) -> Where:
         """Return the ground truth."""
-        return Where(*map(float, self.order("where r1").split()))
+        return Where(*map(float, self._laboratory.say("where r1").split()))
 
     def until_driving(self, patience_s: float = 90.0) -> None:
         """Wait until the robot drives. Raises NotDrivingError."""
@@ -175,18 +145,6 @@ class Rig:
                 return told, here if here.speed == 0 else None
             time.sleep(0.003)
         return told, None
-
-    def _answer(self, patience_s: float) -> str:
-        assert self._room.stdout is not None
-        while b"\n" not in self._heard:
-            if not select.select([self._room.stdout], [], [], patience_s)[0]:
-                raise NotDrivingError(f"the emulated devices did not answer within {patience_s:g} s")
-            data = os.read(self._room.stdout.fileno(), 4096)
-            if not data:
-                raise NotDrivingError("the emulated devices have ended")
-            self._heard += data
-        line, _, self._heard = self._heard.partition(b"\n")
-        return line.decode()
 
 
 def killed(processes: Sequence[int]) -> None:

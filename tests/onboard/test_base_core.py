@@ -1,34 +1,56 @@
-"""The base conducts its robot by the clock: what it sends when, and what it does with what comes late."""
+"""The base process and the bridge of the board: their steps by the clock, ports that come and go."""
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
+from actors.board_readings import LinkState, Temperature
 from actors.geometry import Pose
-from actors.instant import Instant, seconds
+from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import (
     AIRED,
     CONTROL,
     DRIVE,
     RADIO_READY,
     READY,
+    TRANSMIT,
+    TRUTH,
     Aired,
+    Board,
     Control,
     Drive,
     EventCount,
+    Heard,
     Odometry,
+    Outgoing,
+    Overflow,
     Progress,
     Ready,
+    Received,
+    RobotTruth,
     Scan,
     Senses,
+    Sent,
+    Transmit,
     Truth,
+    Unconfirmed,
 )
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
+from firmware_bridge.beeclick.link import BoardLink
+from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
+from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
+from firmware_bridge.onboard.device_loop import Clock, ReconnectingPort
+from firmware_bridge.onboard.onboard_setup import BridgeSetup
+from firmware_bridge.onboard.vehicle import LastWord, TurtleBot
+from firmware_bridge.serial_port import PortError, SerialPort
+from tests.beeclick.lab import boards
+from tests.kobuki.rig import Rig
 
 STEP = 100_000
 START = Pose(10.0, 5.0, math.pi / 2)
@@ -67,9 +89,7 @@ class Stage:
         self.vehicle = Vehicle()
         self.core = BaseCore("r1", STEP, Instant(BEGIN), START, 10, self.vehicle)
 
-    def at(
-        self, time_us: int, address: Address | None = None, message: Message | None = None
-    ) -> list[Message]:
+    def at(self, time_us: int, address: Address | None = None, message: Any = None) -> list[Message]:
         self.core.now = Instant(BEGIN + time_us)
         inputs: dict[str, Message] = {}
         if address is not None and message is not None:
@@ -244,3 +264,217 @@ def test_progress_tells_what_was_obeyed_and_what_holds_it(order: Order, paused: 
     assert (said.paused, said.finished, said.held) == (paused, finished, ("the battery is low",))
     assert (stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)) is not isinstance(order, Resume)
     assert finished or bool(stage.at(2 * STEP)) is not paused, "while paused no step begins"
+
+
+SECOND = 1_000_000
+
+
+class Plug:
+    """A cable: while it is in, ports can be opened; the last one breaks when it is pulled."""
+
+    def __init__(self) -> None:
+        self.is_in, self.opened, self.tried = False, 0, 0
+        self.said: list[str] = []
+
+    def open(self) -> SerialPort:
+        self.tried += 1
+        if not self.is_in:
+            raise PortError("there is no such port")
+        self.opened += 1
+        return Port(self)
+
+
+class Port(SerialPort):
+    def __init__(self, plug: Plug) -> None:
+        self.plug, self.closed = plug, False
+
+    def read(self) -> bytes:
+        if not self.plug.is_in:
+            raise PortError("it has gone")
+        return b"hello"
+
+    def fileno(self) -> int:
+        return 77
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_port_is_opened_again_and_says_again_why_it_went() -> None:
+    plug = Plug()
+    line = ReconnectingPort(plug.open, plug.said.append)
+    assert not any(line.connect(Instant(ms * 1000)) for ms in range(0, 3_500, 100))
+    assert (plug.tried, plug.said) == (4, ["there is no such port"])
+    plug.said.clear()
+    for round_ in range(1, 3):
+        plug.is_in = True
+        assert line.connect(Instant(round_ * 10 * SECOND)) and not line.connect(Instant(round_ * 20 * SECOND))
+        first = line.port
+        assert isinstance(first, Port) and line.descriptors() == (77,)
+        assert line.exchange(lambda port: port.read()) == b"hello"
+        plug.is_in = False
+        assert line.exchange(lambda port: port.read()) is None
+        assert first.closed and line.port is None and line.descriptors() == ()
+        assert (plug.opened, plug.said) == (round_, ["it has gone"] * round_)
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "told"),
+    [
+        ("battery", 16.0, ()),
+        ("battery", 14.0, ("the battery is low",)),
+        ("battery", 13.0, ("the battery is nearly empty",)),
+        ("overcurrent", 1, ("a wheel's motor draws too much current: something may hold it",)),
+    ],
+)
+def test_what_holds_the_base_is_told(fault: str, value: float, told: tuple[str, ...]) -> None:
+    rig = Rig()
+    rig.run(1.0, (0.1, 0.0))
+    setattr(rig.base.faults, fault, value)
+    rig.run(0.5, (0.1, 0.0))
+    vehicle = TurtleBot(Plug().open, rig.driver, None, LastWord("base"), lambda line: None)
+    assert vehicle.held() == told
+
+
+POLL = milliseconds(1)
+
+
+class Room:
+    """Bridges with boards in one room, in virtual time."""
+
+    def __init__(self, robots: int = 2) -> None:
+        self.now = Instant(0)
+        self.air = boards(robots, spacing=1.0)
+        self.bridges: list[BridgeCore] = []
+        for number in range(robots):
+            link = BoardLink(BoardSettings(number + 1))
+            link.connect(self.now)
+            self.bridges.append(BridgeCore(f"r{number + 1}", link))
+        self.run(seconds(0.2))
+        self.news = [[output.message for output in bridge.advance({})] for bridge in self.bridges]
+
+    def run(self, duration: Duration) -> None:
+        until = self.now + duration
+        while self.now < until:
+            self.now = Instant(self.now + POLL)
+            self.air.advance(self.now)
+            for bridge, board in zip(self.bridges, self.air.devices, strict=True):
+                bridge.now = self.now
+                bridge.hear(board.run(self.now))
+                board.take(self.now, bridge.due())
+
+    def give(self, robot: int, address: Address, message: Message) -> list[Message]:
+        bridge = self.bridges[robot]
+        bridge.expect(address.key)
+        assert [one.key for one in bridge.missing({})] == [address.key]
+        return [output.message for output in bridge.advance({address.key: message})]
+
+    def transmit(self, robot: int, *frames: tuple[int, float, bytes]) -> None:
+        planned = tuple(Outgoing(tag, self.now + milliseconds(later), data) for tag, later, data in frames)
+        assert self.give(robot, at(TRANSMIT, f"r{robot + 1}"), Transmit(1, planned)) == []
+
+    def step(self, robot: int, step: int, epoch: int = 0) -> Sequence[Message]:
+        here = RobotTruth(f"r{robot + 1}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0, epoch)
+        return self.give(robot, at(TRUTH), Truth(step, self.now, (here,)))
+
+
+def test_a_frame_goes_out_at_its_instant_and_is_heard_by_the_other() -> None:
+    room = Room()
+    begun = room.now
+    room.transmit(0, (7, 30, b"hello"))
+    room.run(milliseconds(100))
+    received, aired = room.step(0, 4)
+    assert isinstance(received, Received) and received.step == 5
+    (sent,) = received.events
+    assert isinstance(sent, Sent) and sent.tag == 7
+    assert 30_000 <= sent.instant - begun < 45_000
+    assert aired == Aired(4, (EventCount("r1", 1),))
+    received, aired = room.step(1, 4)
+    assert isinstance(received, Received)
+    (heard,) = received.events
+    assert isinstance(heard, Heard) and (heard.sender, heard.data) == (1, b"hello")
+    assert -90 < heard.rssi_dbm < -35 and 0 <= heard.lqi <= 255
+    assert room.step(1, 5) == [Aired(5, ())]
+    assert room.give(0, at(TRUTH), Truth(5, room.now, (), halt=True)) == []
+    assert room.bridges[0].finished
+
+
+def test_the_board_pulled_out_leaves_nothing_in_doubt_but_what_it_had() -> None:
+    room = Room()
+    room.transmit(0, (1, 0, bytes(118)), (2, 0, bytes(118)))
+    room.run(milliseconds(3))
+    room.bridges[0].now = room.now
+    room.bridges[0].lost()
+    received, _ = room.step(0, 1)
+    assert isinstance(received, Received)
+    assert {type(event) for event in received.events} == {Unconfirmed}
+    assert [event.tag for event in received.events if isinstance(event, Unconfirmed)] == [1, 2]
+
+
+def test_too_many_frames_that_wait_for_their_instants_overflow() -> None:
+    room = Room()
+    room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MOST_PLANNED + 2)))
+    received, _ = room.step(0, 1)
+    assert isinstance(received, Received)
+    assert [event.tag for event in received.events if isinstance(event, Overflow)] == [
+        MOST_PLANNED,
+        MOST_PLANNED + 1,
+    ]
+    assert room.bridges[0].dropped_frames == 2
+
+
+def test_news_of_the_board_is_for_people() -> None:
+    room = Room(1)
+    room.run(seconds(3))
+    (bridge,) = room.bridges
+    assert bridge.has_news
+    (output,) = bridge.advance({})
+    assert isinstance(output.message, Board)
+    assert Temperature in [type(note) for note in output.message.notes]
+    (board,) = room.news[0]
+    assert isinstance(board, Board)
+    (up,) = board.notes
+    assert isinstance(up, LinkState) and up.up
+    assert not bridge.has_news and list(bridge.advance({})) == []
+
+
+def test_a_new_epoch_begins_with_an_empty_transceiver_and_its_tags_are_its_own() -> None:
+    """The predecessor's frames: one sent and told of, four on the board, two behind them, one not due yet."""
+    room = Room()
+    room.step(0, 0, epoch=3)
+    room.transmit(0, (1, 0, b"sent"))
+    room.run(milliseconds(50))
+    room.transmit(0, *((tag, 0, bytes(118)) for tag in range(2, 8)), (8, 40, b"later"))
+    room.run(milliseconds(2))
+    assert room.step(0, 1, epoch=4) == [Aired(1, ())], "nothing is told to the successor"
+    room.transmit(0, (1, 0, b"the successor's first"))
+    room.run(milliseconds(100))
+    received, _ = room.step(0, 2, epoch=4)
+    assert isinstance(received, Received)
+    assert [(type(event), event.tag) for event in received.events if not isinstance(event, Heard)] == [
+        (Sent, 1)
+    ]
+    received, _ = room.step(1, 2)
+    assert isinstance(received, Received)
+    heard = [event.data for event in received.events if isinstance(event, Heard)]
+    assert heard == [b"sent", *[bytes(118)] * 4, b"the successor's first"]
+    frames = room.bridges[0].outcome()["frames"]
+    assert frames == {"events_dropped": 0, "events_forgotten": 5, "frames_dropped": 0, "frames_forgotten": 3}
+
+
+def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.CaptureFixture[str]) -> None:
+    bridge = Bridge(BridgeSetup("r1", 100_000, "/nowhere/beeclick", 1, 0xBABA, 26, 0.0), Clock())
+    core, now = bridge.core, Instant(10_000_000)
+    core.now = now
+    core.expect(TRANSMIT.key("r1"))
+    frames = tuple(Outgoing(tag, now, b"x") for tag in range(20))
+    core.advance({at(TRANSMIT, "r1").key: Transmit(1, frames)})
+    bridge.serve(now)
+    bridge.serve(Instant(now + 5_000_000))
+    assert bridge.wake is None, "it waits for the mesh, and tries the port again now and then"
+    core.expect(TRUTH.key())
+    received = core.advance({at(TRUTH).key: Truth(1, now, ())})[0].message
+    assert isinstance(received, Received)
+    overflown = [event.tag for event in received.events if isinstance(event, Overflow)]
+    assert overflown == list(range(8, 20)), "one in the air and seven behind it wait for the board"
+    assert capsys.readouterr().err.count("/nowhere/beeclick: there is no such port") == 1

@@ -1,14 +1,17 @@
-"""A robot on board: the program of the simulation, its last pose, and which processes are started again."""
+"""A robot on board: the program of the simulation, its epochs, its last pose, and its supervisor."""
 
-import re
 import socket
+import threading
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from actors.geometry import Pose
 from actors.installation.usage import OptionError
@@ -17,14 +20,14 @@ from actors.messages import Odometry, ProcessOrder
 from actors.processes.launch import Child, Program
 from actors.robot.assembly import RobotSetup
 from actors.runtime.errors import AcrcError
+from actors.runtime.process import RunNote
 from actors.runtime.process_setup import SETUP, setup_bytes
+from actors.runtime.recording import Recorder
 from deploy.fleet import keys as fleet_keys
 from deploy.fleet import onboard
-from deploy.fleet import onboard as layout
-from deploy.fleet.fleet_file import FleetRobot
+from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.onboard import Onboard, Ports, onboard_robot_program
 from deploy.fleet.onboard_run import (
-    AT_START,
     OnboardOptions,
     OnboardSupervisor,
     OperatorLink,
@@ -40,6 +43,104 @@ from firmware_bridge.onboard import base, last_pose
 from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
 from tests.fleet.texts import fleet, robot
 from tests.swarm.command import leftovers
+
+TODAY = 1_800_000_000.0
+"""2027-01-15."""
+BY_CLOCK = 222_163_200
+"""Seconds from 2020-01-01 to TODAY."""
+
+
+class Computer:
+    """One robot's computer."""
+
+    def __init__(self, folder: Path, now: float = TODAY) -> None:
+        self.state, self.runs, self.now = folder / "state", folder / "runs", now
+        self.said: list[str] = []
+
+    @property
+    def file(self) -> Path:
+        return self.state / "r1.epochs"
+
+    def counter(self, runs: Path | None = None, robot: str = "r1") -> EpochCounter:
+        return EpochCounter(robot, runs or self.runs, self.said.append, self.state, lambda: self.now)
+
+    def claim(self) -> int:
+        """As a new supervisor does."""
+        return self.counter().claim()
+
+    def record(self, epoch: int, run: str = "one", robot: str = "r1") -> None:
+        """Leave a recording of that epoch, which ends in its first step."""
+        path = self.runs / run / robot / f"{robot}.mcap"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        setup = msgspec.Raw(msgspec.json.encode({"id": robot, "epoch": epoch, "seed": 1}))
+        with Recorder(path, 100_000) as recorder:
+            recorder.note("run", RunNote(robot, 1, 100_000, "", setup))
+
+
+@pytest.fixture
+def computer(tmp_path: Path) -> Computer:
+    return Computer(tmp_path)
+
+
+def test_every_start_is_one_more_whatever_folder_it_records_into(computer: Computer, tmp_path: Path) -> None:
+    assert [computer.counter(tmp_path / f"runs{number}").claim() for number in range(20)] == list(range(20))
+    assert computer.counter(robot="r2").claim() == 0
+    assert computer.said == []
+    assert len(computer.file.read_bytes()) < 100
+
+
+@given(st.integers(0, 12), st.integers(16, 12 * 8 - 1))
+@settings(max_examples=40)
+def test_a_torn_or_damaged_file_never_gives_an_epoch_again(left: int, bit: int) -> None:
+    """The first `left` bytes stay, with one bit flipped if that is among them."""
+    with TemporaryDirectory() as folder:
+        robot = Computer(Path(folder))
+        for _ in range(12):
+            last = robot.claim()
+        content = bytearray(robot.file.read_bytes())
+        assert len(content) == 12
+        content[bit // 8] ^= 1 << bit % 8
+        robot.file.write_bytes(content[:left])
+        first, second = robot.claim(), robot.claim()
+        assert last < first < second
+
+
+def test_an_empty_file_goes_on_by_the_clock_and_says_so(computer: Computer) -> None:
+    for _ in range(3):
+        computer.claim()
+    computer.file.write_bytes(b"")
+    assert [computer.claim(), computer.claim()] == [BY_CLOCK, BY_CLOCK + 1]
+    (said,) = computer.said
+    assert said.endswith(f"it holds no epoch that can be read; r1 goes on with {BY_CLOCK}, by the clock")
+    computer.file.write_bytes(b"\0" * 10_000)
+    computer.now += 60
+    assert computer.claim() == BY_CLOCK + 60
+    computer.file.write_bytes(b"")
+    computer.record(BY_CLOCK + 1000)
+    assert computer.claim() == BY_CLOCK + 1001, "the later one of recordings and clock"
+    computer.file.write_bytes(b"")
+    computer.now = 100.0
+    with pytest.raises(AcrcError, match="and the clock, at 1970-01-01, was never set"):
+        computer.claim()
+
+
+def test_a_lost_file_goes_on_behind_the_latest_recording(computer: Computer) -> None:
+    computer.record(4)
+    computer.record(41, "two")
+    computer.record(99, "two", "r2")
+    (computer.runs / "two" / "r1" / "r1.1.mcap").write_bytes(b"no recording")
+    assert [computer.claim(), computer.claim()] == [42, 43]
+
+
+def test_two_at_once_get_two(computer: Computer) -> None:
+    claimed: list[int] = []
+    threads = [threading.Thread(target=lambda: claimed.append(computer.claim())) for _ in range(16)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(claimed) == list(range(16))
+
 
 ROOT = Path(__file__).parents[2]
 PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
@@ -60,13 +161,9 @@ def test_set_up_and_module_are_those_of_the_simulation(alone: RunPlan) -> None:
     spares = msgspec.structs.replace(simulated.setup.process, spares_record=True)
     outlives = msgspec.structs.replace(simulated.setup, process=spares)
     assert on_board == replace(simulated, setup=outlives), "it outlives a full disk"
-
-
-def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: RunPlan) -> None:
-    plain = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0, debug_port=5678), start=0)
     assert debugged.module == "debugpy"
-    assert debugged.argv == ("--listen", "5678", "-m", plain.module, *plain.argv)
+    assert debugged.argv == ("--listen", "5678", "-m", on_board.module, *on_board.argv)
 
 
 def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
@@ -172,15 +269,6 @@ def test_a_robot_that_was_on_before_is_started_in_doubt(alone: RunPlan, tmp_path
     assert replace(prepared, last_pose=None).pose_file == alone.out / "r1.base" / "last.pose"
 
 
-def test_it_can_be_told_where_it_is() -> None:
-    stands: FleetRobot = fleet(robot(2)).robot("r2")
-    assert _told(AT_START, stands) == stands.start
-    assert _told("1,2.5,-0.5", stands) == (1.0, 2.5, -0.5)
-    for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0"):
-        with pytest.raises(OptionError, match=f"^--at: {wrong}; must be start, or X,Y,HEADING in m and rad"):
-            _told(wrong, stands)
-
-
 @pytest.mark.parametrize(("at", "start"), [("start", (12.0, 5.0, 0.0)), ("12.5,5.5,-1", (12.5, 5.5, -1.0))])
 def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
     at: str, start: tuple[float, float, float], tmp_path: Path
@@ -192,12 +280,14 @@ def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
     prepared = prepare(stands, "r2", OnboardOptions(tmp_path / "runs" / "one", at=at), lambda sentence: None)
     assert prepared.robot.start == start
     assert not pose.exists() and told(prepared, 0).doubt is None
+    for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0"):
+        with pytest.raises(OptionError, match=f"^--at: {wrong}; must be start, or X,Y,HEADING in m and rad"):
+            _told(wrong, stands.robot("r2"))
 
 
 def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    then = datetime.now(UTC) - timedelta(days=3)
     text = robot(1, 'listen = "tls/127.0.0.1:7447"')
     one = fleet(text, head=f'keys = "{tmp_path}/keys"\nmap = "m.yaml"\n')
     faults, said = ["", "it is over", "it is over", "", "the clock is wrong"], list[str]()
@@ -206,23 +296,11 @@ def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
     while faults:
         link.look()
     assert said == [f"no laptop can watch or stop it: {why}" for why in ("it is over", "the clock is wrong")]
-    missing = _link_fault(one, one.robot("r1"))
-    assert missing.startswith(
-        f"{tmp_path}/keys/r1/authority.pem cannot be read (No such file or directory); "
+    assert _link_fault(one, one.robot("r1")).startswith(
+        f"{tmp_path}/keys/r1/authority.pem cannot be read (No "
     )
-    fleet_keys.issue(one, tmp_path / "keys", {}, now=then, days=1)
-    ended = (then + timedelta(days=1)).date()
-    assert re.fullmatch(
-        rf"{tmp_path}/keys/r1/certificate\.pem holds from \S+ to {ended}, but it is \S+ here; set the clock, "
-        "or make new keys with `acrc fleet keys`",
-        _link_fault(one, one.robot("r1")),
-    )
-
-
-class Robot:
-    """Stands for what is laid out; nothing of it is on the disk."""
-
-    id = "r1"
+    fleet_keys.issue(one, tmp_path / "keys", {}, now=datetime.now(UTC) - timedelta(days=3), days=1)
+    assert "but it is " in _link_fault(one, one.robot("r1"))
 
 
 class Played:
@@ -251,23 +329,23 @@ class Played:
 def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, Played]:
     """A robot whose base, bridge and program run."""
 
-    issued = SimpleNamespace(sockets={layout.BRIDGE: tmp_path})
+    issued = SimpleNamespace(sockets={onboard.BRIDGE: tmp_path})
 
     def program(name: str) -> object:
-        return lambda _onboard, _start: Program(
+        return lambda _one, _start: Program(
             name, name, (), tmp_path / f"{name}.log", tmp_path / f"{name}.mcap"
         )
 
     monkeypatch.setattr(OnboardSupervisor, "GRACE_S", 0.05)  # nothing is really waited for
-    monkeypatch.setattr(layout, "issue", lambda _onboard: issued)
-    monkeypatch.setattr(layout, "base_program", program(layout.BASE))
-    monkeypatch.setattr(layout, "bridge_program", program(layout.BRIDGE))
-    monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
-    onboard: Onboard = type("One", (), {"robot": Robot, "router": Path("router.json")})()
+    monkeypatch.setattr(onboard, "issue", lambda _: issued)
+    monkeypatch.setattr(onboard, "base_program", program(onboard.BASE))
+    monkeypatch.setattr(onboard, "bridge_program", program(onboard.BRIDGE))
+    monkeypatch.setattr(onboard, "onboard_robot_program", program("r1"))
+    one: Onboard = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
     launcher = Played()
-    watch = OnboardSupervisor(onboard, launcher, launcher.said.append)  # type: ignore[arg-type]
+    watch = OnboardSupervisor(one, launcher, launcher.said.append)  # type: ignore[arg-type]
     watch.start()
-    assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
+    assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
     return watch, launcher
 
 
@@ -275,9 +353,9 @@ def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_end
     played: tuple[OnboardSupervisor, Played],
 ) -> None:
     watch, launcher = played
-    launcher.ends = [{"r1": 0}, {}, {layout.BRIDGE: 0}, {layout.BASE: 0}]
+    launcher.ends = [{"r1": 0}, {}, {onboard.BRIDGE: 0}, {onboard.BASE: 0}]
     assert not watch.look(0.0), "told to stop"
-    assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
+    assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
     assert watch.restarts == 0
 
 
@@ -294,9 +372,8 @@ def test_why_a_process_has_ended_is_said_each_time_and_in_the_end(
         while True:
             watch.look(0.0)
     assert launcher.said == [f"r1 has ended with exit code 1: {TAKEN}"] * 6
-    assert str(caught.value) == (
-        "r1: its processes were started 5 times within 60 s, and r1 has ended once more with exit code 1: "
-        f"{TAKEN}"
+    assert str(caught.value).endswith(
+        f"started 5 times within 60 s, and r1 has ended once more with exit code 1: {TAKEN}"
     )
 
 
@@ -311,7 +388,7 @@ def test_a_recording_that_is_not_whole_is_told_once_for_each_thing_that_its_proc
         log.write_text((log.read_text() if log.exists() else "") + text)
         assert watch.look(0.0)
     log.write_text(log.read_text() + f"{full}; 1234 records are missing\n")
-    launcher.ends = [{"r1": 0, layout.BRIDGE: 0, layout.BASE: 0}]
+    launcher.ends = [{"r1": 0, onboard.BRIDGE: 0, onboard.BASE: 0}]
     assert not watch.look(0.0)
     assert launcher.said == [
         f"r1: {full}; records are lost from here on",

@@ -17,8 +17,8 @@ from actors.robot_model import load_model
 from firmware_bridge.range_sensors import depth_camera
 from firmware_bridge.range_sensors.depth import DepthError, DepthScanner, column_slopes
 from firmware_bridge.range_sensors.depth_camera import Camera, CameraError, CameraFeed, OpenNICamera
-from firmware_bridge.range_sensors.sensor import Repeats, StillBeams
-from tests.kobuki.room import Room
+from firmware_bridge.range_sensors.sensor import StillBeams
+from tests.kobuki.rig import Room
 
 KINECT = load_model("turtlebot2", "kinect").sensor
 
@@ -96,25 +96,6 @@ def test_an_image_in_which_nothing_is_seen_or_all_is_too_near_is_no_free_floor(d
     assert scanner.sees(Instant(270_000)), "what is far away is seen, too"
 
 
-# --- repeated data -----------------------------------------------------------------------------------------
-
-
-def test_parts_that_come_again_are_counted_within_a_window_and_forgotten_in_the_end() -> None:
-    repeats = Repeats(kept=100, window=4, most=2)
-    for part in (b"a", b"b", b"c", b"a"):
-        repeats.take(part)
-    assert not repeats.found
-    repeats.take(b"b")
-    assert repeats.found
-    for part in (b"d", b"e", b"f"):
-        repeats.take(part)
-    assert not repeats.found
-    short = Repeats(kept=2, window=1, most=1)
-    for part in (b"a", b"b", b"c", b"a"):
-        short.take(part)
-    assert not short.found
-
-
 @pytest.mark.parametrize(("share", "found"), [(0.0, False), (0.2, False), (0.35, True), (1.0, True)])
 def test_frozen_beams_are_found_from_three_in_ten_on(share: float, found: bool) -> None:
     beams, random = StillBeams(), np.random.default_rng(2)
@@ -138,8 +119,6 @@ def test_a_camera_that_repeats_one_image_is_noticed_after_three() -> None:
     assert scanner.repeats
     assert scanner.sweep() is not None and scanner.sweep() is None
 
-
-# --- the thread and the library ----------------------------------------------------------------------------
 
 IMAGE: NDArray[np.uint16] = np.full((2, 2), 7, np.uint16)
 
@@ -245,11 +224,7 @@ def test_without_library_or_camera_it_says_what_to_install(monkeypatch: pytest.M
     library = StandIn("oniDeviceOpen", b"\tDeviceOpen using default: no devices found\n\n")
     with pytest.raises(CameraError) as failure:
         OpenNICamera(library=library)
-    assert str(failure.value) == (
-        "no depth camera is plugged in, or none may be used (DeviceOpen using default: no devices found); "
-        "`sudo apt install libopenni2-0 openni2-utils` brings drivers and NiViewer2, which shows whether the "
-        "camera works"
-    )
+    assert "(DeviceOpen using default: no devices found); `sudo apt install" in str(failure.value)
     assert library.calls == ["oniInitialize", "oniDeviceOpen", "oniShutdown"]
     monkeypatch.setattr(ctypes, "CDLL", missing)
     with pytest.raises(CameraError, match="`sudo apt install libopenni2-0` brings it on Debian and Ubuntu"):

@@ -1,6 +1,7 @@
-"""An RPLIDAR A1: its bytes, its start, its turns as scans, noise and failures."""
+"""An RPLIDAR A1: its bytes, its start, its turns as scans of a model's rays, noise and failures."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
-from actors.robot_model import load_model
+from actors.robot_model import RangeSensor as SensorModel
+from actors.robot_model import load_model, scan_angles
 from firmware_bridge.range_sensors.rplidar import (
     HEALTH,
     INFO,
@@ -26,7 +28,7 @@ from firmware_bridge.range_sensors.rplidar import (
 )
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.range_sensors.sensor import Rays
-from tests.kobuki.room import Room
+from tests.kobuki.rig import Room
 
 CHAPTER = load_model("turtlebot2", "chapter").sensor
 ROOM = Room(6.0, 4.0)
@@ -166,19 +168,6 @@ def test_noise_costs_samples_but_no_scan() -> None:
     assert np.nanmedian(np.abs(metres(rig.scans[-1]) - truth)) < 0.01
 
 
-def test_a_lidar_that_falls_silent_is_started_again() -> None:
-    rig = Rig()
-    rig.run(1.0)
-    rig.device.silent = True
-    rig.run(3.0)
-    assert rig.lidar.phase is not LidarPhase.SCANNING
-    rig.device.silent = False
-    before = len(rig.scans)
-    rig.run(3.0)
-    assert len(rig.scans) > before + 5
-    assert rig.lidar.counts.starts == 2
-
-
 def test_a_lidar_that_reports_an_error_is_reset() -> None:
     rig = Rig()
     rig.device.health = Health(2, 7)
@@ -229,6 +218,76 @@ def test_it_is_blind_within_a_quarter_of_a_second_and_what_it_does_not_see_is_no
     rig.run(0.5)
     assert rig.scans == [] and not rig.lidar.sees(rig.now)
     assert (rig.lidar.counts.blind > 1) == (fault == "dark")
+    rig.run(2.0)
+    assert (rig.lidar.phase is LidarPhase.SCANNING) == (fault != "silent")
     setattr(rig.device, fault, False)
     rig.run(3.0)
-    assert rig.lidar.sees(rig.now) and rig.scans != []
+    assert rig.lidar.sees(rig.now) and len(rig.scans) > 5
+    assert rig.lidar.counts.starts == 1 + (fault == "silent")
+
+
+def sensor(view_deg: float, rays: int, range_min: float = 0.0) -> SensorModel:
+    view = {"field_of_view_deg": view_deg, "rays": rays, "range_min": range_min}
+    return SensorModel.model_validate({**view, "range_max": 5.0, "rate": 10.0})
+
+
+CIRCLE = sensor(360.0, 8, range_min=0.1)
+"""At -135, -90, -45, 0, 45, 90, 135 and 180 degrees."""
+VIEW = sensor(90.0, 3)
+"""At -45, 0 and 45 degrees."""
+NONE = NO_ECHO_MM
+
+
+def seen(model: SensorModel, samples: Sequence[tuple[float, float]]) -> list[int]:
+    """The ranges that samples at (degrees, m) make."""
+    angles, ranges = np.array(samples, np.float64).reshape(-1, 2).T
+    scan = Rays(model, math.radians(1.0)).scan(Instant(5), np.radians(angles), ranges)
+    assert scan.stamp == 5
+    found: list[int] = np.frombuffer(scan.ranges_mm, "<u2").tolist()
+    return found
+
+
+@pytest.mark.parametrize("model", [CIRCLE, VIEW, sensor(360.0, 7)])
+def test_the_rays_are_those_of_the_model(model: SensorModel) -> None:
+    turned: NDArray[np.float64] = Rays(model).angles - scan_angles(model)
+    assert np.abs(np.sin(turned / 2)).max() < 1e-12
+    one_each = [(math.degrees(angle), 1.0 + k) for k, angle in enumerate(Rays(model).angles.tolist())]
+    wanted = [1000 * (1 + k) if 1 + k <= 5 else NONE for k in range(model.rays)]
+    assert seen(model, one_each) == wanted
+    shifted = [(degrees - 720.0, metres) for degrees, metres in one_each]
+    assert seen(model, shifted) == wanted
+
+
+def test_no_echo_is_no_echo() -> None:
+    samples = [(0, 0.0), (45, math.inf), (90, math.nan), (135, -1.0), (180, 5.001), (-135, 5.0)]
+    assert seen(CIRCLE, samples) == [5000, NONE, NONE, NONE, NONE, NONE, NONE, NONE]
+    assert seen(CIRCLE, []) == [NONE] * 8
+
+
+def test_what_is_too_near_hides_what_is_behind_it() -> None:
+    assert seen(CIRCLE, [(0, 0.099), (1, 2.0), (45, 0.1)])[3:5] == [NONE, 100]
+    assert seen(CIRCLE, [(0, 1.2344), (45, 1.2346)])[3:5] == [1234, 1235]
+
+
+def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float) -> list[int]:
+    """The same, ray by ray, in the plainest words."""
+    found = []
+    for ray in Rays(model).angles.tolist():
+        aside = [(abs(math.remainder(angle - ray, math.tau)), metres) for angle, metres in samples]
+        own = [metres for angle, metres in aside if angle < model.increment / 2]
+        angle, nearest = min(aside)
+        best = min(own) if own else nearest if angle <= reach else math.inf
+        found.append(math.floor(1000 * best + 0.5) if model.range_min <= best <= model.range_max else NONE)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "model", [sensor(360.0, 97), sensor(360.0, 8), sensor(120.0, 50, 0.3), sensor(58.0, 7)]
+)
+def test_any_samples_give_what_they_give_by_hand(model: SensorModel, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    samples = np.column_stack((rng.uniform(-7, 7, 60), rng.uniform(0.01, 6.0, 60)))
+    scan = Rays(model, reach=0.05).scan(Instant(0), samples[:, 0], samples[:, 1])
+    pairs = [(angle, metres) for angle, metres in samples.tolist()]
+    assert np.frombuffer(scan.ranges_mm, "<u2").tolist() == by_hand(model, pairs, 0.05)

@@ -28,8 +28,7 @@ from observation.robot_logs.logging_run import LogReport, log_run
 from observation.robot_logs.robot_entries import occupancy
 from observation.robot_logs.ros2_log import TYPES, LogEntry
 from observation.view.story import Source, Track
-from tests.field_trial.rewriting import clock
-from tests.field_trial.runs import copies
+from tests.field_trial.runs import clock, copies
 from tests.recorded_runs import HEAD_ON, record
 
 Log = dict[str, list[tuple[int, Any]]]

@@ -1,27 +1,72 @@
-"""The last word to a Kobuki: whatever becomes of the base process or of its guardian, the wheels stand soon.
-
-Wall time on a busy computer: what should take 0.17 s is given half a second.
-"""
+"""The base stands soon whatever becomes of its process, its guardian or its supervisor; wall time."""
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Self
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.instant import Instant
+from deploy.fleet.onboard_run import ServiceNotice, StandIn
+from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki import guardian, motion
+from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.kobuki.guardian import Standstill
 from firmware_bridge.kobuki.wire import BaseControl, Basic, encode_command, encode_feedback, encode_frame
 from firmware_bridge.onboard.vehicle import LastWord, start_guardian
 from firmware_bridge.serial_port import KOBUKI, SerialPort
-from tests.onboard.kobuki_line import KobukiLine
+from tests.kobuki.rig import Room, Unicycle
+
+
+class KobukiLine:
+    """An emulated Kobuki on a pseudo-terminal, in wall time; a context manager."""
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        self.body = Unicycle(None, Room(40.0, 40.0))
+        self.base = EmulatedKobuki(self.body, np.random.default_rng(1))
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        self._line = PseudoTerminal(self.link)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._line.close()
+
+    @property
+    def speed(self) -> float:
+        return self.body.truth().v
+
+    def stands_soon(self) -> bool:
+        """Wait until it stands, for SOON_S at most."""
+        begun = time.monotonic()
+        while self.speed and time.monotonic() - begun < SOON_S:
+            time.sleep(0.002)
+        return self.speed == 0
+
+    def _run(self) -> None:
+        begun = time.monotonic()
+        while not self._ended.is_set():
+            data = self._line.read(0.002)
+            now = Instant(round(1e6 * (time.monotonic() - begun)))
+            self.base.take(now, data)
+            self._line.write(self.base.run(now))
+
 
 SOON_S = 0.5
 DRIVE = encode_frame(encode_command(motion.base_control(0.3, 0.0)))
@@ -96,14 +141,14 @@ def test_a_base_that_dies_stands_at_once_though_what_is_said_first_is_not_heard(
     time.sleep(0.1)
     assert line.speed > 0.29, "several stops were lost on the line"
     line.base.faults.deaf = False
-    assert line.standing_after(SOON_S) < SOON_S
+    assert line.stands_soon()
     assert process.guardians[0].wait(5) == 0, "it goes once the wheels stand"
 
 
 def test_a_base_that_hangs_stands_and_drives_again_when_it_goes_on(
     line: KobukiLine, process: BaseProcess
 ) -> None:
-    assert line.standing_after(SOON_S) < SOON_S  # nobody serves
+    assert line.stands_soon()  # nobody serves
     process.serve(lambda: process.word.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
@@ -136,18 +181,11 @@ def test_nothing_may_move_once_the_guardian_is_dead_or_stopped_and_there_is_anot
     assert process.word.started == len(process.guardians) == 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_the_guardian_outlives_the_signals_that_end_the_others(
-    line: KobukiLine, process: BaseProcess, number: signal.Signals
-) -> None:
-    os.kill(process.guardians[0].pid, number)
-    process.die()
-    assert line.standing_after(SOON_S) < SOON_S
-
-
-def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
+def test_the_guardian_outlives_other_signals_and_stops_the_base_on_a_port_that_was_opened_again(
     line: KobukiLine, process: BaseProcess
 ) -> None:
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        os.kill(process.guardians[0].pid, number)
     process.port.write(encode_frame(encode_command(BaseControl(0, 0))))
     process.port.close()
     time.sleep(0.02)
@@ -159,7 +197,7 @@ def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     process.die()
-    assert line.standing_after(SOON_S) < SOON_S
+    assert line.stands_soon()
 
 
 def test_alone_it_opens_the_port_and_says_stop_until_the_wheels_stand(line: KobukiLine) -> None:
@@ -214,3 +252,40 @@ def test_only_wheels_that_stand_are_heard_to_stand(speed: int, begin: int, noise
     repeated = Standstill()
     repeated.take(20 * feedback(7, 1, 2))
     assert not repeated.reached, "one feedback heard again and again"
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_systemd_hears_that_a_service_is_up_and_lives(tmp_path: Path, abstract: bool) -> None:
+    name = f"acrc-test-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(f"\0{name}" if abstract else name)
+        systemd.settimeout(10)
+        notice = ServiceNotice({"NOTIFY_SOCKET": f"@{name}" if abstract else name})
+        notice.ready()
+        notice.lives()
+        assert [systemd.recv(100), systemd.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
+    notice.lives()  # nobody listens any more
+    for environment in ({}, {"NOTIFY_SOCKET": "nonsense"}):
+        ServiceNotice(environment).lives()
+
+
+STOPPED = "base is stopped (SIGSTOP or a debugger): stop is said in its place"
+
+
+def test_stop_is_said_once_for_a_base_that_is_stopped_and_not_for_one_that_runs(tmp_path: Path) -> None:
+    said: list[str] = []
+    waits = [sys.executable, "-c", "input()"]
+    with KobukiLine(tmp_path / "base") as line, subprocess.Popen(waits, stdin=subprocess.PIPE) as base:
+        stand_in = StandIn(str(line.link), said.append)
+        line.body.drive(0.3, 0.0)
+        stand_in.look(None)
+        stand_in.look(base.pid)
+        time.sleep(0.1)
+        assert line.speed == pytest.approx(0.3) and not said
+        os.kill(base.pid, signal.SIGSTOP)
+        deadline = time.monotonic() + 20.0
+        while (line.speed or not said) and time.monotonic() < deadline:
+            stand_in.look(base.pid)
+            time.sleep(0.01)
+        assert (said, line.speed) == ([STOPPED], 0.0)
+        base.kill()

@@ -1,0 +1,476 @@
+"""What is installed on a robot: its bundle, its service and its udev rules."""
+
+import fnmatch
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from actors.installation import pins, version
+from actors.installation.usage import OptionError
+from actors.robot.behaviour.foreign import INSTALLED, Permit
+from actors.runtime.errors import AcrcError
+from deploy.fleet import bundle, keys
+from deploy.fleet.bundle import RobotBundle
+from deploy.fleet.fleet_file import load_fleet
+from deploy.fleet.udev import UsbPort, rules, unnamed
+from deploy.fleet.units import everyday_user, service, write
+from observation.replay import record_replay
+from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
+from tests.in_process import acrc
+from tests.onboard.standstill_rig import MAP, Rig
+
+ACRC = ROOT / "acrc"
+ALL = (KOBUKI_AT_0, BOARD_AT_1, LIDAR_AT_2)
+
+
+def seen(port: UsbPort) -> dict[str, str]:
+    """A port as udev shows it to the rules."""
+    found = {"SUBSYSTEM": "tty", "idVendor": port.vendor, "idProduct": port.product, "KERNELS": port.socket}
+    return found | ({"serial": port.serial} if port.serial else {})
+
+
+R2 = load_fleet(OFFICE).robot("r2")
+KOBUKI, FTDI, CP2102 = map(seen, ALL)
+MINE = {"GROUP=": "dialout", "MODE=": "0660", "TAG+=": "systemd"}
+RULE_TOKEN = r'([A-Z]+(?:\{[A-Za-z0-9_/.]+\})?(?:==|!=|\+=|=))"([^"\\]*)"'
+FAST = {"ATTR{device/latency_timer}=": "1"}
+
+
+Rule = dict[str, str]
+
+
+def read_unit(text: str) -> dict[str, dict[str, list[str]]]:
+    """Values by section and key."""
+    sections: dict[str, dict[str, list[str]]] = {}
+    for line in text.splitlines():
+        if line.startswith("["):
+            current = sections.setdefault(line.strip("[]"), {})
+        elif line and not line.startswith("#"):
+            key, _, value = line.partition("=")
+            current.setdefault(key, []).append(value)
+    return sections
+
+
+def words(line: str) -> list[str]:
+    """A command line as systemd splits and unescapes it."""
+    return [re.sub(r"(%|\$)\1", r"\1", word) for word in shlex.split(line)]
+
+
+def read_rules(text: str) -> list[Rule]:
+    """The rules, each as a value by `KEY operator` or `KEY{attribute} operator`."""
+    lines = (line for line in text.splitlines() if line and not line.startswith("#"))
+    rules = [[re.fullmatch(RULE_TOKEN, token) for token in line.split(", ")] for line in lines]
+    assert all(token is not None for rule in rules for token in rule), text
+    return [{token[1]: token[2] for token in rule if token is not None} for rule in rules]
+
+
+def effect(rules: list[Rule], device: Rule, action: str = "add") -> Rule:
+    """What the rules make of a device with these attributes (`SUBSYSTEM`, `idVendor`, …), as udev would."""
+    made: Rule = {}
+    goal = ""
+    for rule in rules:
+        if goal and rule.get("LABEL=") != goal:
+            continue
+        if all(_holds(key, value, device | {"ACTION": action}) for key, value in rule.items()):
+            goal = rule.get("GOTO=", "")
+            set_here = {key: value for key, value in rule.items() if key[-2] not in "=!"}
+            made |= {key: value for key, value in set_here.items() if key not in {"GOTO=", "LABEL="}}
+    return made
+
+
+def _holds(key: str, value: str, device: Rule) -> bool:
+    if not key.endswith(("==", "!=")):
+        return True
+    actual = device.get(key[:-2].removeprefix("ATTRS{").rstrip("}"))
+    return actual is not None and fnmatch.fnmatchcase(actual, value) is key.endswith("==")
+
+
+def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str, dict[str, list[str]]]:
+    loaded = fleet(robot(2, more), path=path)
+    return read_unit(service(loaded, loaded.robot("r2"), program=program, user="robot"))
+
+
+def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
+    sections = unit()
+    assert words(sections["Service"]["ExecStart"][0]) == [
+        str(ACRC), "fleet", "onboard", str(OFFICE), "--robot", "r2"
+    ]  # fmt: skip
+    expected = {
+        "User": "robot",
+        "SupplementaryGroups": "dialout",
+        "Restart": "on-failure",
+        "SuccessExitStatus": "143",
+        "StandardOutput": "journal",
+        "SyslogIdentifier": "acrc-r2",
+    }
+    assert {key: sections["Service"][key] for key in expected} == {k: [v] for k, v in expected.items()}
+    assert sections["Unit"]["StartLimitBurst"] == ["5"]
+    assert sections["Unit"]["StartLimitIntervalSec"] == ["300"]
+    assert sections["Install"]["WantedBy"] == ["multi-user.target"]
+
+
+def test_a_supervisor_that_hangs_is_noticed_and_what_is_killed_with_it_has_a_last_word() -> None:
+    service = unit()["Service"]
+    assert (service["Type"], service["NotifyAccess"]) == (["notify"], ["main"])
+    assert (service["TimeoutStartSec"], service["WatchdogSec"]) == (["900"], ["20"])
+    python, *stop = words(service["ExecStopPost"][0])
+    assert python == f"-{ROOT}/.venv/bin/python"
+    guardian = ROOT / "firmware_bridge" / "kobuki" / "guardian.py"
+    assert stop == ["-I", "-S", str(guardian), "alone", "/dev/kobuki"]
+    assert guardian.is_file()
+
+
+def test_it_waits_for_its_devices_and_for_an_address_of_its_own_but_else_for_no_network() -> None:
+    sections = unit('base = "/dev/ttyUSB0"\nradio = "/dev/robot-1/bee click"\nrange = "openni"')
+    assert sections["Unit"]["Wants"] == [r"dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"]
+    assert sections["Unit"]["After"] == [
+        r"time-set.target dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"
+    ]
+    own = unit('listen = "tls/192.168.1.12:7447"')
+    assert own["Unit"]["Wants"] == ["dev-kobuki.device dev-beeclick.device network-online.target"]
+    assert own["Unit"]["After"][0].startswith("time-set.target network-online.target dev-kobuki")
+    everywhere = unit('listen = "tls/0.0.0.0:7447"')
+    assert everywhere["Unit"]["After"] == ["time-set.target dev-kobuki.device dev-beeclick.device"]
+
+
+def test_the_sandbox_leaves_devices_namespaces_and_compiled_kernels_alone() -> None:
+    own = unit()["Service"]
+    assert own["DevicePolicy"] == ["closed"]
+    assert own["DeviceAllow"] == ["char-ttyUSB rw", "char-ttyACM rw"]
+    assert own["ReadWritePaths"] == [str(ROOT)]
+    kernels = {"RestrictNamespaces", "MemoryDenyWriteExecute", "SystemCallFilter"}
+    assert not {"PrivateDevices", "PrivateNetwork", "PrivateUsers", *kernels} & own.keys()
+    assert unit('range = "openni"')["Service"]["DeviceAllow"][2:] == ["char-usb_device rw"]
+
+
+def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> None:
+    folder = Path('/home/a b/50% "off" $HOME/back\\slash')
+    own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
+    assert words(own["ExecStart"][0]) == [
+        str(folder / "acrc"), "fleet", "onboard", str(folder / "fleet.toml"), "--robot", "r2"
+    ]  # fmt: skip
+    assert own["ReadWritePaths"] == [r'"/home/a b/50%% \"off\" $HOME/back\\slash"']
+
+
+def test_a_user_must_be_one(tmp_path: Path) -> None:
+    with pytest.raises(AcrcError, match="--user: 'me\nExecStart=/bin/sh'; must be the name of a user of"):
+        write(load_fleet(OFFICE), R2, tmp_path, program=ACRC, user="me\nExecStart=/bin/sh", plugged=())
+
+
+@pytest.mark.parametrize(
+    ("device", "expected"),
+    [
+        (KOBUKI, MINE | FAST | {"SYMLINK+=": "kobuki"}),
+        (FTDI, MINE | FAST | {"SYMLINK+=": "beeclick"}),
+        (FTDI | {"serial": "A50285BJ"}, MINE | FAST),
+        (CP2102, MINE | {"SYMLINK+=": "rplidar"}),
+        (CP2102 | {"KERNELS": "1-1.4"}, MINE),
+        ({"SUBSYSTEM": "tty", "idVendor": "2341", "idProduct": "0043"}, {}),
+        (KOBUKI | {"SUBSYSTEM": "usb"}, {}),
+    ],
+)
+def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expected: dict[str, str]) -> None:
+    made = read_rules(rules(R2, ALL))
+    assert effect(made, device) == expected
+    assert effect(made, device, action="remove") == {}
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/tmp/k", "/dev/a b"])
+def test_what_a_rule_cannot_or_must_not_name_it_does_not(port: str) -> None:
+    text = rules(fleet(robot(1, f'base = "{port}"')).robot("r1"), ALL)
+    assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
+    camera = fleet(robot(1, 'range = "openni"')).robot("r1")
+    assert effect(read_rules(rules(camera, ALL)), CP2102) == {}
+
+
+SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
+
+
+@pytest.mark.parametrize(
+    ("plugged", "name", "why"),
+    [
+        ((KOBUKI_AT_0, LIDAR_AT_2), "beeclick", "no BEE-click board is plugged in"),
+        (
+            (*ALL, SECOND),
+            "beeclick",
+            "/dev/ttyUSB1 (serial number A50285BI) and /dev/ttyUSB3 (serial number B1) could each be the",
+        ),
+        (
+            (*ALL, LIDAR_AT_2._replace(path="/dev/ttyUSB4", socket="2-1")),
+            "rplidar",
+            "/dev/ttyUSB2 (USB port 1-1.3) and /dev/ttyUSB4 (USB port 2-1) could each be the RPLIDAR",
+        ),
+    ],
+)
+def test_a_chip_that_is_not_alone_or_not_there_gets_no_name(
+    plugged: tuple[UsbPort, ...], name: str, why: str
+) -> None:
+    (said,) = unnamed(R2, plugged)
+    assert said.startswith(f"/dev/{name}: {why}") and unnamed(R2, ALL) == []
+    made = read_rules(text := rules(R2, plugged))
+    assert said.partition(": ")[2] in text
+    names = [effect(made, seen(port)).get("SYMLINK+=") for port in (*plugged, BOARD_AT_1, LIDAR_AT_2)]
+    assert name not in names and len({*names} - {None}) == 2, "the others have theirs"
+
+
+@pytest.mark.parametrize("serial", ["", "0001", '*", RUN+="/bin/sh', "A?", "a b"])
+def test_a_chip_without_a_serial_number_of_its_own_is_known_by_its_place(serial: str) -> None:
+    made = read_rules(rules(R2, (board := BOARD_AT_1._replace(serial=serial),)))
+    assert effect(made, seen(board)) == MINE | FAST | {"SYMLINK+=": "beeclick"}
+    assert effect(made, seen(SECOND)) == MINE | FAST
+
+
+@pytest.mark.parametrize(
+    ("owner", "sudo", "user"),
+    [
+        ("robot", "ada", "robot"),
+        ("root", "ada", "ada"),
+        ("", "ada", "ada"),
+        ("root", "root", None),
+        ("", "", None),
+    ],
+)
+def test_a_robot_never_runs_as_root_by_default(
+    owner: str, sudo: str, user: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of(_: Path) -> str:
+        if owner:
+            return owner
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr(Path, "owner", of)
+    monkeypatch.setenv("SUDO_USER", sudo)
+    if user is not None:
+        assert everyday_user(tmp_path) == user
+        return
+    with pytest.raises(OptionError, match="--user: is missing; must say who the robot runs as"):
+        everyday_user(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["r1", "r2"])
+def test_systemds_own_verifiers_have_nothing_to_say_where_they_are_installed(
+    name: str, tmp_path: Path
+) -> None:
+    loaded = fleet(
+        robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
+    )
+    written = write(loaded, loaded.robot(name), tmp_path, program=ACRC, user="root", plugged=ALL)
+    read_unit(written.service_file.read_text())
+    read_rules(written.rules_file.read_text())
+    if shutil.which("systemd-analyze"):
+        code, said = verdict("systemd-analyze", "verify", "--man=no", written.service_file)
+        assert (code, [line for line in said.splitlines() if str(written.service_file) in line]) == (0, [])
+    if shutil.which("udevadm") and verdict("udevadm", "verify", "--help")[0] == 0:  # from systemd 254 on
+        assert verdict("udevadm", "verify", "--resolve-names=never", written.rules_file)[0] == 0
+
+
+def verdict(*command: object) -> tuple[int, str]:
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=60)
+    return done.returncode, done.stdout + done.stderr
+
+
+OWN = "from cleaning.strategies.none import behaviour\nimport helper\n"
+WHEELS = {"wheels/tiny-1.0-py3-none-any.whl": (b"a wheel", 0o644)}
+
+
+class SmallClone:
+    """A git repository of a few files, and a fleet with keys."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root, self.office = folder / "clone", folder / "office.toml"
+        for name in bundle._PACKAGES:
+            (self.root / name).mkdir(parents=True)
+            (self.root / name / "py.typed").touch()
+        for name in bundle._ROOT:
+            shutil.copy(ROOT / name, self.root)
+        (self.root / "actors" / "core.py").touch()
+        (self.root / "actors" / "link.py").symlink_to("../acrc")
+        for words in (("init", "-q"), ("add", ".")):
+            subprocess.run(["git", *words], cwd=self.root, check=True)
+        (self.root / "runs.py").touch()
+        self.office.write_text(OFFICE.read_text().replace("../maps", "maps"))
+        shutil.copytree(ROOT / "maps", folder / "maps")
+        fleet = load_fleet(self.office)
+        keys.issue(fleet, fleet.keys, {}, now=datetime.now(UTC), days=1)
+
+    def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
+        fleet, permit = load_fleet(self.office), permit or Permit()
+        return bundle.make(self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out)
+
+
+@pytest.fixture
+def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SmallClone:
+    monkeypatch.setattr(bundle, "_wheels", lambda *_: WHEELS)
+    return SmallClone(tmp_path)
+
+
+def members(file: Path) -> dict[str, tarfile.TarInfo]:
+    with tarfile.open(file) as archive:
+        return {one.name.removeprefix("acrc-r2/"): one for one in archive}
+
+
+def content(file: Path, name: str) -> str:
+    with tarfile.open(file) as archive:
+        found = archive.extractfile(f"acrc-r2/{name}")
+        assert found is not None
+        return found.read().decode()
+
+
+def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(clone: SmallClone) -> None:
+    out = clone.root.parent / "b.tar"
+    (clone.root / "actors" / "core.py").write_text("pass\n")
+    made = clone.bundle(out)
+    inside = members(out)
+    private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
+    configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
+    packages = {f"{name}/py.typed" for name in bundle._PACKAGES}
+    program = {*bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
+    assert inside.keys() == program | private | configuration
+    assert content(out, "actors/core.py") == "pass\n", "changes of tracked files are in it"
+    assert content(out, "fleets/office.toml") == clone.office.read_text()
+    assert {name for name, one in inside.items() if one.mode == 0o600} == private
+    assert [name for name, one in inside.items() if one.mode == 0o755] == ["acrc"]
+    assert {(one.uid, one.gid, one.uname) for one in inside.values()} == {(0, 0, "")}
+    assert stat.S_IMODE(out.stat().st_mode) == 0o600
+    assert (made.fleet, made.own_code, made.files) == ("fleets/office.toml", False, len(inside))
+    assert clone.bundle(out.with_name("c.tar")).sha256 == made.sha256
+    (clone.root / "actors" / "core.py").write_text("")
+    assert clone.bundle(out.with_name("d.tar")).sha256 != made.sha256
+
+
+@pytest.fixture
+def forgotten() -> Iterator[None]:
+    """Unload modules whose names other tests use as well."""
+    yield
+    for name in ("mine", "helper"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.usefixtures("forgotten")
+def test_a_strategy_of_the_user_comes_with_what_it_loads(clone: SmallClone, tmp_path: Path) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    for name, text in (("mine.py", OWN), ("helper.py", ""), ("other.py", "raise ValueError")):
+        (own / name).write_text(text)
+    text = clone.office.read_text().replace('strategy = "chapter"', 'strategy = "mine:behaviour"')
+    for given, left in (("adoption_distance", "# "), ("listen =", "# listen =")):
+        text = text.replace(given, left)
+    clone.office.write_text(text)
+    (clone.root / "requirements.txt").write_text("pandas\nnetworkx\n")
+    made = clone.bundle(tmp_path / "b.tar", Permit((own,)))
+    assert (made.lacks, made.own_code) == ("pandas, networkx", True)
+    names = members(tmp_path / "b.tar")
+    assert [name for name in names if name.startswith("modules/")] == ["modules/helper.py", "modules/mine.py"]
+    assert not any("office-keys" in name for name in names), "a robot that does not listen needs no keys"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (("--robot", "r9"), 2, '{office}: there is no robot "r9" in the fleet; it has r1, r2, r3'),
+        (("--machine", "mips"), 2, "--machine: mips; must be x86-64 or aarch64"),
+        (("--python", "3.10"), 2, "--python: 3.10; must be one of 3.11, 3.12, 3.13, 3.14"),
+        (("--out", "."), 2, "--out: . is a folder; must be a file"),
+    ],
+)
+def test_wrong_options_are_one_line(
+    options: tuple[str, ...], code: int, said: str, clone: SmallClone
+) -> None:
+    out = clone.root.parent / "b.tar"
+    done = acrc("fleet", "bundle", clone.office, "--robot", "r2", "--out", out, *options)
+    assert (done.returncode, done.stderr) == (code, f"acrc: {said.format(office=clone.office)}\n")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("replaced", "by", "message"),
+    [
+        ('"maps/corridor.yaml"', '"{}/maps/corridor.yaml"', "corridor.yaml; must be relative"),
+        ("start = [17.5, 5.0, 0.0]", "start = [0.0, 0.0, 0.0]", "^start: robot 'r2' .* is not on free floor"),
+        ('id = "r3"', 'id = "r3"', r"^keys: .*authority\.pem cannot be read"),
+    ],
+)
+def test_what_would_not_work_on_the_robot_is_refused(
+    replaced: str, by: str, message: str, clone: SmallClone
+) -> None:
+    if replaced == by:
+        (clone.office.with_name("office-keys") / "r2" / "authority.pem").unlink()
+    by = by.replace("{}", str(clone.office.parent))
+    clone.office.write_text(clone.office.read_text().replace(replaced, by))
+    with pytest.raises(AcrcError, match=message):
+        clone.bundle(clone.root.parent / "b.tar")
+    assert not (clone.root.parent / "b.tar").exists()
+
+
+def test_wheels_that_pip_does_not_find_are_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in {"CONFIG_FILE": "/dev/null", "NO_INDEX": "1", "FIND_LINKS": str(tmp_path)}.items():
+        monkeypatch.setenv(f"PIP_{name}", value)
+    text = f"# [base]\ntiny==1.0 --hash=sha256:{'0' * 64}\n# [hardware]\n# [build]\n"
+    with pytest.raises(AcrcError, match=r"cannot be fetched: No matching distribution found for tiny==1\.0"):
+        bundle._wheels(text, "x86-64", "3.13")
+
+
+def test_a_bundles_program_knows_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / version.COMMIT).write_text("abc+\n")
+    monkeypatch.setattr(version, "REPOSITORY", tmp_path)
+    assert version.software() == "abc+"
+
+
+@pytest.mark.parametrize("minor", pins.MINORS)
+def test_every_pin_of_a_robot_is_read_with_its_hashes(minor: int) -> None:
+    text = (ROOT / "constraints.txt").read_text()
+    found = pins.sections(text, minor)
+    names = [pin.name for section in ("build", "base", "hardware") for pin in found[section]]
+    assert len(names) == len(set(names)) and {"numba", "setuptools", "pyserial", "cryptography"} <= set(names)
+    assert all(pin.hashes for section in found.values() for pin in section)
+    listed = pins.requirements(text, minor, ("build", "base", "hardware"))
+    assert len(listed) == len(names) and json.dumps(listed).count("; python") == 0
+
+
+class BundledRig(Rig):
+    """Emulated devices here; the robot runs from its bundle, in a network namespace without interfaces."""
+
+    def onboard(self) -> list[str]:
+        words = (self.folder / "acrc-r1" / "acrc", "fleet", "onboard", "fleets/fleet.toml")
+        place = ("env", "-C", str(self.folder / "acrc-r1"), "unshare", "--map-root-user", "--net")
+        return [*place, *map(str, words), "--robot", "r1", "--out", str(self.out)]
+
+
+@pytest.mark.claim("bundle")
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_a_robot_is_installed_and_drives_without_a_network(tmp_path: Path, full: bool) -> None:
+    """Needs a network, or PIP_FIND_LINKS, to fetch the wheels; the installation has neither."""
+    rig = BundledRig(tmp_path)
+    for file in (MAP, MAP.with_suffix(".png")):
+        shutil.copy(file, tmp_path)
+    machine = {"x86_64": "x86-64"}.get(platform.machine(), platform.machine())
+    fleet, out = load_fleet(rig.write_fleet(MAP.name)), tmp_path / "r1.tar"
+    python = f"3.{sys.version_info.minor}"
+    bundle.make(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
+    subprocess.run(["tar", "-xf", out, "-C", tmp_path], check=True)
+    words = ("acrc-r1/acrc", "fleet", "units", "acrc-r1/fleets/fleet.toml", "--robot", "r1", "--user", "acrc")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
+    offline = ("unshare", "--map-root-user", "--net")
+    subprocess.run([*offline, *words, "--out", "units"], cwd=tmp_path, env=environment, check=True)
+    assert f"{tmp_path}/acrc-r1/acrc fleet onboard" in (tmp_path / "units" / "acrc-r1.service").read_text()
+    with rig:
+        rig.until_driving(900.0)  # compiles the numeric kernels first
+        way = rig.where().way
+        rig.standing(60.0 if full else 5.0)
+        assert rig.where().way > way
+    assert record_replay.replay_actor(rig.out, "r1").outputs > 20
