@@ -229,7 +229,7 @@ def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tm
     """
     other = Robot(tmp_path)
     keys = other.keys("operator", other.issuer).certificate.parent
-    words = [sys.executable, "-c", LAPTOP, keys, other.endpoint]
+    words = [sys.executable, "-c", LAPTOP, str(keys), other.endpoint]
     with other.router() as session:
         ear = Ear(session)
         laptop = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
