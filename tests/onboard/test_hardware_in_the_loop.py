@@ -64,32 +64,18 @@ radius = 0.2
 """
 
 
-NO_NETWORK = ("unshare", "--map-root-user", "--net")
-"""util-linux; a namespace in which no link is up."""
-
-
-def run(file: Path, overrides: Overrides, options: RunOptions) -> TrialResult:
-    """Run on board, each process without a network, and replay each robot from what it received."""
-    launcher = Launcher("exec", NO_NETWORK, reap=False)
-    result = hardware_in_the_loop.run(load_scenario(file, overrides), options, launcher)
-    for name, robot in result.per_robot.items():
-        assert robot.frames["copies_heard"] > 0
-        assert record_replay.replay_actor(options.out, name).outputs > 0
-    return result
-
-
-@pytest.mark.claim("onboard")
 @pytest.mark.timeout(240)
-def test_three_robots_clean_their_places_by_serial_bytes_alone_one_of_them_without_a_board(
-    tmp_path: Path,
-) -> None:
+def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_board(tmp_path: Path) -> None:
     file, out = tmp_path / "near.toml", tmp_path / "out"
     file.write_text(SCENARIO)
-    options = RunOptions(out, spawn="exec", hardware=True, json=True, boards=("r1", "r2"))
-    result = run(file, Overrides(), options)
+    boards = ("--board", "r1", "--board", "r2")
+    done = acrc("run", file, "--hardware-in-the-loop", *boards, "--out", out, "--json", timeout_s=200.0)
+    assert done.returncode == 0, done.stderr
+    result = msgspec.json.decode(done.stdout, type=TrialResult)
     assert (result.places_claimed, result.places_done, result.places_total) == (4, 4, 4)
     assert result.contacts == 0
     frames = {robot: part.frames for robot, part in result.per_robot.items()}
+    assert min(part["copies_heard"] for part in frames.values()) > 0
     assert all(part["frames_handed"] >= part["frames_sent"] > 0 for part in frames.values()), frames
     jammed = (result.frames["copies_lost_disturbed"], frames["r2"]["frames_access_failure"])
     assert min(jammed) > 0, jammed  # four seconds, in which r2 neither hears nor finds the channel clear
@@ -104,6 +90,8 @@ def test_three_robots_clean_their_places_by_serial_bytes_alone_one_of_them_witho
     checked = acrc("record", "check", out)
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
+    again = acrc("replay", out, "--robot", "r2")
+    assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     base = acrc("replay", out, "--robot", "r2.base")
     assert (base.returncode, base.stdout, base.stderr) == (
         1, "", "acrc: r2.base: is a process with devices on board; must be a robot, world or radio\n"
@@ -117,9 +105,15 @@ def test_three_robots_clean_their_places_by_serial_bytes_alone_one_of_them_witho
 def test_robots_that_meet_clean_all_places(
     full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
+    """Each process in a network namespace of its own, in which no link is up (util-linux)."""
     overrides = Overrides(robots=3, duration=300.0) if full else Overrides(robots=2, duration=15.0)
     options = RunOptions(tmp_path / "out", spawn="exec", hardware=True, json=True)
-    result = run(ROOT / "scenarios" / "head_on.toml", overrides, options)
+    launcher = Launcher("exec", ("unshare", "--map-root-user", "--net"), reap=False)
+    plan = load_scenario(ROOT / "scenarios" / "head_on.toml", overrides)
+    result = hardware_in_the_loop.run(plan, options, launcher)
+    for name, robot in result.per_robot.items():
+        assert robot.frames["copies_heard"] > 0
+        assert record_replay.replay_actor(options.out, name).outputs > 0
     record_property("places done", f"{result.places_done} of {result.places_total}")
     late = {name: one.lateness_p99_ms for name, one in result.per_robot.items()}
     record_property("99 % of the steps answered within, ms", late)
