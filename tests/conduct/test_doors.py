@@ -1,10 +1,21 @@
 """Doors that close and open while a run goes on."""
 
-import pytest
+import math
+from typing import Any
 
+import msgspec
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from actors.messages import AIRED, DRIVE, Aired, Drive, EventCount
 from actors.orders import CloseDoor, Move, OpenDoor
+from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.world.whereabouts import PoseError
 from tests.conduct.theatre import Theatre
+from tests.refusals import refused
 
 EAST = 24.0
 """Robot r3 starts at (20, 11) and drives east, through the neck between cabinets at this x."""
@@ -15,7 +26,6 @@ def eastward(seconds: float, *events: tuple[float, CloseDoor | OpenDoor | Move])
 
 
 def end(play: Theatre) -> float:
-    """Where r3 is at last, x."""
     return play.truths[-2].robots[0].x
 
 
@@ -28,45 +38,129 @@ def test_a_closed_door_stops_a_robot_and_its_sensor_sees_it() -> None:
     assert shown[0] is not None and shown[1] is not None
     assert shown[0].ranges_mm != shown[1].ranges_mm
     assert shut.core.driven == {"r3": pytest.approx(end(shut) - 20.0, abs=0.01)}
-
-
-def test_a_door_that_is_opened_again_lets_it_through() -> None:
     play = eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1)))
     assert end(play) > EAST + 0.5
     assert play.digest == eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1))).digest
 
 
 def test_a_door_closes_once_nobody_stands_in_it() -> None:
-    """It drives through all the same, and back it cannot."""
     through = eastward(9.0)
     inside = next(truth.instant for truth in through.truths if truth.robots[0].x > EAST - 0.1) / 1e6
     play = eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, OpenDoor(EAST, 11.1)))
     assert end(play) > EAST + 0.5
     with pytest.raises(AcrcError, match="it would overlap a wall"):
         eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, Move("r3", EAST, 11.1, 0.0)))
+    never = eastward(9.0, (inside, CloseDoor(EAST, 11.1)), (inside + 0.1, OpenDoor(EAST, 11.1)))
+    assert end(never) == end(through)
 
 
-def test_a_door_that_was_yet_to_close_stays_open() -> None:
-    through = eastward(9.0)
-    inside = next(truth.instant for truth in through.truths if truth.robots[0].x > EAST - 0.1) / 1e6
-    later = inside + 0.1
-    play = eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (later, OpenDoor(EAST, 11.1)))
-    assert end(play) == end(eastward(12.0))
+TRUE = Drive(7, 0.1, 0.0, 0.0, 0)
+MOST = "coordinates should be at most 100000"
+COUNT = "it should be at least 1, for a robot of the run"
+SPEED = "a velocity should be at most 100000"
+IN_STEP = "it should be from 700000 to 799999 µs"
 
 
 @pytest.mark.parametrize(
-    ("events", "sentence"),
+    ("changes", "sentence"),
     [
-        ([(0.5, CloseDoor(9.0, 12.5))], "(9, 12.5) is in no door of the map; its doors are at "),
-        ([(0.5, OpenDoor(EAST, 11.1))], "the door at (24, 11.1) is open already"),
-        (
-            [(0.4, CloseDoor(EAST, 11.1)), (0.5, CloseDoor(EAST, 11.2))],
-            "the door at (24, 11.2) is closed already",
-        ),
-        ([(0.5, CloseDoor(float("nan"), 11.1))], "there is no door at (nan, 11.1); each should be a finite"),
+        ({"step": 3}, "answers with a Drive of step 3; it should be of step 7"),
+        ({"vx": math.nan}, f"wants to drive at nan, 0 m/s and 0 rad/s; {SPEED}"),
+        ({"omega": 1e300}, f"wants to drive at 0.1, 0 m/s and 1e+300 rad/s; {SPEED}"),
+        ({"transmits": 33}, "announces 33 frames; it should be 0 to 32"),
+        ({"transmits": -1}, "announces -1 frames; it should be 0 to 32"),
+        ({"pose": (math.nan, 1.0, 0.0)}, f"holds itself to be at (nan, 1), 0 rad; {MOST}"),
+        ({"pose": (1.0, 1.0, math.inf)}, f"holds itself to be at (1, 1), inf rad; {MOST}"),
+        ({"reports": (PlaceReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
+        ({"reports": (PlaceReport("r1", 0, 700_000),) * 1001},
+         "reports 1001 places in one step; at most 1000 may be"),
+        ({"given_up": (PlaceGivenUp("r1", 0, 700_000, "x" * 10_000),)},
+         "gives a place up for a reason of 10000 characters; it should have 1 to 100"),
+        ({"given_up": (PlaceGivenUp("r1", 0, 800_000, "-"),)}, f"gives a place up at 800000 µs; {IN_STEP}"),
+        ({"route": (PlaceKey("r1", 0),) * 10_001}, "has a route of 10001 places; at most 10000 may be"),
+        ({"route": (PlaceKey("r1", 0),) * 2},
+         "has place 0 of 'r1' twice in its route; each may be there once"),
+        ({"route": (PlaceKey("x" * 100, 0),)},
+         f"has in its route place 0 of '{'x' * 99}…, which nobody was given"),
+    ],
+)  # fmt: skip
+def test_a_false_drive_ends_the_run_and_names_who_sent_it(changes: dict[str, object], sentence: str) -> None:
+    play = Theatre(2.0)
+    play.acts["r1"].lies = {7: msgspec.structs.replace(TRUE, **changes)}
+    with refused(f"step 7 (0.7 s): r1 {sentence}"):
+        play.run()
+
+
+@pytest.mark.parametrize(
+    ("aired", "sentence"),
+    [
+        (Aired(5, ()), "the radio says what it aired in step 5; it should be of step 0"),
+        *[
+            (Aired(0, (EventCount(robot, count),)), f"the radio counts {count} events for '{robot}'; {COUNT}")
+            for robot, count in (("r9", 1), ("r1", -1))
+        ],
     ],
 )
-def test_what_cannot_be_is_refused(events: list[tuple[float, CloseDoor | OpenDoor]], sentence: str) -> None:
-    with pytest.raises(AcrcError) as caught:
-        eastward(1.0, *events)
-    assert str(caught.value).startswith(f"the event at 0.5 s cannot happen: {sentence}")
+def test_a_radio_that_counts_wrongly_is_named(aired: Aired, sentence: str) -> None:
+    play = Theatre(2.0)
+    play.bus.publish(AIRED.key(), encode(aired))
+    with refused(f"step 1 (0.1 s): {sentence}"):
+        play.run()
+
+
+LIAR, STEP = "r1", 1
+
+any_float = st.floats(width=64)
+any_whole = st.integers(-(2**63), 2**64 - 1)
+owners = st.sampled_from(["r1", "r2"]) | st.text(max_size=40)
+numbers = st.just(0) | any_whole
+instants = st.integers(100_000, 199_999) | any_whole
+velocities = st.floats(-1.0, 1.0) | any_float
+poses = st.tuples(velocities, velocities, velocities)
+reports = st.builds(PlaceReport, owners, numbers, instants)
+given_up = st.builds(PlaceGivenUp, owners, numbers, instants, st.text(max_size=120))
+routes = st.lists(st.builds(PlaceKey, owners, numbers), max_size=4).map(tuple)
+drives = st.builds(
+    Drive,
+    step=st.just(STEP) | any_whole,
+    vx=velocities,
+    vy=velocities,
+    omega=velocities,
+    transmits=st.just(0) | any_whole,
+    reports=st.lists(reports, max_size=3).map(tuple),
+    given_up=st.lists(given_up, max_size=3).map(tuple),
+    route=st.none() | routes,
+    pose=st.none() | poses,
+)
+
+
+def finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list):
+        return all(map(finite, value))
+    return finite(list(value.values())) if isinstance(value, dict) else True
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@example(Drive(STEP, 1e5, -1e5, 1e5, 0, pose=(1e5, -1e5, 1e5)))
+@example(Drive(STEP, 5e-324, -0.0, math.inf, 0))
+@given(drives)
+def test_whatever_a_robot_says_the_world_goes_on_with_finite_numbers_or_names_it(drive: Drive) -> None:
+    wire = encode(drive)
+    assert encode(decode(DRIVE, DRIVE.key(LIAR), wire)) == wire  # type: ignore[arg-type]
+    play = Theatre(0.5)
+    play.acts[LIAR].lies = {STEP: drive}
+    try:
+        play.run()
+    except AcrcError as error:
+        assert str(error).startswith((f"step {STEP} (0.1 s): {LIAR} ", "nobody can go on: "))
+        # a frame that was announced and never comes is waited for
+        assert not str(error).startswith("nobody") or 0 < drive.transmits <= 32
+    else:
+        assert play.core.step == 5 or all(place.settled_at is not None for place in play.places)
+    assert all(finite(msgspec.to_builtins(truth)) for truth in play.truths)
+    for judged in (*play.places, *play.core.pose_errors.values()):
+        assert finite(msgspec.to_builtins(judged))
+        assert not isinstance(judged, PoseError) or 0 <= judged.greatest <= 2e5
+    assert len(msgspec.json.encode(play.places)) < 2000

@@ -47,16 +47,12 @@ STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0
 
 @dataclass(frozen=True)
 class Says:
-    """What a robot says about places in one step."""
-
     reports: tuple[PlaceReport, ...] = ()
     given_up: tuple[PlaceGivenUp, ...] = ()
     route: tuple[PlaceKey, ...] | None = None
 
 
 class Scripted:
-    """Drives as told, sends one frame per step if told, and remembers everything it was given."""
-
     def __init__(self, robot: str, first_step: int, drive: Callable[[Senses], tuple[float, float]]) -> None:
         self.step = first_step
         self.finished = False
@@ -70,7 +66,6 @@ class Scripted:
         self._drive = drive
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Senses, then Received if there are events."""
         if SENSES.key(self._robot) not in have:
             return (at(SENSES, self._robot),)
         events = read(have, SENSES, self._robot).events
@@ -78,7 +73,6 @@ class Scripted:
         return (at(RECEIVED, self._robot),) if events and wanted not in have else ()
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Answer."""
         senses = read(inputs, SENSES, self._robot)
         self.senses.append(senses)
         if senses.events:
@@ -100,8 +94,6 @@ class Scripted:
 
 
 class Theatre:
-    """Runs a world with scripted robots to its end."""
-
     def __init__(
         self,
         seconds: float,
@@ -141,7 +133,6 @@ class Theatre:
         events: Sequence[tuple[float, Order]] = (),
         places: tuple[tuple[float, float], ...] = (),
     ) -> WorldSetup:
-        """The set-up of a world with these robots."""
         setups = tuple(
             BodySetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
         )
@@ -149,7 +140,6 @@ class Theatre:
         return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)
 
     def start(self, robot: str, epoch: int, step: int, kernels: str = "k") -> None:
-        """Start a robot's shell and have it say Ready."""
         name = f"{robot}.{epoch}" if epoch else robot
         core = Scripted(robot, step, self._drive)
         core.talks = robot in self._talks
@@ -160,24 +150,20 @@ class Theatre:
 
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
-        """What has become of every place so far."""
         (places,) = self.core.task_outcome.values()
         assert isinstance(places, tuple)
         return places
 
     def run(self) -> "Theatre":
-        """To the end."""
         run_shells(self.shells)
         return self
 
     @property
     def digest(self) -> str:
-        """The run's digest."""
         return run_digest([shell.tally.hash.digest(shell.actor) for shell in self.shells])
 
     @property
     def undelivered(self) -> int:
-        """Published less received, over all shells."""
         return sum(s.tally.published - s.tally.received for s in self.shells) - self.rosters
 
     def _shell(
@@ -204,7 +190,6 @@ class Theatre:
 
 
 def told(delivery: Delivery, kind: type[M]) -> M:
-    """The message of this kind that was delivered."""
     message = decode(delivery.topic, delivery.key, delivery.payload)
     assert isinstance(message, kind)
     return message

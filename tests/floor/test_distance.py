@@ -1,24 +1,30 @@
 """Distances and clearances beside scipy, and free squares for ray casting."""
 
 import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from actors.floor import distance, flood
+from actors.floor import distance
+from actors.floor.bearings import bearing_to, half_width, window
 from actors.floor.grid import Cell, OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.floor.sharing import Shared
 from actors.floor.traversal import equal_squares, free_squares
 from actors.geometry import Point
-from tests.floor.plans import plan, random_plan
-from tests.world.scenery import clutter
+from actors.robot.localisation import likelihood_field
+from actors.robot.navigation.planning import PLANNER_PRESETS, ground
+from tests.floor.maps import plan, random_plan
 
 
 def brute_clearance(grid: OccupancyGrid, point: Point) -> float:
-    """The plain twin: over all blocking squares, a ring of them around the map included."""
     nearest = math.inf
     for row in range(-1, grid.rows + 1):
         for column in range(-1, grid.columns + 1):
@@ -31,7 +37,6 @@ def brute_clearance(grid: OccupancyGrid, point: Point) -> float:
 
 
 def scipy_clearance(grid: OccupancyGrid) -> NDArray[np.float64]:
-    """scipy's transform on the lattice of half cells, where a square's whole border blocks."""
     lattice = np.ones((2 * grid.rows + 3, 2 * grid.columns + 3), dtype=np.bool_)
     lattice[2:-2, 2:-2] = False
     for row, column in np.argwhere(grid.blocking):
@@ -41,29 +46,8 @@ def scipy_clearance(grid: OccupancyGrid) -> NDArray[np.float64]:
     return half_cells * grid.resolution / 2
 
 
-def test_a_cell_beside_a_wall_has_half_a_cell_of_clearance() -> None:
-    grid = plan(
-        ".....",
-        ".....",
-        "..#..",
-        ".....",
-        ".....",
-        resolution=2.0,
-    )
-    root = math.sqrt(0.5) * 2.0
-    assert distance.clearance(grid.blocking, grid.resolution).tolist() == [
-        [1.0, 1.0, 1.0, 1.0, 1.0],
-        [1.0, root, 1.0, root, 1.0],
-        [1.0, 1.0, 0.0, 1.0, 1.0],
-        [1.0, root, 1.0, root, 1.0],
-        [1.0, 1.0, 1.0, 1.0, 1.0],
-    ]
-
-
 @given(st.integers(0, 2**32), st.integers(1, 30), st.integers(1, 30), st.floats(0.0, 0.5))
-def test_the_squared_distance_is_exactly_that_of_scipy(
-    seed: int, rows: int, columns: int, share: float
-) -> None:
+def test_squared_distance_is_that_of_scipy(seed: int, rows: int, columns: int, share: float) -> None:
     mask = np.random.default_rng(seed).random((rows, columns)) < share
     mask[0, 0] = True  # scipy has no answer for an empty mask
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
@@ -75,80 +59,33 @@ def test_without_a_cell_to_measure_to_the_distance_is_infinite() -> None:
     assert np.isposinf(distance.squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
 
 
-def test_a_column_without_a_cell_is_measured_across() -> None:
-    mask = np.zeros((2, 4), dtype=np.bool_)
-    mask[1, 3] = True
-    assert distance.squared_distance(mask).tolist() == [[10, 5, 2, 1], [9, 4, 1, 0]]
-
-
 @given(st.integers(0, 2**32), st.integers(1, 30), st.integers(1, 30), st.floats(0.0, 0.6))
-def test_the_clearance_is_that_of_scipy_on_half_cells(
-    seed: int, rows: int, columns: int, share: float
-) -> None:
+def test_clearance_is_that_of_scipy_on_half_cells(seed: int, rows: int, columns: int, share: float) -> None:
     grid = random_plan(seed, rows, columns, share)
     assert np.array_equal(distance.clearance(grid.blocking, grid.resolution), scipy_clearance(grid))
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_clearance_is_the_distance_to_the_nearest_square(seed: int) -> None:
-    grid = random_plan(seed, 9, 13, 0.1)
-    field = distance.clearance(grid.blocking, grid.resolution)
-    for row, column in np.ndindex(field.shape):
-        expected = brute_clearance(grid, grid.centre(Cell(row, column)))
-        assert field[row, column] == pytest.approx(expected, abs=1e-12)
-
-
 @given(st.integers(0, 2**32), st.floats(-3.2, 0.5), st.floats(7.3, 10.0), st.floats(0.01, 2.0))
-def test_the_clearance_of_a_point_is_exact_up_to_what_was_asked(
-    seed: int, x: float, y: float, within: float
-) -> None:
+def test_clearance_of_a_point_is_exact_up_to_a_limit(seed: int, x: float, y: float, within: float) -> None:
     grid = random_plan(seed, 9, 13, 0.05)
     point = Point(x, y)
     expected = min(within, brute_clearance(grid, point)) if grid.is_free(point) else 0.0
     assert grid.clearance_at(point, within) == pytest.approx(expected, abs=1e-12)
 
 
-def test_fingerprints_depend_on_nothing_but_the_machine() -> None:
-    assert distance.fingerprint() == distance.fingerprint()
-    assert flood.fingerprint() == flood.fingerprint()
-    row, column = np.indices((23, 31))
-    mask = (row * 7 + column * column * 3) % 37 == 0
-    first = ndimage.distance_transform_edt(~mask) ** 2
-    assert np.frombuffer(distance.fingerprint(), np.float64)[: first.size].round().tolist() == [
-        round(value) for value in first.ravel().tolist()
-    ]
-
-
-def square(
-    cells: NDArray[np.bool_], row: int, column: int, side: int, east: int, north: int
-) -> NDArray[np.bool_]:
-    """The square of cells that reaches from the given one to the east (or west) and north (or south)."""
-    bottom = row if north > 0 else row - side + 1
-    left = column if east > 0 else column - side + 1
-    return cells[bottom : bottom + side, left : left + side]
-
-
-def test_squares_are_the_largest_free_ones() -> None:
-    grid = clutter(3, share=0.05)
-    squares, ringed = free_squares(grid.blocking), np.pad(grid.blocking, 1, constant_values=True)
-    rng = np.random.default_rng(0)
-    for row, column in zip(rng.integers(1, 41, 150), rng.integers(1, 61, 150), strict=True):
-        for quadrant, (east, north) in enumerate([(1, 1), (-1, 1), (1, -1), (-1, -1)]):
-            side = 0
-            while not square(ringed, row, column, side + 1, east, north).any():
-                side += 1
-            assert squares[quadrant, row, column] == side
-
-
-def test_squares_are_of_one_material_and_cannot_grow() -> None:
+def test_squares_are_of_one_material_or_free_and_cannot_grow() -> None:
     kinds = np.random.default_rng(1).choice(2, size=(17, 19), p=[0.9, 0.1]).astype(np.uint8)
-    squares = equal_squares(kinds)
-    for quadrant in range(4):
-        for row in range(17):
-            for column in range(19):
-                side = int(squares[quadrant, row, column])
-                assert _uniform(kinds, quadrant, row, column, side)
-                assert not _uniform(kinds, quadrant, row, column, side + 1)
+    ringed = np.pad(kinds, 1, constant_values=1)
+    equal, free = equal_squares(kinds), free_squares(kinds.astype(np.bool_))
+    for quadrant, row, column in np.ndindex(equal.shape):
+        side = int(equal[quadrant, row, column])
+        assert _uniform(kinds, quadrant, row, column, side)
+        assert not _uniform(kinds, quadrant, row, column, side + 1)
+    for quadrant, row, column in np.ndindex(free.shape):
+        side = int(free[quadrant, row, column])
+        assert (side == 0) == (ringed[row, column] == 1)
+        assert not side or _uniform(ringed, quadrant, row, column, side)
+        assert not side or not _uniform(ringed, quadrant, row, column, side + 1)
 
 
 def _uniform(kinds: NDArray[np.uint8], quadrant: int, row: int, column: int, side: int) -> bool:
@@ -158,3 +95,78 @@ def _uniform(kinds: NDArray[np.uint8], quadrant: int, row: int, column: int, sid
         return False
     square = kinds[bottom : bottom + side, left : left + side]
     return bool((square == kinds[row, column]).all())
+
+
+COORDINATES = st.floats(-5, 5)
+
+
+@given(COORDINATES, COORDINATES, st.floats(0.05, 1), st.floats(-4, 4), st.floats(-3.2, 0), st.integers(2, 90))
+def test_no_ray_outside_of_the_windows_meets_the_disc(
+    x: float, y: float, radius: float, heading: float, first_angle: float, rays: int
+) -> None:
+    apart, increment = math.hypot(x, y), 2 * math.pi / rays
+    assume(apart > 1e-6)
+    bearing, half = bearing_to(x, y, heading, first_angle), half_width(apart, radius)
+    windows = [window(bearing, half, turn, increment, rays) for turn in (-1, 0, 1)]
+    inside = {ray for begin, end in windows for ray in range(begin, end)}
+    assert inside <= set(range(rays))
+    if apart > 2 * radius:
+        assert len(inside) <= 2 * half / increment + 6, "few rays meet a narrow thing"
+    for ray in set(range(rays)) - inside:
+        away = math.remainder(heading + first_angle + ray * increment - math.atan2(y, x), 2 * math.pi)
+        assert apart > radius
+        assert abs(away) > math.asin(radius / apart)
+
+
+CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
+
+
+class Thing:
+    """Something that can be held."""
+
+
+def test_a_value_is_shared_while_it_lives() -> None:
+    shared, made = Shared[Thing](), list[str]()
+
+    def make() -> Thing:
+        made.append("made")
+        return Thing()
+
+    first = shared.get(("a", 1), make)
+    assert shared.get(("a", 1), make) is first is not shared.get(("a", 2), make)
+    assert len(made) == 2
+    del first
+    shared.get(("a", 1), make)
+    assert len(made) == 3
+
+
+def test_grids_have_the_same_content_if_cells_resolution_and_origin_are_the_same() -> None:
+    one = plan("..#", "...")
+    assert plan("..#", "...").content == one.content
+    others = [plan("..?", "..."), plan("..", "#.", ".."), plan("..#", "...", resolution=2.0)]
+    others += [plan("..#", "...", origin=Point(0.0, 1.0))]
+    assert not any(other.content == one.content for other in others)
+
+
+def test_every_copy_of_a_map_is_one_grid(tmp_path: Path) -> None:
+    for folder in (tmp_path / "r1", tmp_path / "r2"):
+        shutil.copytree(CORRIDOR.parent, folder)
+    first = load_map(tmp_path / "r1" / "corridor.yaml")
+    assert load_map(tmp_path / "r2" / "corridor.yaml") is first
+    text = (tmp_path / "r2" / "corridor.yaml").read_text()
+    (tmp_path / "r2" / "corridor.yaml").write_text(text.replace("negate: 0", "negate: 1"))
+    assert load_map(tmp_path / "r2" / "corridor.yaml") is not first
+    shutil.copy(tmp_path / "r2" / "maze.png", tmp_path / "r1" / "corridor.png")
+    assert load_map(tmp_path / "r1" / "corridor.yaml") is not first
+
+
+def test_equal_grids_have_one_ground_and_one_field_for_equal_parameters() -> None:
+    grid = load_map(CORRIDOR)
+    twin = OccupancyGrid(grid.cells, grid.resolution, grid.origin)
+    floor, field = ground(grid, 0.2, PLANNER_PRESETS["robust"]), likelihood_field(grid, 2.0)
+    assert ground(twin, 0.2, PLANNER_PRESETS["robust"]) is floor
+    assert likelihood_field(twin, 2.0) is field
+    assert ground(twin, 0.25) is not floor
+    assert ground(twin, 0.2, replace(PLANNER_PRESETS["robust"], margin=0.04)) is not floor
+    assert likelihood_field(twin, 1.0) is not field
+    assert not any(part.flags.writeable for part in (floor.clearance, floor.costs, field.levels, field.floor))

@@ -7,16 +7,11 @@ from scipy import ndimage
 from actors.floor import distance
 from actors.floor.grid import Cell, OccupancyGrid, largest_region, nearest_cell, outline, reachable
 from actors.geometry import Point
-from tests.floor.plans import plan, random_plan
+from tests.floor.maps import plan, random_plan
 
 
 def test_row_0_is_the_south_and_the_origin_its_west_corner() -> None:
-    grid = plan(
-        "#..",
-        "?.#",
-        resolution=0.5,
-        origin=Point(10.0, -2.0),
-    )
+    grid = plan("#..", "?.#", resolution=0.5, origin=Point(10.0, -2.0))
     assert grid.corner == Point(11.5, -1.0)
     assert grid.cell(Point(10.1, -1.9)) == Cell(0, 0)
     assert grid.cell(Point(11.4, -1.1)) == Cell(1, 2)
@@ -24,9 +19,6 @@ def test_row_0_is_the_south_and_the_origin_its_west_corner() -> None:
     assert grid.is_free(Point(10.75, -1.75)) and grid.is_free(Point(11.4, -1.1))
     assert not grid.is_free(Point(10.1, -1.9)), "unknown is not free"
     assert not grid.is_free(Point(10.1, -1.1)) and not grid.is_free(Point(11.4, -1.9))
-
-
-def test_a_point_on_a_line_belongs_to_the_north_and_east_and_the_far_edges_to_no_cell() -> None:
     grid = plan("..", "..")
     assert grid.cell(Point(1.0, 1.0)) == Cell(1, 1)
     assert grid.contains(Point(0.0, 0.0))
@@ -37,16 +29,8 @@ def test_a_point_on_a_line_belongs_to_the_north_and_east_and_the_far_edges_to_no
     assert not grid.contains(Point(float("inf"), 0.0))
 
 
-@given(
-    st.integers(0, 999),
-    st.integers(0, 999),
-    st.floats(0.01, 1.0),
-    st.floats(-1000, 1000),
-    st.floats(-1000, 1000),
-)
-def test_the_centre_of_a_cell_lies_in_it(
-    row: int, column: int, resolution: float, x: float, y: float
-) -> None:
+@given(*[st.integers(0, 999)] * 2, st.floats(0.01, 1.0), *[st.floats(-1000, 1000)] * 2)
+def test_centre_of_a_cell_lies_in_it(row: int, column: int, resolution: float, x: float, y: float) -> None:
     grid = OccupancyGrid(np.zeros((1000, 1000), dtype=np.uint8), resolution, Point(x, y))
     assert grid.cell(grid.centre(Cell(row, column))) == Cell(row, column)
     xs, ys = grid.centres()
@@ -58,38 +42,16 @@ def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
     grid = OccupancyGrid(cells, 1.0)
     cells[0, 0] = 2
     assert grid.is_free(Point(0.5, 0.5))
-    with pytest.raises(ValueError, match="read-only"):
-        grid.cells[0, 0] = 2
-
-
-def test_the_clearance_is_computed_once_and_nobody_can_change_it() -> None:
-    grid = plan("...", "..#")
     assert grid.clearance is grid.clearance
     assert np.array_equal(grid.clearance, distance.clearance(grid.blocking, grid.resolution))
-    with pytest.raises(ValueError, match="read-only"):
-        grid.clearance[0, 0] = 7.0
-
-
-def test_what_is_reachable_ends_at_corners_and_at_the_unknown() -> None:
-    grid = plan(
-        "..#..",
-        "..#.?",
-        "##.#.",
-        "...#.",
-    )
-    assert reachable(grid, Point(0.5, 0.5)).tolist() == plan("#####", "#####", "##.##", "...##").free.tolist()
-    assert reachable(grid, Point(3.5, 3.5)).tolist() == plan("###..", "###.#", "#####", "#####").free.tolist()
-    assert not reachable(grid, Point(2.5, 3.5)).any(), "a wall"
-    assert not reachable(grid, Point(4.5, 2.5)).any(), "unknown"
-    assert not reachable(grid, Point(5.5, 2.5)).any(), "outside"
+    for part in (grid.cells, grid.clearance):
+        with pytest.raises(ValueError, match="read-only"):
+            part[0, 0] = 2
+    assert not largest_region(plan("##", "?#")).any()
 
 
 def test_a_disc_goes_only_where_its_radius_fits() -> None:
-    grid = plan(
-        "...#...",
-        ".......",
-        "...#...",
-    )
+    grid = plan("...#...", ".......", "...#...")
     assert reachable(grid, Point(0.5, 1.5), 0.5).sum() == 19
     wide = reachable(grid, Point(1.5, 1.5), 0.6)
     assert wide.tolist() == plan("#######", "#..####", "#######").free.tolist()
@@ -107,16 +69,13 @@ def test_regions_are_those_of_scipy(seed: int, share: float) -> None:
         assert np.array_equal(reachable(grid, grid.centre(Cell(row, column))), labels == region)
     first = np.argmax(sizes) + 1  # scipy counts regions in row order, too
     assert np.array_equal(largest_region(grid), labels == first)
-
-
-def test_a_map_without_floor_has_an_empty_region() -> None:
-    assert not largest_region(plan("##", "?#")).any()
+    for row, column in np.argwhere(grid.blocking)[:3]:
+        assert not reachable(grid, grid.centre(Cell(row, column))).any()
+    assert not reachable(grid, Point(-4.0, 8.0)).any(), "outside"
 
 
 @given(st.integers(0, 40), st.floats(-4, 2), st.floats(6, 14), st.sampled_from([0.0, 0.3, 1.0, 9.0]))
-def test_the_nearest_cell_is_the_own_one_or_that_with_the_nearest_centre(
-    seed: int, x: float, y: float, within: float
-) -> None:
+def test_nearest_cell_is_the_own_or_the_nearest(seed: int, x: float, y: float, within: float) -> None:
     grid, point = random_plan(seed, 20, 16, 0.9), Point(x, y)
     found = nearest_cell(grid, grid.free, point, within)
     if grid.is_free(point):
@@ -131,41 +90,6 @@ def test_the_nearest_cell_is_the_own_one_or_that_with_the_nearest_centre(
         assert gaps[found] == pytest.approx(min(gaps.values()))
     anywhere = nearest_cell(grid, grid.free, point)
     assert (anywhere is None) == (not gaps)
-
-
-def test_the_outline_of_one_block_and_of_the_border() -> None:
-    grid = plan(
-        "...",
-        ".#.",
-        "...",
-        resolution=0.5,
-        origin=Point(1.0, 2.0),
-    )
-    assert outline(grid).tolist() == [
-        [1.0, 2.0, 2.5, 2.0],
-        [1.5, 2.5, 2.0, 2.5],
-        [1.5, 3.0, 2.0, 3.0],
-        [1.0, 3.5, 2.5, 3.5],
-        [1.0, 2.0, 1.0, 3.5],
-        [1.5, 2.5, 1.5, 3.0],
-        [2.0, 2.5, 2.0, 3.0],
-        [2.5, 2.0, 2.5, 3.5],
-    ]
-
-
-def test_occupied_against_unknown_is_no_border() -> None:
-    assert outline(plan("#?", "?#")).shape == (0, 4)
-
-
-def test_segments_are_maximal_across_touching_corners() -> None:
-    assert outline(plan(".#", "#.")).tolist() == [
-        [1.0, 0.0, 2.0, 0.0],
-        [0.0, 1.0, 2.0, 1.0],
-        [0.0, 2.0, 1.0, 2.0],
-        [0.0, 1.0, 0.0, 2.0],
-        [1.0, 0.0, 1.0, 2.0],
-        [2.0, 0.0, 2.0, 1.0],
-    ]
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 1.0))

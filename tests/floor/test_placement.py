@@ -1,13 +1,21 @@
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from actors.floor.grid import reachable
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, largest_region, reachable
+from actors.floor.map_file import load_map, map_warnings
 from actors.floor.placement import Area, PlacementError, areas_named, check_pose, draw_points
 from actors.geometry import Point
-from tests.floor.plans import plan, random_plan, room
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import parse
+from tests.floor.maps import PUBLIC_MAPS, PublicMap, plan, random_plan, room
+from tests.refusals import refused
 
 ROOM = room(4.0)
 
@@ -21,13 +29,10 @@ def test_equal_seeds_draw_equal_points_and_more_points_begin_with_the_same() -> 
     assert first == draw_points(ROOM, 5, rng=rng())
     assert first == draw_points(ROOM, 6, rng=rng())[:5]
     assert first != draw_points(ROOM, 5, rng=rng(2))
-
-
-def test_each_point_takes_four_numbers_from_the_generator() -> None:
     generator, counted = rng(), rng()
     draw_points(ROOM, 3, rng=generator, areas=[Area("west", 1, 1, 2, 3), Area("east", 2, 1, 3, 3)])
     counted.random(12)
-    assert generator.random() == counted.random()
+    assert generator.random() == counted.random(), "four numbers for each point"
 
 
 @settings(max_examples=50)
@@ -68,31 +73,13 @@ def test_areas_are_picked_by_surface_and_cut_to_their_exact_edges() -> None:
     assert stats.kstest(x, stats.uniform(1.03, 1.54).cdf).pvalue > 0.01, "the cut cells weigh less"
     y = [p.y for p, within in zip(points, inside[0], strict=True) if within]
     assert stats.kstest(y, stats.uniform(1.01, 1.98).cdf).pvalue > 0.01
-
-
-def test_cells_that_an_area_cuts_are_drawn_as_seldom_as_they_are_small() -> None:
-    area = Area("across three cells", 1.9, 1.0, 3.2, 2.0)
-    points = draw_points(
-        room(5.0, 1.0), 2000, rng=rng(), clearance=0.0, apart=0.0, areas=[area], start=Point(2.5, 2.5)
-    )
-    x = [point.x for point in points]
-    assert stats.kstest(x, stats.uniform(1.9, 1.3).cdf).pvalue > 0.01
-
-
-def test_a_full_area_leaves_the_draw_to_the_others() -> None:
     cell, wide = Area("cell", 1.0, 1.0, 1.1, 1.1), Area("wide", 2.0, 0.0, 4.0, 4.0)
     points = draw_points(ROOM, 5, rng=rng(), areas=[cell, wide])
     assert sum(point.x < 1.2 for point in points) <= 1
 
 
 def test_only_what_can_be_reached_is_drawn_from() -> None:
-    grid = plan(
-        "....#...",
-        "....#...",
-        "....#...",
-        "#####...",
-        "........",
-    )
+    grid = plan("....#...", "....#...", "....#...", "#####...", "........")
     largest = draw_points(grid, 200, rng=rng(), clearance=0.0, apart=0.0)
     east = reachable(grid, Point(6.0, 4.0))
     assert all(east[grid.cell(point)] for point in largest)
@@ -102,54 +89,46 @@ def test_only_what_can_be_reached_is_drawn_from() -> None:
     assert all(5 < point.x < 8 and point.y > 1 for point in narrow), "the south strip is 1 m wide"
 
 
-def refusal(*arguments: object, **options: object) -> str:
-    with pytest.raises(PlacementError) as caught:
-        draw_points(ROOM, *arguments, **({"rng": rng()} | options))  # type: ignore[arg-type]
-    return str(caught.value)
+FEWER = "from each other; ask for fewer, or for smaller distances."
+FREE_FLOOR = "a place must be free floor."
+FAR = {"areas": [Area("Moon", 100, 100, 101, 101)]}
+NARROW = {"areas": [Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]}
 
 
-def test_what_has_no_room_is_refused_with_numbers() -> None:
-    assert refusal(40) == (
-        "there is room for 13 of 40 points at least 0.6 m from walls and 0.6 m from each other;"
-        " ask for fewer, or for smaller distances."
-    )
-    assert refusal(1, clearance=2.5) == (
-        "the map has no reachable point at least 2.5 m from walls; a place must be free floor."
-    )
-    assert refusal(1, areas=[Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]) == (
-        "area 'Office1' has no reachable point at least 0.6 m from walls; a place must be free floor."
-    )
-    assert refusal(1, areas=[Area("Moon", 100, 100, 101, 101)]) == (
-        "area 'Moon' has no reachable point at least 0.6 m from walls; a place must be free floor."
-    )
-    assert refusal(1, keep_off=[Point(2.0, 2.0)], apart=3.0) == (
-        "there is room for 0 of 1 points at least 0.6 m from walls and 3 m from each other;"
-        " ask for fewer, or for smaller distances."
-    )
-    assert refusal(1, start=Point(0.1, 2.02), passage=0.18) == (
-        "a disc of radius 0.18 m has no room at the start (0.10, 2.02);"
-        " the nearest point with room is (0.25, 2.05)."
-    )
-    assert refusal(1, start=Point(-3.0, 2.0), passage=5.0) == (
-        "a disc of radius 5 m has no room at the start (-3.00, 2.00);"
-        " no point of this map is that far from walls."
-    )
+@pytest.mark.parametrize(
+    ("count", "options", "sentence"),
+    [
+        (40, {}, f"there is room for 13 of 40 points at least 0.6 m from walls and 0.6 m {FEWER}"),
+        (1, {"clearance": 2.5}, f"the map has no reachable point at least 2.5 m from walls; {FREE_FLOOR}"),
+        (1, NARROW, f"area 'Office1' has no reachable point at least 0.6 m from walls; {FREE_FLOOR}"),
+        (1, FAR, f"area 'Moon' has no reachable point at least 0.6 m from walls; {FREE_FLOOR}"),
+        (1, {"keep_off": [Point(2.0, 2.0)], "apart": 3.0},
+         f"there is room for 0 of 1 points at least 0.6 m from walls and 3 m {FEWER}"),
+        (1, {"start": Point(0.1, 2.02), "passage": 0.18},
+         "a disc of radius 0.18 m has no room at the start (0.10, 2.02);"
+         " the nearest point with room is (0.25, 2.05)."),
+        (1, {"start": Point(-3.0, 2.0), "passage": 5.0},
+         "a disc of radius 5 m has no room at the start (-3.00, 2.00);"
+         " no point of this map is that far from walls."),
+    ],
+)  # fmt: skip
+def test_what_has_no_room_is_refused(count: int, options: dict[str, Any], sentence: str) -> None:
+    with refused(sentence, PlacementError):
+        draw_points(ROOM, count, rng=rng(), **options)
 
 
 def test_areas_are_checked_and_found_by_name() -> None:
     hall, office = Area("Hall", 0, 0, 2, 1), Area("Office", 3, 0, 4, 1)
     assert areas_named([hall, office], ["Office", "Hall"]) == (office, hall)
-    with pytest.raises(PlacementError) as caught:
+    with refused("area 'Kitchen' is not known; the known ones are 'Hall', 'Office'.", PlacementError):
         areas_named([hall, office], ["Kitchen"])
-    assert str(caught.value) == "area 'Kitchen' is not known; the known ones are 'Hall', 'Office'."
-    with pytest.raises(PlacementError) as caught:
+    with refused("area 'Kitchen' is not known; the known ones are none.", PlacementError):
         areas_named([], ["Kitchen"])
-    assert str(caught.value) == "area 'Kitchen' is not known; the known ones are none."
-    with pytest.raises(PlacementError) as caught:
+    with refused(
+        "area 'Hall' spans x 2 to 2 and y 0 to 1 m, but each must grow from its first number to its second.",
+        PlacementError,
+    ):
         Area("Hall", 2.0, 0.0, 2.0, 1.0)
-    assert str(caught.value) == (
-        "area 'Hall' spans x 2 to 2 and y 0 to 1 m, but each must grow from its first number to its second."
-    )
 
 
 @pytest.mark.parametrize(
@@ -161,16 +140,41 @@ def test_areas_are_checked_and_found_by_name() -> None:
     ],
 )
 def test_a_robot_in_a_wall_is_named_with_a_point_that_would_be_right(point: Point, where: str) -> None:
-    with pytest.raises(PlacementError) as caught:
-        check_pose(ROOM, point, 0.18, "r3")
-    assert str(caught.value) == (
+    with refused(
         f"robot 'r3' {where}, but must be at least 0.18 m from walls;"
-        " the nearest point with room is (0.25, 2.05)."
-    )
+        " the nearest point with room is (0.25, 2.05).",
+        PlacementError,
+    ):
+        check_pose(ROOM, point, 0.18, "r3")
     check_pose(ROOM, Point(0.25, 2.05), 0.18, "r3")
-
-
-def test_a_robot_may_touch_a_wall_but_no_more() -> None:
     check_pose(ROOM, Point(0.5, 2.0), 0.5, "r0")
     with pytest.raises(PlacementError):
         check_pose(ROOM, Point(0.5, 2.0), 0.501, "r0")
+
+
+each = pytest.mark.parametrize("public", PUBLIC_MAPS, ids=lambda one: one.name.replace("/", " "))
+
+
+@each
+def test_a_map_like_a_public_one_is_read(public: PublicMap, tmp_path: Path) -> None:
+    path = public.write(tmp_path)
+    grid, pixels = load_map(path), np.flipud(public._pixels())
+    assert grid.resolution == public.resolution and grid.cells.shape == public.size
+    assert (grid.cells[pixels == 254] == FREE).all() and (grid.cells[pixels == 0] == OCCUPIED).all()
+    assert (grid.cells[pixels == 205] == (FREE if public.warnings else UNKNOWN)).all()
+    assert len(map_warnings(path)) == public.warnings
+    floor = (pixels == 254).sum()
+    assert largest_region(grid, 0.18).sum() > 0.5 * floor
+
+
+@pytest.mark.nightly
+@each
+def test_two_robots_reach_places_on_a_map_like_a_public_one(public: PublicMap, tmp_path: Path) -> None:
+    public.write(tmp_path)
+    text = (
+        'map = "map.yaml"\nlocalisation.preset = "robust"\nnavigation.preset = "robust"\n'
+        '[run]\nduration = 120.0\n[robots]\ncount = 2\n[places]\npreset = "free"\nper_robot = 3\n'
+    )
+    plan = swarm.plan(parse(text, tmp_path / "scenario.toml"), RunOptions(tmp_path / "out", bus="memory"))
+    result = swarm.run_in_memory(plan, lambda progress: None)
+    assert result.places_done >= 3 and result.places_given_up == 0

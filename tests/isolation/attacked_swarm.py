@@ -4,7 +4,6 @@ import json
 import os
 import secrets
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,6 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, TextIO
 
 import zenoh
@@ -34,8 +32,6 @@ ORDINARY_KEYS = ("swarm/up/*/drive", "swarm/up/*/transmit", "swarm/up/*/ready", 
 
 
 class Layer(IntEnum):
-    """Mechanism that blocks an attack; a mode of the swarm applies its own layer and all weaker ones."""
-
     NONE = 0
     """Positive control: must succeed in every mode."""
     RULES = 1
@@ -49,29 +45,34 @@ MODES = {"unguarded": Layer.NONE, "open": Layer.RULES, "isolated": Layer.PROCESS
 
 
 class Description(NamedTuple):
-    """Paths and descriptors that the members need."""
-
     mode: str
-    out: str
-    robots: dict[str, str]
-    infra: str
     study: str
     """Folder with the robots' code and the scenario; holds `out` and the run folder `runs/other`."""
-    inherited: dict[str, int]
-    """Descriptors left open: the folder `out`, and the two ends of a pipe."""
+    inherited: int
+    """A descriptor of `out` that is left open."""
+
+    @property
+    def out(self) -> Path:
+        return Path(self.study, "runs", "this")
+
+    @property
+    def infra(self) -> Path:
+        return self.out / "infra"
+
+    @property
+    def robots(self) -> dict[str, Path]:
+        return {name: self.out / name for name in ("r1", "r2")}
 
 
 @dataclass
 class SwarmMember:
-    """State of a member process: its session, received samples and objects to close after an attack."""
-
     name: str
     swarm: Description
     session: zenoh.Session
     pid: int = 0
     """Process id outside its namespace."""
-    heard: list[tuple[str, str]] = field(default_factory=list)
-    """Key and payload of each received sample."""
+    heard: list[str] = field(default_factory=list)
+    """Payloads of received samples."""
     ordinary: list[Any] = field(default_factory=list)
     subscribers: list[Any] = field(default_factory=list)
     kept: list[Any] = field(default_factory=list)
@@ -79,39 +80,32 @@ class SwarmMember:
 
     @property
     def folder(self) -> Path:
-        """The member's own folder."""
-        return Path(self.swarm.robots.get(self.name, self.swarm.infra))
+        return self.swarm.robots.get(self.name, self.swarm.infra)
 
     def keep(self, thing: Any) -> Any:
-        """Keep `thing` open until the attack is over."""
         self.kept.append(thing)
         return thing
 
-    def listen(self, key: str, session: zenoh.Session | None = None) -> None:
-        """Subscribe to `key` until the attack is over."""
-        self.subscribers.append((session or self.session).declare_subscriber(key))
+    def listen(self, key: str) -> None:
+        self.subscribers.append(self.session.declare_subscriber(key))
 
-    def receive(self) -> list[tuple[str, str]]:
-        """Return all samples since the attack began; channels keep their order, callbacks would not."""
+    def receive(self) -> list[str]:
         for subscriber in (*self.ordinary, *self.subscribers):
             while (sample := subscriber.try_recv()) is not None:
-                self.heard.append((str(sample.key_expr), bytes(sample.payload).decode()))
+                self.heard.append(bytes(sample.payload).decode())
         return self.heard
 
     def has_heard(self, payload: str) -> bool:
-        """Return whether a sample with `payload` has arrived."""
-        return any(text == payload for _, text in self.receive())
+        return payload in self.receive()
 
-    def await_payload(self, payload: str, copies: int = 1) -> None:
-        """Wait for a sample that must come; everything sent before it on its way has then arrived too."""
+    def await_payload(self, payload: str) -> None:
         limit = time.monotonic() + TIMEOUT_S
-        while [text for _, text in self.receive()].count(payload) < copies:
+        while payload not in self.receive():
             if time.monotonic() > limit:
                 raise AssertionError(f"{self.name} never received {payload!r}, only {self.heard}")
             time.sleep(0.0005)
 
     def reset(self) -> None:
-        """Close everything that the last attack opened."""
         for thing in (*self.subscribers, *reversed(self.kept)):
             with suppress(OSError, zenoh.ZError):
                 thing.close() if hasattr(thing, "close") else thing.undeclare()
@@ -121,8 +115,8 @@ class SwarmMember:
         self.heard.clear()
 
 
-Stage = tuple[str, Callable[[SwarmMember, Note], Note | None]]
-"""A member's name and its action; the returned items are added to the note."""
+Stage = tuple[str, Callable[[SwarmMember, Note], Note | bool | None]]
+"""A member's name and its action; a returned truth is `reached`, returned items are added to the note."""
 
 
 class Attack(NamedTuple):
@@ -140,40 +134,21 @@ class Attack(NamedTuple):
     """Needs the right to trace own processes (Yama's ptrace_scope)."""
 
 
-class StageOutcome(NamedTuple):
-    """Whether an attack reached its goal, and the error that stopped it."""
-
-    reached: bool
-    refused: str
-
-
 class AttackedSwarm:
-    """Three member processes and their folders; `with` starts and ends them."""
-
     def __init__(self, mode: str) -> None:
         self._stack = ExitStack()
         # Short, because a socket's path may have 107 bytes.
         study = Path(tempfile.mkdtemp(prefix="swarm", dir="/tmp")).resolve()
         self._stack.callback(shutil.rmtree, study, ignore_errors=True)
         (study / "scenario.toml").write_text("[run]\nseed = 7\n")
-        self._out = study / "runs" / "this"
-        robots = {name: self._out / name for name in ("r1", "r2")}
-        for folder in (*robots.values(), self._out / "infra"):
+        (study / "runs" / "other" / "r9").mkdir(parents=True)
+        (study / "runs" / "other" / "r9" / "r9.mcap").write_text("recording of r9")
+        swarm = Description(mode, str(study), 0)
+        for folder in (*swarm.robots.values(), swarm.infra):
             folder.mkdir(parents=True)
-        self._stack.enter_context(_other_run(study / "runs" / "other"))
-        issue(robots, self._out / "infra")
-        inherited = [os.open(self._out, os.O_RDONLY), *os.pipe()]
-        os.set_blocking(inherited[1], False)
-        for handle in inherited:
-            self._stack.callback(os.close, handle)
-        self._description = Description(
-            mode=mode,
-            out=str(self._out),
-            robots={name: str(folder) for name, folder in robots.items()},
-            infra=str(self._out / "infra"),
-            study=str(study),
-            inherited=dict(zip(("folder", "pipe_out", "pipe_in"), inherited, strict=True)),
-        )
+        issue(swarm.robots, swarm.infra)
+        self._swarm = swarm._replace(inherited=os.open(swarm.out, os.O_RDONLY))
+        self._stack.callback(os.close, self._swarm.inherited)
         self._members: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> "AttackedSwarm":
@@ -184,13 +159,11 @@ class AttackedSwarm:
                 for name in group:
                     self._answer(name)
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for member in reversed(self._members.values()):
             assert member.stdin is not None
             with suppress(BrokenPipeError):
@@ -202,8 +175,7 @@ class AttackedSwarm:
                 member.kill()
         self._stack.close()
 
-    def carry_out(self, attack: Attack) -> StageOutcome:
-        """Carry out one attack, then reset all members."""
+    def carry_out(self, attack: Attack) -> tuple[bool, str]:
         note: Note = {"token": secrets.token_hex(8)}
         for stage, (name, _) in enumerate(attack.stages):
             order = {"attack": attack.name, "stage": stage, "note": note, "pid": self._pid(name)}
@@ -215,35 +187,27 @@ class AttackedSwarm:
         if "litter" in note:
             Path(note["litter"]).unlink(missing_ok=True)
         refused = note.get("refused", "")
-        return StageOutcome(bool(note.get("reached")) and not refused, refused)
+        return bool(note.get("reached")) and not refused, refused
 
     def _start(self, name: str) -> None:
+        path = os.pathsep.join((str(REPOSITORY), self._swarm.study))
+        shell = {**os.environ, "PYTHONPATH": path, "SECRET": "known to its owner only"}
+        isolated = self._swarm.mode == "isolated"
         self._members[name] = subprocess.Popen(
             [sys.executable, "-m", "tests.isolation.attacked_swarm", name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            cwd=self._out,
-            env=self._environment(),
-            pass_fds=list(self._description.inherited.values()),
+            cwd=self._swarm.out,
+            env=environment.passed_on(shell) if isolated else shell,
+            pass_fds=[self._swarm.inherited],
         )
-        self._write(name, self._description._asdict())
+        self._write(name, self._swarm._asdict())
 
     def _pid(self, name: str) -> int:
-        """Of the member itself; an isolated one is the younger child of its keeper."""
         outer = self._members[name].pid
-        if self._description.mode != "isolated" or name == "world":
-            return outer
-        return max(process_table.children(outer, process_table.table()))
-
-    def _environment(self) -> dict[str, str]:
-        """The user's whole environment, or the part that launchers pass on."""
-        shell = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join((str(REPOSITORY), self._description.study)),
-            "SECRET": "known to its owner only",
-        }
-        return environment.passed_on(shell) if self._description.mode == "isolated" else shell
+        alone = self._swarm.mode != "isolated" or name == "world"
+        return outer if alone else max(process_table.children(outer, process_table.table()))
 
     def _ask(self, name: str, order: Note) -> Note:
         self._write(name, order)
@@ -260,28 +224,14 @@ class AttackedSwarm:
         assert stdout is not None
         line = stdout.readline()
         if not line:
-            log = self._out / name / "log.txt"
+            log = self._swarm.out / name / "log.txt"
             raise RuntimeError(f"{name} exited: {log.read_text()[-2000:] if log.exists() else 'see above'}")
         answer: Note = json.loads(line)
         return answer
 
 
-def _other_run(out: Path) -> socket.socket:
-    """Make the folder of another run that is going on; return its router's socket."""
-    for name in ("world", "r9"):
-        (out / name).mkdir(parents=True)
-    (out / "scenario.toml").write_text("[run]\nseed = 8\n")
-    (out / "r9" / "r9.mcap").write_text("recording of r9")
-    router_socket = socket.socket(socket.AF_UNIX)
-    router_socket.bind(str(out / "world" / "router.sock"))
-    router_socket.listen()
-    return router_socket
-
-
 def credentials_of(swarm: Description) -> Credentials:
-    """Return the credentials that `issue` has written for this swarm."""
-    robots = {name: Path(folder) for name, folder in swarm.robots.items()}
-    infra = Path(swarm.infra)
+    robots, infra = swarm.robots, swarm.infra
     return Credentials(
         robots=tuple(robots),
         others=("radio", "observer", "operator"),
@@ -293,7 +243,6 @@ def credentials_of(swarm: Description) -> Credentials:
 
 
 def router(swarm: Description) -> zenoh.Config:
-    """Return the world's configuration, without access control in the unguarded swarm."""
     config = rules.router_config(credentials_of(swarm))
     if swarm.mode == "unguarded":
         config.insert_json5("access_control", '{"enabled": false}')
@@ -302,7 +251,6 @@ def router(swarm: Description) -> zenoh.Config:
 
 
 def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
-    """Return a robot's configuration with its own credentials; `changed` replaces parts of them."""
     issued = credentials_of(swarm)
     config = rules.client_config(issued.files[name], issued.endpoint(name))
     for key, value in changed.items():
@@ -313,17 +261,16 @@ def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
 
 
 def main() -> None:
-    """Become the member named by argv: read a description, then one order per line, and answer each."""
     name = sys.argv[1]
     orders, answers = os.dup(0), os.dup(1)  # isolation redirects stdin and stdout
     with os.fdopen(orders) as incoming, os.fdopen(answers, "w") as outgoing:
         swarm = Description(**json.loads(incoming.readline()))
         if swarm.mode == "isolated" and name != "world":
-            own = Path(swarm.robots[name])
+            own = swarm.robots[name]
             isolate(
                 Confinement(
                     own=own,
-                    hidden=(Path(swarm.out), Path(swarm.study, "scenario.toml")),
+                    hidden=(swarm.out, Path(swarm.study, "scenario.toml")),
                     log=own / "log.txt",
                     descriptors=(orders, answers),
                     parent=os.getppid(),
@@ -358,7 +305,8 @@ def _obey(member: SwarmMember, order: Note) -> Note:
     member.pid = order["pid"]
     (attack,) = (one for one in ATTACKS if one.name == order["attack"])
     try:
-        return attack.stages[order["stage"]][1](member, order["note"]) or {}
+        result = attack.stages[order["stage"]][1](member, order["note"])
+        return {"reached": result} if isinstance(result, bool) else result or {}
     except (OSError, zenoh.ZError, TimeoutError) as error:
         return {"refused": f"{member.name}: {type(error).__name__}: {error}"}
 

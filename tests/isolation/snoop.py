@@ -22,15 +22,11 @@ SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt"
 
 
 class Still:
-    """Stands still."""
-
     def advance(self, view: View, until: int) -> Decision:
-        """Decide nothing."""
         return Decision()
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Search once, as r2; r1 is also created before the run."""
     if start.robot != "r2":
         return Still()
     words = [bytes.fromhex(word) for word in json.loads((HERE / "words.json").read_text())]
@@ -88,7 +84,6 @@ def _text(value: object) -> bytes:
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
-    """Yield the names of all files, and the content of those outside libraries; not of a whole machine."""
     if Path("/proc/self").exists():
         return
     project = str(Path(sys.modules["actors"].__file__ or "").parents[1])

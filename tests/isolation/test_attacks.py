@@ -1,7 +1,7 @@
 """Attacks on the rule that robots communicate by radio only, with and without the layers that block them."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -21,26 +21,13 @@ CASES = [
 ]
 
 
-class RunningSwarms(dict[str, AttackedSwarm]):
-    """Swarms by mode, each started on first use."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        super().__init__()
-        self._stack = stack
-
-    def __missing__(self, mode: str) -> AttackedSwarm:
-        self[mode] = self._stack.enter_context(AttackedSwarm(mode))
-        return self[mode]
-
-
 @pytest.fixture(scope="module")
-def swarms() -> Iterator[RunningSwarms]:
+def swarms() -> Iterator[Callable[[str], AttackedSwarm]]:
     with ExitStack() as stack:
-        yield RunningSwarms(stack)
+        yield cache(lambda mode: stack.enter_context(AttackedSwarm(mode)))
 
 
 def need_isolation() -> None:
-    """Skip where robots cannot be isolated; in continuous integration that is a failure."""
     reason = WHY_NOT()
     if reason is None:
         return
@@ -50,7 +37,6 @@ def need_isolation() -> None:
 
 
 def need_means(attack: Attack) -> None:
-    """Skip an attack that this user could not carry out against an unprotected swarm either."""
     if attack.root and os.getuid() != 0:
         pytest.skip("only root could do this")
     yama = Path("/proc/sys/kernel/yama/ptrace_scope")
@@ -61,10 +47,10 @@ def need_means(attack: Attack) -> None:
 @pytest.mark.claim("attacks")
 @pytest.mark.parametrize(("mode", "attack"), CASES)
 def test_an_attack_succeeds_only_where_no_layer_blocks_it(
-    mode: str, attack: Attack, swarms: RunningSwarms
+    mode: str, attack: Attack, swarms: Callable[[str], AttackedSwarm]
 ) -> None:
     if mode == "isolated":
         need_isolation()
     need_means(attack)
-    outcome = swarms[mode].carry_out(attack)
-    assert outcome.reached == (attack.layer == Layer.NONE or MODES[mode] < attack.layer), outcome
+    reached, refused = swarms(mode).carry_out(attack)
+    assert reached == (attack.layer == Layer.NONE or MODES[mode] < attack.layer), refused

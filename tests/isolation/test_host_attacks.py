@@ -30,8 +30,6 @@ SETTLE_S = 0.3
 
 
 class AttackedHosts:
-    """The world's router, host h1 with r1, and host h2 with r2, all on this computer."""
-
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._stack, self._folder, self._marks = stack, folder, 0
         self._keys = certificates.draw(list(ROBOTS), HERE)
@@ -55,17 +53,14 @@ class AttackedHosts:
             _until(partial(_has_match, down))
 
     def stolen_keys(self) -> Keys:
-        """Keys of h2 in this run."""
         return load_keys(self._written("stolen", self._keys.hosts["h2"]))
 
     def foreign_keys(self) -> Keys:
-        """Keys of h1 in another run, with this run's authority."""
         other = certificates.draw(["h1"], HERE).hosts["h1"]
         mixed = PemKeys(self._keys.world.authority, other.certificate, other.private_key)
         return load_keys(self._written("foreign", mixed))
 
     def enter(self, keys: Keys | None) -> zenoh.Session:
-        """Open a session at the world's port. Raises AcrcError where it is refused."""
         config = session_config("client")
         set_value(config, "connect/endpoints", [self._endpoint])
         set_value(config, "connect/timeout_ms", 1500)
@@ -76,7 +71,6 @@ class AttackedHosts:
         return self._open(config)
 
     def is_host(self, keys: Keys | None) -> bool:
-        """Return whether the port where hosts report to the run accepts these keys."""
         client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         client.load_verify_locations(self._folder / "keys" / "authority.pem")
         if keys is not None:
@@ -84,7 +78,6 @@ class AttackedHosts:
         return _handshake(channel.server_context(self._folder / "keys"), client)
 
     def hears(self, actor: str, token: str) -> bool:
-        """Return whether an actor has received the token, once everything sent before has arrived."""
         self._marks += 1
         mark = f"mark {self._marks}"
         self.robots["r1"].put(DRIVE.key("r1"), mark)
@@ -96,7 +89,6 @@ class AttackedHosts:
         return any(token in text for text in self._heard[actor])
 
     def tell(self, robot: str, token: str) -> None:
-        """Send a message from the world to a robot."""
         self._world.put(f"swarm/down/{robot}/senses", token)
 
     def _robot(self, host: str, robot: str) -> zenoh.Session:
@@ -120,7 +112,6 @@ class AttackedHosts:
 
 
 def _handshake(server: ssl.SSLContext, client: ssl.SSLContext) -> bool:
-    """Return whether the server accepts the client's certificate."""
     to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
     ends = [
         client.wrap_bio(to_client, to_server, server_hostname=HERE),

@@ -1,19 +1,25 @@
 """The isolated process: what it keeps, what it says when it cannot be had, and each layer by itself."""
 
+import errno
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from actors.runtime.isolation import container
+from actors.installation.repository import REPOSITORY
+from actors.runtime.isolation import container, sandbox, syscall_filter
+from actors.runtime.isolation.sandbox import OPEN, IsolationChoice, choose, warn
+from actors.runtime.isolation.syscall_filter import Instruction
 from tests.isolation.attacks import NEST, UNDO
 from tests.isolation.test_attacks import need_isolation
+from tests.refusals import refused
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 PRELUDE = """
 import ctypes, os, sys
 from pathlib import Path
@@ -31,7 +37,6 @@ def attempt(act):
 
 
 def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run `code` in a process of its own, with the arguments as argv[1:]."""
     return subprocess.run(
         [sys.executable, "-c", PRELUDE + textwrap.dedent(code), *map(str, arguments)],
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
@@ -43,7 +48,6 @@ def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def said(code: str, *arguments: object) -> list[str]:
-    """The lines that `code` prints; it must end well."""
     done = run(code, *arguments)
     assert done.returncode == 0, done.stderr
     lines: list[str] = done.stdout.splitlines()
@@ -52,7 +56,6 @@ def said(code: str, *arguments: object) -> list[str]:
 
 @pytest.fixture
 def run_folder(tmp_path: Path) -> Path:
-    """A run's output folder with two robots, and beside it a map."""
     need_isolation()
     for robot in ("r1", "r2"):
         (tmp_path / "out" / robot).mkdir(parents=True)
@@ -116,11 +119,9 @@ def test_without_mount_setattr_the_tree_is_made_readonly_mount_by_mount(run_fold
     assert lines == ["OSError", "FileNotFoundError", "OSError", "4"]
 
 
-BREAKS = {
-    # What is in force before the attempt, how the attempt begins, what it says.
+BREAKS = {  # Layers in force, start of the attempt, its output; an attack tries it against all layers.
     "the attempt itself, with all capabilities": ("separate(plan)", "", ["written"]),
     "no filter": ("separate(plan); linux.drop_capabilities()", NEST, ["nested"]),
-    "everything": ("isolate(plan)", NEST, []),
 }
 
 
@@ -166,27 +167,6 @@ def test_an_ordinary_user_can_be_isolated_too(run_folder: Path) -> None:
     assert lines == ["65534 4 ['r1']", "1", str(about)]
 
 
-def test_the_error_names_what_failed_and_the_way_round(run_folder: Path) -> None:
-    lines = said(
-        """
-        linux.prctl(38, 1)  # PR_SET_NO_NEW_PRIVS
-        syscall_filter.install()
-        try:
-            isolate(Confinement(own=Path(sys.argv[1])))
-        except IsolationError as error:
-            error_said = error
-        print(error_said)
-        print(available() == str(error_said))
-        """,
-        run_folder / "r1",
-    )
-    assert lines == [
-        "robots cannot be isolated on this machine: unshare of user, network, mount, IPC and process "
-        f"namespaces: Operation not permitted; {container.advice()}",
-        "True",
-    ]
-
-
 def test_a_process_with_threads_is_refused(run_folder: Path) -> None:
     done = run(
         """
@@ -217,7 +197,205 @@ def test_a_process_dies_with_its_parent() -> None:
         """
     )
     assert (done.returncode, done.stdout) == (0, "tied\n")
-
-
-def test_a_process_whose_parent_is_gone_ends_at_once() -> None:
     assert run("die_with_parent(1 if os.getppid() != 1 else 2)").returncode == -9
+
+
+PROFILE = REPOSITORY / "deploy" / "container" / "seccomp.json"
+DOCKER = ("mount", "mount_setattr", "pivot_root", "setns", "umount2", "unshare")
+"""What Docker's default profile refuses of what a sandbox is made with."""
+RESTRICTED = """
+from actors.runtime.isolation.syscall_filter import Instruction
+
+def refuse(names):
+    machine, column = syscall_filter._MACHINES[os.uname().machine]
+    code = [Instruction(0x20, 0, 0, 0)]  # the call's number
+    for name in names:
+        number = syscall_filter._NUMBERS[name][column]
+        if number is not None:
+            code += [Instruction(0x15, 0, 1, number), syscall_filter._refuse(1)]
+    syscall_filter.load([*code, syscall_filter._ALLOWED])
+
+for capability in {*range(64)} - {*map(int, sys.argv[1].split(","))}:
+    attempt(lambda: linux.prctl(linux._PR_CAPBSET_DROP, capability))
+linux.prctl(linux._PR_SET_NO_NEW_PRIVS, 1)
+refuse(sys.argv[2:])
+print(available())  # asks a process that is executed, and so has no capability but these
+"""
+CAP_SETFCAP = 31
+"""Without it root maps itself into no new namespace; other users need none."""
+REFUSED = "robots cannot be isolated on this machine"
+
+
+def isolation_without(*calls: str, kept: int = CAP_SETFCAP) -> str:
+    need_isolation()
+    (line,) = said(RESTRICTED, kept, *calls)
+    return line
+
+
+@pytest.mark.parametrize(
+    ("calls", "failed"),
+    [
+        (DOCKER, "unshare of user, network, mount, IPC and process namespaces"),
+        (("mount",), "mount on /"),  # as AppArmor's docker-default has it
+    ],
+)
+def test_what_a_container_refuses_is_named_with_what_would_help(calls: Sequence[str], failed: str) -> None:
+    assert isolation_without(*calls) == (
+        f"{REFUSED}: {failed}: Operation not permitted; {container.advice()}"
+    )
+
+
+def test_root_without_capabilities_is_told_what_it_lacks_and_others_lack_nothing() -> None:
+    refused = f"{REFUSED}: Operation not permitted (/proc/self/uid_map); {container.advice()}"
+    assert isolation_without(kept=0) == ("None" if os.getuid() else refused)
+
+
+def test_the_profile_for_docker_suffices() -> None:
+    profile = json.loads(PROFILE.read_text())
+    (rule,) = profile["syscalls"]
+    action = (profile["defaultAction"], rule["action"], rule["errnoRet"])
+    assert action == ("SCMP_ACT_ALLOW", "SCMP_ACT_ERRNO", 1)
+    assert {"bpf", "keyctl", "ptrace", "setns"} <= {*rule["names"]}
+    known = [name for name in rule["names"] if name in syscall_filter._NUMBERS]
+    assert isolation_without(*known) == "None"
+
+
+@pytest.mark.parametrize(
+    ("variables", "files", "sort"),
+    [
+        ({}, (), ""),
+        ({}, (".dockerenv",), "Docker"),
+        ({}, ("run/.containerenv", ".dockerenv"), "Podman"),
+        ({"KUBERNETES_SERVICE_HOST": "10.0.0.1"}, (".dockerenv",), "Kubernetes"),
+        ({"APPTAINER_CONTAINER": "/home/ada/acrc.sif"}, (), "Apptainer"),
+        ({"SINGULARITY_CONTAINER": "/acrc.sif"}, (".dockerenv",), "Apptainer"),
+        ({}, (".singularity.d",), "Apptainer"),
+        ({"container": "systemd-nspawn"}, (), "systemd-nspawn"),
+    ],
+)
+def test_kind_of_container(
+    variables: dict[str, str], files: Sequence[str], sort: str, tmp_path: Path
+) -> None:
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert container.kind(variables, tmp_path) == sort
+
+
+@pytest.mark.parametrize(
+    ("sort", "sentence"),
+    [
+        ("", "allow unprivileged user namespaces on this machine, or run with --no-isolate"),
+        ("Docker", "this is a container (Docker): start it with --security-opt "
+         "seccomp=deploy/container/seccomp.json, where AppArmor is on also with --security-opt "
+         "apparmor=unconfined, or run with --no-isolate"),
+        ("Kubernetes",
+         "this is a container (Kubernetes): give it securityContext.seccompProfile.type: Unconfined, "
+         "where AppArmor is on also appArmorProfile.type: Unconfined, or run with --no-isolate"),
+        ("Apptainer",
+         "this is a container (Apptainer): allow unprivileged user namespaces on the machine that it runs "
+         "on, or run with --no-isolate"),
+        ("lxc",
+         "this is a container (lxc): let it make user namespaces and mounts, or run with --no-isolate"),
+    ],
+)  # fmt: skip
+def test_advice_for_a_container(sort: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "kind", lambda: sort)
+    monkeypatch.setattr(sandbox, "available", lambda: f"{REFUSED}: no; {container.advice()}")
+    assert container.advice() == f"{container.remedy()}, or run with --no-isolate" == sentence
+    with refused(f"{REFUSED}: no; {sentence}", sandbox.IsolationError):
+        choose(True)
+    warning = f"robots run as plain processes, because {REFUSED}: no; {OPEN}"
+    assert choose(None) == IsolationChoice(False, f"{warning}; {container.remedy()}" if sort else warning)
+
+
+def test_the_trial_in_a_process_of_its_own_knows_the_container(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("APPTAINER_CONTAINER", "/acrc.sif")
+    monkeypatch.setattr(
+        sandbox, "_TRIAL", "from actors.runtime.isolation import container; print(container.kind()); exit(1)"
+    )
+    assert sandbox.available() == "Apptainer"
+
+
+def test_isolation_possible_or_not_wanted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sandbox, "available", lambda: None)
+    assert choose(None) == choose(True) == IsolationChoice(True, "")
+    monkeypatch.setattr(container, "kind", lambda: "Docker")
+    there = "on host lab1 robots cannot be isolated: no; allow it"
+    warning = f"robots run as plain processes, because {there}; {OPEN}"
+    assert choose(None, elsewhere=there).warning == warning
+    choice = choose(False)
+    assert choice == IsolationChoice(False, f"--no-isolate: robots run as plain processes; {OPEN}")
+    assert choose(None, debugged=True).warning == f"--debugpy: robots run as plain processes; {OPEN}"
+    warn(choice.warning)
+    warn("")
+    assert capsys.readouterr() == ("", f"acrc: {choice.warning}\n")
+
+
+def decide(code: list[Instruction], machine: int, number: int, arguments: Sequence[int] = ()) -> int:
+    data = {0: number, 4: machine} | {16 + 8 * i: 0 for i in range(6)}
+    data |= {16 + 8 * i: value & 0xFFFF_FFFF for i, value in enumerate(arguments)}
+    accumulator, at = 0, 0
+    while True:
+        step = code[at]
+        at += 1
+        if step.code == 0x20:
+            accumulator = data[step.value]
+        elif step.code == 0x06:
+            return step.value
+        else:
+            holds = {
+                0x15: accumulator == step.value,
+                0x35: accumulator >= step.value,
+                0x45: bool(accumulator & step.value),
+            }[step.code]
+            at += step.if_true if holds else step.if_false
+
+
+ALLOW, REFUSE = 0x7FFF_0000, 0x5_0000
+DECISIONS = (
+    # x86_64, aarch64, arguments, error (0: allowed)
+    (0, 63, (), 0),  # read
+    (62, 129, (4711, 9), 0),  # kill: the process namespace confines it
+    (56, 220, (0x0100_0011,), 0),  # clone
+    (56, 220, (0x1000_0011,), errno.EPERM),  # CLONE_NEWUSER
+    (56, 220, (0x0002_0011,), errno.EPERM),  # CLONE_NEWNS
+    (435, 435, (), errno.ENOSYS),  # clone3
+    (425, 425, (), errno.ENOSYS),  # io_uring_setup
+    (41, 198, (1, 1), 0),  # socket
+    (41, 198, (16, 3), 0),  # AF_NETLINK
+    (41, 198, (40, 1), errno.EAFNOSUPPORT),  # AF_VSOCK
+    (72, 25, (3, 1), 0),  # fcntl F_GETFD
+    (72, 25, (3, 1030), 0),
+    (72, 25, (3, 6), errno.EPERM),  # F_SETLK
+    (72, 25, (3, 37), errno.EPERM),  # F_OFD_SETLK
+    (72, 25, (3, 1024), errno.EPERM),  # F_SETLEASE
+    (72, 25, (3, 4711), errno.EPERM),
+    (73, 32, (3, 2), errno.EPERM),  # flock
+    (294, 26, (), errno.EPERM),  # inotify_init1
+    (250, 219, (), errno.EPERM),  # keyctl
+    (101, 117, (16, 0), errno.EPERM),  # ptrace
+    (310, 270, (), errno.EPERM),  # process_vm_readv
+    (438, 438, (), errno.EPERM),  # pidfd_getfd
+    (272, 97, (0, 0), errno.EPERM),  # unshare
+    (165, 40, (0, 0), errno.EPERM),  # mount
+    (103, 116, (3,), errno.EPERM),  # syslog
+    (462, 462, (), 0),  # mseal, the last reviewed call
+    (463, 463, (), errno.ENOSYS),
+)
+
+
+@pytest.mark.parametrize("case", DECISIONS)
+def test_the_filter_decides_alike_on_both_machines(case: tuple[int, int, tuple[int, ...], int]) -> None:
+    x86_64, aarch64, arguments, error = case
+    intel = decide(syscall_filter.program("x86_64"), 0xC000_003E, x86_64, arguments)
+    arm = decide(syscall_filter.program("aarch64"), 0xC000_00B7, aarch64, arguments)
+    assert intel == arm == (REFUSE | error if error else ALLOW)
+
+
+def test_calls_of_other_machines_and_of_x32_are_refused() -> None:
+    intel = syscall_filter.program("x86_64")
+    assert decide(intel, 0x4000_0003, 20) == REFUSE | errno.EPERM
+    assert decide(intel, 0xC000_003E, 0x4000_0000 + 165) == REFUSE | errno.ENOSYS

@@ -33,7 +33,6 @@ KEY = secrets.token_hex(16)
 
 
 def search(folder: Path, *words: str) -> tuple[Path, list[str]]:
-    """Run a strategy that searches for names and seeds of its run; return the run's folder and the finds."""
     study, scenario, name = (secrets.token_hex(8) for _ in range(3))  # in no file of this project
     seed = secrets.randbelow(2**62) + 2**62
     (folder / study).mkdir()
@@ -55,7 +54,6 @@ def search(folder: Path, *words: str) -> tuple[Path, list[str]]:
 
 
 def forms(number: int) -> Sequence[bytes]:
-    """Return representations of a 63-bit number in text and memory."""
     return (f"{number}".encode(), f"{number:x}".encode(), *(number.to_bytes(8, e) for e in ("little", "big")))
 
 

@@ -17,13 +17,11 @@ STRIDE = 0.01
 
 
 def model(rays: int = 180) -> RobotModel:
-    """The TurtleBot 2 with a coarser view all round, so that tests stay quick."""
     turtlebot = load_model("turtlebot2", "chapter")
     return replace(turtlebot, sensor=turtlebot.sensor.model_copy(update={"rays": rays, "range_max": 3.0}))
 
 
 def plan(drawing: str, resolution: float = 0.05) -> OccupancyGrid:
-    """A floor plan from a drawing, '#' = wall, each character 0.25 m by 0.25 m."""
     lines = [line for line in drawing.splitlines() if line.strip()]
     width = max(map(len, lines))
     walls = np.array([[c == "#" for c in line.ljust(width)] for line in reversed(lines)])
@@ -53,8 +51,6 @@ TWO_ROOMS = plan(
 
 
 class FakeBase:
-    """One robot's body; sees walls and round obstacles, and drives through them if told so."""
-
     def __init__(self, floor: OccupancyGrid, kind: RobotModel, start: Pose) -> None:
         self._floor = floor
         self._kind = kind
@@ -65,14 +61,12 @@ class FakeBase:
         self.obstacles: list[tuple[Point, float]] = []
 
     def senses(self, step: int, events: int = 0) -> Senses:
-        """What the base senses at the start of `step`."""
         moved = self._start.relative(self.pose)
         instant = step * STEP_US
         odometry = Odometry(moved.x, moved.y, moved.heading, *self.velocity)
         return Senses(step, instant, events, odometry, 0, Scan(instant, self._scan().tobytes()))
 
     def drive(self, drive: Drive) -> None:
-        """Move for one step, as fast as the model's drive reaches the command."""
         dt, limits = STEP_US / 1e6, self._kind.drive
         v = _towards(self.velocity.vx, drive.vx, limits.acceleration * dt)
         w = _towards(self.velocity.omega, drive.omega, limits.turn_acceleration * dt)
@@ -81,7 +75,6 @@ class FakeBase:
         self.velocity = Twist(v, 0.0, w)
 
     def wall_gap(self) -> float:
-        """From the body to the nearest wall or obstacle, m; ≤ 0 where it would have hit it."""
         x, y = self._floor.centres()
         rows, columns = np.nonzero(self._floor.blocking)
         half = self._floor.resolution / 2
@@ -113,5 +106,4 @@ def _towards(value: float, wanted: float, change: float) -> float:
 
 
 def at_step(step: int) -> Instant:
-    """The start of a step."""
     return Instant(step * STEP_US)

@@ -1,30 +1,65 @@
-"""A robot's core, its behaviour, and a base to feed it; and what the core refuses."""
+"""Behaviours, right and wrong, for tests to load by their entry strings."""
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from actors.geometry import Point, Pose
-from actors.messages import (
-    Drive,
-    Heard,
-    Received,
-    Sent,
-)
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.instant import Instant, seconds
+from actors.messages import Drive, Heard, Outgoing, Received, Sent
 from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.goal import GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
+from actors.robot.local_planning.steering import Steering
 from actors.robot.localisation import DeadReckoning
-from actors.robot.navigation.navigator import Navigator
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
 from actors.robot.navigation.planning import Planner, ground
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import Sweep, Sweeps
 from actors.runtime.core import Output
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
-from tests.robot.base import TWO_ROOMS, FakeBase, model
-from tests.robot.behaviours import Scripted
+from tests.robot.base import TWO_ROOMS, FakeBase, at_step, model
+
+number = 7
+
+
+class Scripted:
+    def __init__(self, decision: object = None) -> None:
+        self.decision = decision
+        self.views: list[tuple[View, Instant]] = []
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        self.views.append((view, until))
+        if isinstance(self.decision, Exception):
+            raise self.decision
+        return self.decision or Decision()  # type: ignore[return-value]
+
+
+def idle(start: Start) -> Behaviour:
+    return Scripted()
+
+
+def chatty(start: Start) -> Behaviour:
+    return Scripted(Decision(Point(1.0, 2.0), frames=(Outgoing(0, 0, b"x"),)))
+
+
+def nothing(start: Start) -> None:
+    return None
+
+
+def fails(start: Start) -> Behaviour:
+    raise ZeroDivisionError("of the user's own")
+
+
+def keeper(start: Start) -> Behaviour:
+    return Scripted(Decision(GoalOrder.KEEP))
+
 
 FLOOR = ground(TWO_ROOMS, 0.177)
 START = Pose(1.0, 1.0, 0.0)
@@ -33,8 +68,6 @@ HEARD = Heard(90, 2, -60.0, 255, b"hello")
 
 
 class Masked(DeadReckoning):
-    """Dead reckoning that notes which peers it is told of."""
-
     told: tuple[Point, ...] | None = None
 
     relocalised = 0
@@ -47,8 +80,6 @@ class Masked(DeadReckoning):
 
 
 class Robot:
-    """A core, its behaviour, and a base to feed it."""
-
     def __init__(
         self,
         decision: object = None,
@@ -69,7 +100,6 @@ class Robot:
         )
 
     def take_step(self, *events: Heard | Sent) -> tuple[Output, ...]:
-        """One step of core and base; nothing may be missing."""
         step = self.core.step
         inputs: dict[str, Message] = {"swarm/down/r1/senses": self.base.senses(step, len(events))}
         if events:
@@ -86,3 +116,111 @@ def refusal(robot: Robot, **messages: Message) -> str:
     with pytest.raises(AcrcError) as caught:
         robot.core.advance({f"swarm/down/r1/{name}": message for name, message in messages.items()})
     return str(caught.value)
+
+
+WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
+NOWHERE = Point(30.0, 1.0)
+AHEAD = Twist(0.5, 0.0, 0.0)
+CHAPTER, CLEARING = NAVIGATION_PRESETS["chapter"], NavigationParameters(reset_distance=3.0)
+ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
+HERE = Pose(0.0, 0.0, 0.0)
+SHIFT = Pose(-3.0, 2.0, 1.0)
+"""The map's origin in the odometry frame."""
+
+
+class Told(Planner):
+    def __init__(self) -> None:
+        super().__init__(FLOOR)
+        self.finds = True
+        self.asked = 0
+
+    def path(
+        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64] | None:
+        self.asked += 1
+        return super().path(start, goal, marks) if self.finds else None
+
+
+class Obedient:
+    period = seconds(0.2)
+
+    def __init__(self) -> None:
+        self.valid = True
+        self.ways: list[NDArray[np.float64]] = []
+        self.begun = 0
+        self.asked: list[Instant] = []
+        self.found = self.arrives = True
+
+    def begin(self) -> None:
+        self.begun += 1
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        self.ways.append(way)
+
+    def reached(self, estimate: Pose, velocity: Twist) -> bool:
+        return self.arrives and estimate.point.distance_to(Point(*self.ways[-1][-1])) <= 0.15
+
+    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        self.asked.append(instant)
+        self.found = self.valid
+        return Steering(AHEAD if self.valid else STILL, self.valid)
+
+
+class Memory:
+    def __init__(self) -> None:
+        self.cleared: list[float] = []
+        self.marked = np.empty((0, 2))
+        self.behind = True
+
+    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Needs no scan."""
+
+    def clear(self, beyond: float) -> None:
+        self.cleared.append(beyond)
+
+    def marks(self) -> NDArray[np.float64]:
+        return self.marked
+
+    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
+        return self.behind
+
+
+class Trip:
+    def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
+        self.local_planner, self.map = Obedient(), Memory()
+        self.planner = Told()
+        self.navigation = Navigator(self.planner, self.map, self.local_planner, parameters)
+        self.place = WEST
+        self.step = 0
+        self.drifts = True
+
+    def take_step(self, bumped: bool = False) -> Twist:
+        estimate = Pose(self.place.x, self.place.y, 0.5)
+        here = SHIFT.compose(estimate)
+        self.navigation.sense(at_step(self.step), here, None)
+        twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
+        if self.drifts and twist == AHEAD:
+            way = self.local_planner.ways[-1]
+            nearest = int(np.hypot(*(way - np.array(self.place)).T).argmin())
+            self.place = Point(*way[min(nearest + 1, len(way) - 1)].tolist())
+        self.step += 1
+        return twist
+
+    def steps(self, number: int) -> list[Twist]:
+        return [self.take_step() for _ in range(number)]
+
+    def goes_to(self, goal: Point) -> "Trip":
+        self.navigation.take(goal)
+        return self
+
+    @property
+    def status(self) -> GoalStatus | None:
+        return None if self.navigation.goal is None else self.navigation.goal.status
+
+    @property
+    def phase(self) -> GoalPhase | None:
+        assert self.navigation.goal is not None
+        return self.navigation.goal.phase
+
+    def count(self, name: str) -> object:
+        return self.navigation.outcome()[name]

@@ -1,8 +1,13 @@
 """The robot's core: which messages it awaits, what it answers, and what it refuses."""
 
-import pytest
+import math
+from typing import Any
 
-from actors.geometry import CERTAIN, Point
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
 from actors.messages import (
     DRIVE,
@@ -20,15 +25,17 @@ from actors.messages import (
     Sent,
     Transmit,
 )
+from actors.robot.behaviour.decision_limits import RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Decision, View
+from actors.robot.sweep import Sweeps
 from actors.runtime.core import Output, at, to
-from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
-from tests.robot.behaviours import Scripted
-from tests.robot.rig import HEARD, START, Robot, refusal
+from tests.refusals import refused
+from tests.robot.base import model
+from tests.robot.rig import HEARD, START, Robot, Scripted, refusal
 
 
 def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
@@ -80,13 +87,6 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
     assert last.pose == pytest.approx(robot.base.pose, abs=1e-9)
 
 
-def test_a_restarted_robot_begins_with_the_step_it_was_started_for() -> None:
-    robot = Robot(first_step=731)
-    (drive,) = robot.take_step()
-    assert drive.message.step == 731
-    assert robot.behaviour.views[0][0].instant == Instant(73_100_000)
-
-
 @pytest.mark.parametrize("events", [(), (HEARD,)])
 def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
     robot = Robot()
@@ -98,7 +98,7 @@ def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
     assert robot.core.finished and robot.behaviour.views == []
 
 
-def test_messages_of_another_step_are_refused() -> None:
+def test_messages_of_another_step_or_sensor_are_refused() -> None:
     robot = Robot(first_step=7)
     assert refusal(robot, senses=robot.base.senses(6)) == (
         "step 7: r1 got Senses of step 6; it should be of step 7 or later"
@@ -109,6 +109,8 @@ def test_messages_of_another_step_are_refused() -> None:
     assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(7, (HEARD, HEARD))) == (
         "step 7: r1 got 2 radio events; Senses counts 1"
     )
+    scan = Scan(0, b"\0" * 7)
+    assert refusal(robot, senses=replace(robot.base.senses(7), scan=scan)).startswith("a scan of 7 bytes")
 
 
 def test_a_robot_that_was_frozen_goes_on_with_the_step_that_the_world_is_in() -> None:
@@ -159,13 +161,6 @@ def test_backing_out_and_looking_for_itself_reach_navigation_and_localisation() 
     assert not view.backing_out and view.plan is None and robot.base.pose.x < there - 0.1
 
 
-def test_a_scan_of_another_sensor_is_refused() -> None:
-    robot = Robot()
-    senses = Senses(0, 0, 0, Odometry(0, 0, 0, 0, 0, 0), 0, Scan(0, b"\0" * 7))
-    with pytest.raises(AcrcError):
-        robot.core.advance({"swarm/down/r1/senses": senses})
-
-
 def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
     robot = Robot(KeyError("mine"), first_step=4)
     with pytest.raises(KeyError) as caught:
@@ -174,21 +169,14 @@ def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
 
 
 class Talkative(Scripted):
-    """Has something to say about its run."""
-
-    said: object = None
-
     def outcome(self) -> object:
-        return self.said
+        return self.decision
 
 
 def test_a_behaviour_may_say_something_about_its_run() -> None:
     robot = Robot()
     assert list(robot.core.outcome()) == ["localisation", "navigation"]  # it need not
-    behaviour = Talkative()
-    behaviour.said = {"study": {"detours": 3}}
-    robot = Robot(behaviour=behaviour)
-    outcome = robot.core.outcome()
+    outcome = Robot(behaviour=Talkative({"study": {"detours": 3}})).core.outcome()
     assert list(outcome) == ["localisation", "navigation", "study"]
     assert outcome["study"] == {"detours": 3}
 
@@ -198,20 +186,15 @@ def test_a_behaviour_may_say_something_about_its_run() -> None:
     [
         (7, "gives 7 for its outcome; it should be a dict by subject"),
         ({1: 2}, "gives {1: 2} for its outcome; it should be a dict by subject"),
-        (
-            {"good": 1, "bad": {"x": object}},
-            "has an outcome that is no JSON, under 'bad': Encoding objects of type type is unsupported",
-        ),
+        ({"good": 1, "bad": {"x": object}},
+         "has an outcome that is no JSON, under 'bad': Encoding objects of type type is unsupported"),
         ({"navigation": {}}, "has an outcome under 'navigation', where the robot's own stands"),
     ],
-)
+)  # fmt: skip
 def test_an_outcome_that_cannot_be_kept_is_named(said: object, fault: str) -> None:
-    behaviour = Talkative()
-    behaviour.said = said
-    robot = Robot(behaviour=behaviour, first_step=4)
-    with pytest.raises(BehaviourError) as caught:
+    robot = Robot(behaviour=Talkative(said), first_step=4)
+    with refused(f"step 4: behaviour 'my.study:behaviour' of r1 {fault}", BehaviourError):
         robot.core.outcome()
-    assert str(caught.value) == f"step 4: behaviour 'my.study:behaviour' of r1 {fault}"
 
 
 def test_equal_inputs_give_equal_outputs() -> None:
@@ -222,3 +205,122 @@ def test_equal_inputs_give_equal_outputs() -> None:
         return first + [robot.take_step() for _ in range(60)]
 
     assert outputs() == outputs()
+
+
+WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
+ANY: Any = Decision
+"""Takes arguments of wrong types, too."""
+GOAL = "it should be a Point of finite numbers or a GoalOrder"
+WITHIN = "from 400000 to 499999 µs"
+DATA = Outgoing(0, 450_000, b"x")
+SHUT = PlaceGivenUp("r1", 0, 400_000, "shut")
+NO_REASON: Any = None
+UNSAID = PlaceGivenUp("r1", 0, 400_000, NO_REASON)
+
+
+def frame(**changed: object) -> Decision:
+    return Decision(frames=(replace(DATA, **changed),))
+
+
+@pytest.mark.parametrize(
+    ("decision", "fault"),
+    [
+        ("go", "gives a str where a Decision is due"),
+        (ANY(reports=(7,)), "gives 7 for a report; it should be a PlaceReport"),
+        (ANY(frames=(b"x",)), "sends b'x'; it should be an Outgoing with bytes"),
+        (ANY(Point(np.nan, 2.0)), f"gives Point(x=nan, y=2.0) for a goal; {GOAL}"),
+        (ANY(5), f"gives 5 for a goal; {GOAL}"),
+        (frame(data=bytes(119)), "sends a frame of 119 bytes; it should have at most 118"),
+        (frame(tag=-1), f"sends a frame with the tag -1; it should be 0 to {2**63 - 1}"),
+        (frame(instant=500_000), f"sends a frame at 500000 µs; it should be sent {WITHIN}"),
+        (ANY(frames=(DATA, replace(DATA, instant=449_999))),
+         "sends a frame at 449999 µs; it should be sent from 450000 to 499999 µs"),
+        (ANY(frames=(DATA,) * 4), "sends 4 frames in one step; at most 3 may be"),
+        (ANY(reports=(PlaceReport("r1", 0, 400000),) * 3), "reports 3 places in one step; at most 2 may be"),
+        (ANY(reports=(PlaceReport("r1", 0, 399_999),)),
+         f"reports a place at 399999 µs; it should be {WITHIN}"),
+        (ANY(given_up=("all",)), "gives 'all' up; it should be a PlaceGivenUp with a reason in words"),
+        (ANY(given_up=(UNSAID,)), f"gives {UNSAID} up; it should be a PlaceGivenUp with a reason in words"),
+        *[
+            (
+                ANY(given_up=(replace(SHUT, reason="x" * length),)),
+                f"gives a place up for a reason of {length} characters; it should have 1 to 100",
+            )
+            for length in (0, 101)
+        ],
+        (ANY(given_up=(replace(SHUT, instant=500_000),)),
+         f"gives a place up at 500000 µs; it should be {WITHIN}"),
+        (ANY(given_up=(SHUT,) * 3), "gives 3 places up in one step; at most 2 may be"),
+        (ANY(route=[PlaceKey("r1", 0)]),
+         "gives [PlaceKey(owner='r1', place=0)] for a route; it should be a tuple of PlaceKey, or None"),
+        (ANY(route=(0,)), "has 0 in its route; it should be a PlaceKey"),
+        (ANY(route=(PlaceKey("r2", 1), PlaceKey("r1", 1), PlaceKey("r2", 1))),
+         "has place 1 of 'r2' twice in its route; each may be there once"),
+        (ANY(route=tuple(PlaceKey("r1", n) for n in range(5))), "has a route of 5 places; at most 4 may be"),
+        (ANY(paused="yes"), "gives 'yes' for paused; it should be True, False or None"),
+        *[
+            (ANY(back_out=far), f"gives {far} for back_out; it should be above 0 and at most 3 m")
+            for far in (0.0, 3.1, True)
+        ],
+        (ANY(relocalise="now"), "gives 'now' for relocalise; it should be True or False"),
+        (ANY(peers=[Point(1.0, 2.0)]),
+         "gives [Point(x=1.0, y=2.0)] for peers; it should be a tuple of Points, or None"),
+        (ANY(peers=(Point(1.0, np.nan),)),
+         "has Point(x=1.0, y=nan) among its peers; it should be a Point of finite numbers"),
+        (ANY(peers=(Point(1.0, 2.0),) * 4), "gives 4 peers; at most 3 may be"),
+    ],
+)  # fmt: skip
+def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:
+    limits = RobotLimits(frames=3, reports=2, given_up=2, route=4, peers=3)
+    robot = Robot(decision, first_step=4, limits=limits)
+    with refused(WHERE + fault, BehaviourError):
+        robot.take_step()
+
+
+KIND = model(rays=8)
+RANGES = bytes(range(16))
+
+
+def _sweeps(*poses: tuple[int, float, float]) -> Sweeps:
+    sweeps = Sweeps(KIND.sensor)
+    for instant, x, heading in poses:
+        assert sweeps.take(Instant(instant), Pose(x, 0.0, heading), None) is None
+    return sweeps
+
+
+@pytest.mark.parametrize(
+    ("stamp", "x"),
+    [(300, 3.0), (250, 2.5), (200, 2.0), (125, 1.25), (100, 1.0), (20, 1.0), (999, 3.0)],
+    ids=["now", "between", "at a step", "in the step before", "at the first", "before it", "in the future"],
+)
+def test_pose_is_that_of_the_stamp(stamp: int, x: float) -> None:
+    sweeps = _sweeps((100, 1.0, 0.0), (200, 2.0, 0.0))
+    sweep = sweeps.take(Instant(300), Pose(3.0, 0.0, 0.0), Scan(stamp, RANGES))
+    assert sweep is not None
+    assert sweep.pose == Pose(x, 0.0, 0.0)
+    assert sweep.ranges_mm.tobytes() == RANGES
+
+
+def test_heading_goes_the_short_way_round() -> None:
+    sweeps = _sweeps((0, 0.0, math.pi - 0.1))
+    sweep = sweeps.take(Instant(100), Pose(0.0, 0.0, 0.1 - math.pi), Scan(75, RANGES))
+    assert sweep is not None
+    assert sweep.pose.heading == pytest.approx(0.05 - math.pi)
+    sweeps = _sweeps((100, 1.0, 0.0))
+    latest = sweeps.take(Instant(200), Pose(2.0, 0.0, 0.0), Scan(200, RANGES))
+    assert latest is not None and latest.pose.x == 2.0
+    assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
+    with refused("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16"):
+        Sweeps(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))
+
+
+@pytest.mark.parametrize("wild", [float("nan"), float("inf"), -1e200])
+@pytest.mark.parametrize("field", ["x", "y", "heading", "vx", "vy", "omega"])
+def test_odometry_that_cannot_be_is_refused(field: str, wild: float) -> None:
+    robot = Robot()
+    senses = robot.base.senses(0)
+    senses = replace(senses, odometry=replace(senses.odometry, **{field: wild}))
+    told = refusal(robot, senses=senses)
+    assert told.startswith("step 0: r1 got the odometry (") and f"{wild:g}" in told
+    assert told.endswith("; each should be at most 100000")
+    assert robot.behaviour.views == []

@@ -1,5 +1,8 @@
 """Ways on small floor plans and on the corridor of the original testbed."""
 
+import heapq
+import itertools
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +16,26 @@ from numpy.typing import NDArray
 from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
-from actors.geometry import Point
-from actors.robot.navigation.planning import PLANNER_PRESETS, Ground, Planner, ground, narrowest_door
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.instant import Instant, in_seconds
+from actors.robot.behaviour import FARTHEST_BACK, GoalOrder, GoalPhase
+from actors.robot.behaviour.devices import RobotNavigation
+from actors.robot.navigation.navigator import Navigator
+from actors.robot.navigation.planning import (
+    PLANNER_PRESETS,
+    Ground,
+    Planner,
+    ground,
+    narrowest_door,
+    occupied,
+)
+from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+from actors.robot.navigation.trail import Trail, backward
 from tests.robot.base import TWO_ROOMS, plan
+from tests.robot.rig import Memory, Obedient
 
 RADIUS = 0.177
+FLOOR = ground(TWO_ROOMS, RADIUS)
 GRID = PLANNER_PRESETS["robust"]
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
@@ -31,33 +49,31 @@ def least_clearance(floor: Ground, way: NDArray[np.float64]) -> float:
     return float(min(floor.clearance[floor.grid.cell(Point(*point))] for point in way))
 
 
-def test_the_way_leads_through_the_middle_of_a_door() -> None:
-    way = Planner(ground(TWO_ROOMS, RADIUS)).path(Point(1.0, 0.5), Point(9.0, 3.0))
+def test_the_way_is_gapless_and_leads_through_the_middle_of_a_door() -> None:
+    way = Planner(FLOOR).path(Point(1.0, 0.5), Point(9.0, 3.0))
     assert way is not None
     in_door = way[(way[:, 0] > 4.75) & (way[:, 0] < 5.0)]
     assert len(in_door) >= 4
     assert np.abs(in_door[:, 1] - 1.75).max() <= 0.075
     assert tuple(way[-1]) == (9.0, 3.0)
-
-
-def test_the_way_is_gapless_and_begins_at_the_robot() -> None:
-    way = Planner(ground(TWO_ROOMS, RADIUS)).path(Point(1.0, 0.5), Point(9.0, 3.0))
-    assert way is not None
     assert np.hypot(way[0, 0] - 1.0, way[0, 1] - 0.5) <= 0.05
     assert np.hypot(*np.diff(way, axis=0).T).max() <= 0.05 * 2**0.5 + 0.05
 
 
-def test_a_goal_in_a_wall_becomes_the_nearest_point_with_room() -> None:
-    floor = ground(TWO_ROOMS, RADIUS)
-    way = Planner(floor).path(Point(1.0, 1.0), Point(0.1, 2.0))
+def test_goals_and_starts_near_walls_become_points_with_room() -> None:
+    way = Planner(FLOOR).path(Point(1.0, 1.0), Point(0.1, 2.0))
     assert way is not None
     assert Point(*way[-1]).distance_to(Point(0.1, 2.0)) < 0.5
-    assert least_clearance(floor, way[-1:]) >= RADIUS
+    assert least_clearance(FLOOR, way[-1:]) >= RADIUS
+    way = Planner(FLOOR).path(Point(0.25 + RADIUS, 1.0), Point(3.0, 1.0))
+    assert way is not None
+    assert Point(*way[0]).distance_to(Point(0.25 + RADIUS, 1.0)) < 0.1
 
 
 @pytest.mark.parametrize("goal", [Point(-1.0, 1.0), Point(50.0, 50.0), Point(10.5, 2.0), Point(9.95, 3.5)])
 def test_there_is_no_way_to_a_goal_without_room_within_the_tolerance(goal: Point) -> None:
-    assert Planner(ground(TWO_ROOMS, RADIUS)).path(Point(1.0, 1.0), goal) is None
+    assert Planner(FLOOR).path(Point(1.0, 1.0), goal) is None
+    assert Planner(FLOOR).path(Point(-3.0, 1.0), Point(1.0, 1.0)) is None
 
 
 def test_there_is_no_way_into_a_closed_room() -> None:
@@ -68,42 +84,23 @@ def test_there_is_no_way_into_a_closed_room() -> None:
     assert planner.path(Point(1.6, 0.6), Point(1.7, 0.6)) is not None  # as after a move by hand
 
 
-def test_there_is_no_way_from_a_start_without_room() -> None:
-    assert Planner(ground(TWO_ROOMS, RADIUS)).path(Point(-3.0, 1.0), Point(1.0, 1.0)) is None
-
-
-def test_a_robot_pressed_to_a_wall_finds_its_way_out() -> None:
-    way = Planner(ground(TWO_ROOMS, RADIUS)).path(Point(0.25 + RADIUS, 1.0), Point(3.0, 1.0))
-    assert way is not None
-    assert Point(*way[0]).distance_to(Point(0.25 + RADIUS, 1.0)) < 0.1
-
-
 def test_a_potential_that_is_kept_gives_the_way_that_a_new_one_would() -> None:
-    floor = ground(TWO_ROOMS, RADIUS)
     goals = [Point(9.0, 0.5 + 0.3 * i) for i in range(6)]
-    small = Planner(floor, replace(GRID, cached=2))
+    small = Planner(FLOOR, replace(GRID, cached=2))
     for goal in [*goals, *goals[:3], goals[0]]:
-        again, anew = small.path(Point(1.0, 1.0), goal), Planner(floor).path(Point(1.0, 1.0), goal)
+        again, anew = small.path(Point(1.0, 1.0), goal), Planner(FLOOR).path(Point(1.0, 1.0), goal)
         assert again is not None and anew is not None
         assert np.array_equal(again, anew)
 
 
-@pytest.mark.parametrize(("megabytes", "kept"), [(1e-9, 1), (0.0, 0), (100.0, 6)])
-def test_potentials_take_as_much_memory_as_is_said(megabytes: float, kept: int) -> None:
-    floor = ground(TWO_ROOMS, RADIUS)
-    if not kept:
-        with pytest.raises(ParameterError):
-            replace(GRID, cached_mb=megabytes)
-        return
-    planner = Planner(floor, replace(GRID, cached_mb=megabytes))
-    for i in range(6):
-        planner.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
-    assert len(planner._fields) == kept
-    for_two = 2.5 * floor.costs.nbytes / 1e6
-    two = Planner(floor, replace(GRID, cached_mb=for_two))
-    for i in range(6):
-        two.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
-    assert len(two._fields) == 2
+def test_potentials_take_as_much_memory_as_is_said() -> None:
+    with pytest.raises(ParameterError):
+        replace(GRID, cached_mb=0.0)
+    for megabytes, kept in ((1e-9, 1), (2.5 * FLOOR.costs.nbytes / 1e6, 2), (100.0, 6)):
+        planner = Planner(FLOOR, replace(GRID, cached_mb=megabytes))
+        for i in range(6):
+            planner.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
+        assert len(planner._fields) == kept
 
 
 @settings(max_examples=60, deadline=None)
@@ -113,9 +110,7 @@ def test_potentials_take_as_much_memory_as_is_said(megabytes: float, kept: int) 
     ),
     resolution=st.sampled_from([0.02, 0.03125, 0.05]),
 )
-def test_a_coarse_grid_never_promises_more_room_than_there_is(
-    walls: NDArray[np.bool_], resolution: float
-) -> None:
+def test_a_coarse_grid_never_promises_too_much_room(walls: NDArray[np.bool_], resolution: float) -> None:
     fine = OccupancyGrid(np.where(walls, FREE, OCCUPIED).astype(np.uint8), resolution, Point(1.0, -2.0))
     coarse = ground(fine, 0.0)
     assert 0.05 <= coarse.grid.resolution < 0.0626
@@ -128,23 +123,12 @@ def test_a_coarse_grid_never_promises_more_room_than_there_is(
 
 
 @pytest.mark.parametrize("office", [12.44, 17.25])
-def test_ways_through_the_passages_of_the_corridor_map_keep_to_the_middle(
-    corridor: Ground, office: float
-) -> None:
+def test_ways_through_passages_of_the_corridor_keep_to_the_middle(corridor: Ground, office: float) -> None:
     way = Planner(corridor).path(Point(office, 5.0), Point(9.0, 12.0))
     assert way is not None
     neck = way[(way[:, 1] > 8.4) & (way[:, 1] < 10.3)]
     assert np.abs(neck[:, 0] - office).max() < 0.1
     assert least_clearance(corridor, way) > 0.3
-
-
-def test_every_area_of_the_corridor_map_can_be_reached_from_everywhere(corridor: Ground) -> None:
-    spots = [Point(12, 5), Point(17.5, 5), Point(12, 13), Point(26, 11), Point(2.5, 11.2), Point(0.5, 12.5)]
-    planner = Planner(corridor)
-    for start in spots:
-        for goal in spots:
-            way = planner.path(start, goal)
-            assert way is not None and tuple(way[-1]) == goal
 
 
 @pytest.mark.parametrize("resolution", [0.02, 0.025, 0.03125, 0.05, 0.1])
@@ -165,3 +149,237 @@ def test_a_door_has_a_plan_from_the_narrowest_width_on(closed: float, resolution
             planned.add(width)
     assert {narrowest, narrowest + 1} <= planned
     assert not closed or planned == {narrowest, narrowest + 1}
+
+
+Costs = NDArray[np.int32]
+SIDES = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)]
+
+
+def neighbours(costs: Costs, row: int, column: int) -> list[tuple[int, int, int]]:
+    found = []
+    for down, right in SIDES:
+        r, c = row + down, column + right
+        if not (0 <= r < costs.shape[0] and 0 <= c < costs.shape[1]) or costs[r, c] == 0:
+            continue
+        if down and right and (costs[row, c] == 0 or costs[r, column] == 0):
+            continue
+        length = 7 if down and right else 5
+        found.append((r, c, length * int(costs[row, column] + costs[r, c])))
+    return found
+
+
+def textbook(costs: Costs, goal: tuple[int, int]) -> Costs:
+    field = np.full(costs.shape, UNREACHABLE, np.int32)
+    if costs[goal] == 0:
+        return field
+    field[goal] = 0
+    queue = [(0, *goal)]
+    while queue:
+        distance, row, column = heapq.heappop(queue)
+        if distance > field[row, column]:
+            continue
+        for r, c, cost in neighbours(costs, row, column):
+            if distance + cost < field[r, c]:
+                field[r, c] = distance + cost
+                heapq.heappush(queue, (distance + cost, r, c))
+    return field
+
+
+maps = arrays(np.int32, st.tuples(st.integers(1, 14), st.integers(1, 14)), elements=st.integers(0, 30)).map(
+    lambda values: np.where(values < 8, 0, values).astype(np.int32)
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(costs=maps, data=st.data())
+def test_the_potential_is_that_of_a_textbook_dijkstra(costs: Costs, data: st.DataObject) -> None:
+    goal = data.draw(st.tuples(*[st.integers(0, side - 1) for side in costs.shape]))
+    if costs.max() == 0:
+        costs[goal] = 1
+    assert np.array_equal(potential(costs, *goal), textbook(costs, goal))
+
+
+@settings(max_examples=100, deadline=None)
+@given(costs=maps, data=st.data())
+def test_the_way_down_takes_allowed_steps_and_ends_at_the_goal(costs: Costs, data: st.DataObject) -> None:
+    passable = [(int(row), int(column)) for row, column in np.argwhere(costs > 0)]
+    if not passable:
+        return
+    goal = data.draw(st.sampled_from(passable))
+    field = potential(costs, *goal)
+    start = data.draw(st.sampled_from([cell for cell in passable if field[cell] != UNREACHABLE]))
+    cells = [(int(row), int(column)) for row, column in descent(costs, field, *start)]
+    assert cells[0] == start and cells[-1] == goal
+    for cell, following in itertools.pairwise(cells):
+        assert following in [(r, c) for r, c, _ in neighbours(costs, *cell)]
+        assert field[following] < field[cell]
+
+
+START, GOAL = Point(1.0, 1.75), Point(8.0, 1.75)
+DOOR = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])  # of a robot that stands in it
+
+
+def test_nothing_strange_leaves_the_costs_as_they_are() -> None:
+    at_walls = np.array([[0.27, 1.0], [4.7, 3.0], [-3.0, 99.0]])
+    assert occupied(FLOOR, at_walls) is FLOOR.costs
+    assert occupied(FLOOR, np.empty((0, 2))) is FLOOR.costs
+
+
+def test_the_body_keeps_clear_of_a_mark_and_pays_for_being_near() -> None:
+    x, y = 2.525, 1.775  # the middle of a cell
+    costs = occupied(FLOOR, np.array([[x, y]]))
+    east, north = FLOOR.grid.centres()
+    distance = np.hypot(east[None, :] - x, north[:, None] - y)
+    passable = FLOOR.costs > 0
+    assert not costs[distance < FLOOR.reach - 1e-9].any()
+    assert np.array_equal(costs > 0, passable & (distance >= FLOOR.reach - 1e-9))
+    near = passable & (distance >= FLOOR.reach) & (distance < 0.3)
+    assert (costs[near] > FLOOR.costs[near]).all()
+    far = distance > 0.55
+    assert np.array_equal(costs[far], FLOOR.costs[far])
+
+
+def test_ways_lead_around_marks_which_may_close_a_door_or_move_the_goal() -> None:
+    planner = Planner(FLOOR)
+    straight = planner.path(START, GOAL)
+    mark = np.array([[2.5, 1.75]])
+    around = planner.path(START, GOAL, mark)
+    assert straight is not None and around is not None
+    assert np.hypot(*(straight - mark).T).min() < 0.1
+    assert np.hypot(*(around - mark).T).min() >= FLOOR.reach - FLOOR.grid.resolution
+    assert planner.path(START, GOAL, DOOR) is None
+    after = planner.path(START, GOAL)
+    assert after is not None and np.array_equal(straight, after)
+    way = Planner(FLOOR).path(START, GOAL, np.array([GOAL]))
+    assert way is not None
+    assert Point(*way[-1]).distance_to(GOAL) == pytest.approx(FLOOR.reach, abs=2 * FLOOR.grid.resolution)
+
+
+STEP_S = 0.1
+
+
+class Driven:
+    def __init__(self, pose: Pose) -> None:
+        self.map = Memory()
+        self.navigation = Navigator(Planner(FLOOR), self.map, Obedient())
+        self.pose, self.step = pose, 0
+        self.been: list[Point] = []
+
+    def carried(self, *to: Pose) -> None:
+        for pose in to:
+            self.pose = pose
+            self._sense()
+
+    def steps(self, number: int) -> list[Twist]:
+        twists = []
+        for _ in range(number):
+            self._sense()
+            twist = self.navigation.advance(self._now, self.pose, self.pose, STILL)
+            self.pose = self.pose.compose(Pose(twist.vx * STEP_S, 0.0, twist.omega * STEP_S))
+            self.been.append(self.pose.point)
+            twists.append(twist)
+        return twists
+
+    @property
+    def _now(self) -> Instant:
+        return Instant(self.step * 100_000)
+
+    def _sense(self) -> None:
+        self.step += 1
+        self.navigation.sense(self._now, self.pose, None)
+
+
+def bend() -> Driven:
+    driven = Driven(Pose(1.0, 1.0, 0.0))
+    driven.carried(*(Pose(1.0 + 0.05 * n, 1.0, 0.0) for n in range(21)))
+    arc = [0.05 * n * math.pi / 2 for n in range(21)]
+    driven.carried(*(Pose(2.0 + math.sin(a), 2.0 - math.cos(a), a) for a in arc))
+    return driven
+
+
+def test_it_goes_back_round_the_bend_as_it_came_and_stops_where_it_is_to() -> None:
+    driven = bend()
+    driven.navigation.take(GoalOrder.KEEP, None, 2.0)
+    assert driven.navigation.backing_out
+    assert min(twist.vx for twist in driven.steps(150)) == -0.2
+    assert not driven.navigation.backing_out and driven.steps(1) == [STILL]
+    assert driven.pose.point.distance_to(Point(1.57, 1.0)) < 0.2
+    for point in driven.been:
+        off = abs(point.distance_to(Point(2.0, 2.0)) - 1.0) if point.x > 2.0 else abs(point.y - 1.0)
+        assert off < 0.06
+
+
+def test_it_ends_with_the_trail_and_where_something_stands_behind() -> None:
+    driven = Driven(Pose(1.0, 1.0, 0.0))
+    driven.carried(*(Pose(1.0 + 0.05 * n, 1.0, 0.0) for n in range(11)))
+    driven.navigation.take(GoalOrder.KEEP, None, FARTHEST_BACK)
+    driven.steps(60)
+    assert not driven.navigation.backing_out and 1.0 < driven.pose.x < 1.3
+    driven = bend()
+    driven.map.behind = False
+    driven.navigation.take(GoalOrder.KEEP, None, 1.0)
+    assert driven.steps(2) == [STILL, STILL] and not driven.navigation.backing_out
+
+
+def test_a_goal_waits_in_the_phase_of_retreating_and_a_stop_ends_it() -> None:
+    driven = bend()
+    driven.navigation.take(Point(8.0, 1.7), None, 0.5)
+    driven.steps(2)
+    goal = driven.navigation.goal
+    assert goal is not None and goal.phase is GoalPhase.RETREATING and driven.navigation.plan is None
+    driven.steps(40)
+    goal = driven.navigation.goal
+    assert goal is not None and goal.phase is GoalPhase.CONTROLLING and driven.navigation.plan is not None
+    driven.navigation.take(GoalOrder.KEEP, None, 0.5)
+    driven.navigation.take(GoalOrder.CANCEL)
+    assert not driven.navigation.backing_out and driven.navigation.plan is None and driven.steps(1) == [STILL]
+
+
+def test_a_paused_robot_backs_out_once_it_goes_on() -> None:
+    driven = bend()
+    driven.navigation.take(GoalOrder.KEEP, True, 0.5)
+    assert driven.steps(3) == [STILL] * 3
+    driven.navigation.take(GoalOrder.KEEP, False)
+    assert driven.steps(1)[0].vx < 0
+
+
+def test_it_turns_its_back_first_to_what_is_not_behind() -> None:
+    here = Pose(0.0, 0.0, 0.0)
+    assert backward(here, Point(1.0, 0.1)).omega < 0 < backward(here, Point(1.0, -0.1)).omega
+    assert backward(here, Point(-1.0, 0.0)) == Twist(-0.2, 0.0, 0.0)
+    left, right = backward(here, Point(-1.0, 0.5)), backward(here, Point(-1.0, -0.5))
+    assert left.vx == right.vx == -0.2 and left.omega == -right.omega < 0
+
+
+def test_the_trail_is_as_long_as_anybody_may_back_out() -> None:
+    trail, metre = Trail(), 1.02  # points 0.051 m apart
+    for n in range(200):
+        trail.take(Point(0.05 * metre * n, 0.0))
+    ahead = [trail.behind(Point(0.05 * metre * (199 - n), 0.0)) for n in range(70)]
+    assert ahead[0] is not None and ahead[0].x == pytest.approx(0.05 * metre * 194)
+    assert sum(target is not None for target in ahead) == pytest.approx(56, abs=1)
+
+
+def test_a_plan_says_how_far_and_how_long_it_is() -> None:
+    driven = Driven(Pose(2.0, 1.7, 0.0))
+    driven.navigation.take(Point(8.0, 1.7))
+    driven.steps(1)
+    plan = driven.navigation.plan
+    assert plan is not None and plan.points[-1] == Point(8.0, 1.7)
+    here = Point(5.0, 1.7)
+    assert plan.distance_to_go(here) == pytest.approx(3.0, abs=0.3)
+    assert in_seconds(plan.time_to_go(here)) == pytest.approx(9.0, abs=1.0)
+    assert plan.ahead(here)[0].distance_to(here) < 0.2
+
+
+def test_the_device_gives_the_order_once_and_a_stop_takes_it_back() -> None:
+    device = RobotNavigation()
+    device.back_out(1.0)
+    assert device.backing_out and device.give() == (GoalOrder.KEEP, None, 1.0)
+    assert device.give() == (GoalOrder.KEEP, None, None)
+    device.back_out(1.0)
+    device.stop()
+    assert not device.backing_out and device.give() == (GoalOrder.CANCEL, None, None)
+    device.stop()
+    device.back_out(0.5)
+    assert device.give() == (GoalOrder.CANCEL, None, 0.5)

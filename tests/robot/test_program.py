@@ -2,22 +2,29 @@
 
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
+from actors.bounds import ParameterError, check, check_range
 from actors.floor.placement import Area
 from actors.geometry import Point, Pose
+from actors.installation.repository import REPOSITORY
 from actors.instant import seconds
 from actors.messages import READY, SENSES, Ready
+from actors.randomness import derived_seed, generator
 from actors.robot import __main__ as robot_program
 from actors.robot.assembly import RobotSetup, kernels
 from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.behaviour.entry import BehaviourError, load_behaviour
 from actors.robot.behaviour.modules import FOLDERS
-from actors.robot.behaviour.ports import ExchangeSettings
+from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
 from actors.robot.stack import Stack
@@ -26,6 +33,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.processor import combined
+from tests.refusals import refused
+from tests.robot.rig import Scripted
 
 MAPS = Path(__file__).parents[2] / "maps"
 ROBOT = RobotSetup(
@@ -37,12 +46,14 @@ ROBOT = RobotSetup(
     address=3,
     start=(12.0, 5.0, 4.0),
     places=(Point(12.5, 6.0), Point(9.0, 12.25)),
-    behaviour="tests.robot.behaviours:keeper",
+    behaviour="tests.robot.rig:keeper",
     model="turtlebot2",
     sensor="kinect",
     map=str(MAPS / "corridor.yaml"),
 )
 PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
+PLANNING_KERNELS = "control_cycle disc_dwa dwa local_plan map_grid"
+LOCALISATION_KERNELS = "beams confidence evidence histogram line_of_sight measurement motion resampling"
 AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
 
@@ -58,60 +69,35 @@ def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
         msgspec.structs.replace(ROBOT, adaptation=adaptation, stack=stack, doubt=0.3),
         msgspec.structs.replace(PLACE, code=("/code/1",), limits=ProcessLimits()),
     )
+    with refused(f"{tmp_path}/{SETUP}: the set-up of a robot cannot be read: No such file or directory"):
+        load_setup(tmp_path / SETUP)
     (tmp_path / SETUP).write_bytes(setup_bytes(told))
     assert load_setup(tmp_path / SETUP) == told
 
 
-def test_it_starts_with_a_heading_within_a_turn() -> None:
-    assert ROBOT.pose == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
-
-
-def test_the_folder_that_is_named_first_goes_first(tmp_path: Path) -> None:
+def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Path) -> None:
+    core = build(ROBOT, tmp_path)
+    assert core.step == 40 and ROBOT.pose == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
+    assert core.missing({}) == (at(SENSES, "r1"),)
     part(ActorSetup(ROBOT, msgspec.structs.replace(PLACE, code=("/one", "two"))), tmp_path)
     assert FOLDERS.folders == (Path("/one"), tmp_path / "two")
     part(ActorSetup(ROBOT, PLACE), tmp_path)
-
-
-def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Path) -> None:
-    core = build(ROBOT, tmp_path)
-    assert core.step == 40
-    assert core.missing({}) == (at(SENSES, "r1"),)
 
 
 def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_with(tmp_path: Path) -> None:
     robot = part(ActorSetup(ROBOT, PLACE), tmp_path)
     assert robot.ready == to(READY, Ready(40, "r1", 2, combined(kernels())), "r1")
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
-    assert (robot.run.actor, robot.run.seed, robot.run.step_us, robot.run.commit) == (
-        "r1.2",
-        7,
-        50_000,
-        "abc",
-    )
+    run = robot.run
+    assert (run.actor, run.seed, run.step_us, run.commit) == ("r1.2", 7, 50_000, "abc")
     assert msgspec.json.decode(robot.run.setup, type=RobotSetup) == ROBOT
     ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
-    assert ours == [
-        "actors.floor.distance",
-        "actors.floor.flood",
-        "actors.robot.cost_maps.cell_distance",
-        "actors.robot.cost_maps.footprint",
-        "actors.robot.cost_maps.inflation",
-        "actors.robot.cost_maps.ray_tracing",
-        "actors.robot.local_planning.control_cycle",
-        "actors.robot.local_planning.disc_dwa",
-        "actors.robot.local_planning.dwa",
-        "actors.robot.local_planning.local_plan",
-        "actors.robot.local_planning.map_grid",
-        "actors.robot.localisation.beams",
-        "actors.robot.localisation.confidence",
-        "actors.robot.localisation.evidence",
-        "actors.robot.localisation.histogram",
-        "actors.robot.localisation.line_of_sight",
-        "actors.robot.localisation.measurement",
-        "actors.robot.localisation.motion",
-        "actors.robot.localisation.resampling",
-        "actors.robot.navigation.navfn_potential",
-        "actors.robot.navigation.potential",
+    assert [name.removeprefix("actors.") for name in ours] == [
+        *("floor.distance", "floor.flood"),
+        *(f"robot.cost_maps.{name}" for name in ("cell_distance", "footprint", "inflation", "ray_tracing")),
+        *(f"robot.local_planning.{name}" for name in PLANNING_KERNELS.split()),
+        *(f"robot.localisation.{name}" for name in LOCALISATION_KERNELS.split()),
+        *("robot.navigation.navfn_potential", "robot.navigation.potential"),
     ]
 
 
@@ -126,26 +112,17 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
         (_actor("seed", "x"), 'actor.seed is "x", but must be a whole number'),
         (_actor("start", [1, 2]), "actor.start is [1, 2], but must be a list of length 3"),
         (_actor("places", [[1, True]]), "actor.places[0][1] is true, but must be a number"),
-        (
-            lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
-            "actor.stack.dwa.speed is not known; did you mean actor.stack.dwa.min_speed?",
-        ),
-        (
-            lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
-            "actor.stack.localisation: localisation.beams is 0, but must be at least 1",
-        ),
-        (
-            lambda told: told["process"].update(limits={"memory_mb": 0}),
-            "process.limits.memory_mb is 0, but must be a whole number of at least 1",
-        ),
+        (lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
+         "actor.stack.dwa.speed is not known; did you mean actor.stack.dwa.min_speed?"),
+        (lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
+         "actor.stack.localisation: localisation.beams is 0, but must be at least 1"),
+        (lambda told: told["process"].update(limits={"memory_mb": 0}),
+         "process.limits.memory_mb is 0, but must be a whole number of at least 1"),
         (lambda told: told.pop("process"), "process is missing, but must be there"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_it_is_one_sentence(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: Callable[[dict[str, Any]], object],
-    fault: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], object], fault: str
 ) -> None:
     told = json.loads(setup_bytes(ActorSetup(ROBOT, PLACE)))
     change(told)
@@ -158,9 +135,195 @@ def test_what_is_wrong_in_it_is_one_sentence(
     assert capsys.readouterr().err == f"{caught.value}\n"
 
 
-def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(AcrcError) as caught:
-        load_setup(tmp_path / SETUP)
-    assert str(caught.value) == (
-        f"{tmp_path}/{SETUP}: the set-up of a robot cannot be read: No such file or directory"
+START = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
+
+
+FORM = "is no entry; it should look like 'package.module:function'"
+
+
+@pytest.mark.parametrize(
+    ("entry", "fault"),
+    [
+        ("cleaning.strategies.none", " " + FORM),
+        (":behaviour", " " + FORM),
+        ("cleaning.strategies.none:", " " + FORM),
+        (".baseline:behaviour", " " + FORM),
+        ("nowhere.study:behaviour", ": there is no module 'nowhere' on Python's path"),
+        ("tests.none:behaviour", ": there is no module 'tests.none' on Python's path"),
+        ("tests.robot.rig:other", ": module 'tests.robot.rig' has no 'other'"),
+        ("tests.robot.rig:number", " is a int, but should be a function of a Start"),
+        ("tests.robot.rig:nothing", " gives a NoneType, which has no method advance(view, until)"),
+    ],
+)
+def test_an_entry_that_leads_to_no_behaviour(entry: str, fault: str) -> None:
+    with refused(f"behaviour {entry!r}{fault}", BehaviourError):
+        load_behaviour(entry, START)
+
+
+def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    behaviour = load_behaviour("tests.robot.rig:keeper", START)
+    assert isinstance(behaviour, Scripted) and behaviour.decision is not None
+    with pytest.raises(ZeroDivisionError):
+        load_behaviour("tests.robot.rig:fails", START)
+    (tmp_path / "study_without_library.py").write_text("import no_such_library\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with refused(
+        "behaviour 'study_without_library:behaviour': study_without_library imports 'no_such_library', which "
+        "is not installed; `acrc add NAME` installs a package for good, by the name that pip knows it by",
+        BehaviourError,
+    ):
+        load_behaviour("study_without_library:behaviour", START)
+    (tmp_path / "study_of_a_part.py").write_text("import json.no_such_part\n")
+    with pytest.raises(ModuleNotFoundError) as caught:
+        load_behaviour("study_of_a_part:behaviour", START)
+    assert caught.value.name == "json.no_such_part"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("def behaviour(start):\n    return 1 +\n", "{file}:2: invalid syntax: return 1 +"),
+        ("import sys\nsys.exit('no')\n", "its code called sys.exit('no') ({file.name}:2)"),
+        ("def behaviour(start):\n    exit(3)\n", "its code called sys.exit(3) ({file.name}:2)"),
+    ],
+)
+def test_code_that_is_no_python_or_ends_its_process_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, fault: str
+) -> None:
+    file = tmp_path / f"study_{abs(hash(text))}.py"
+    file.write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with refused(f"behaviour '{file.stem}:behaviour': {fault.format(file=file)}", BehaviourError):
+        load_behaviour(f"{file.stem}:behaviour", START)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    length: float = 1.0
+    count: int = 1
+    share: float = 0.5
+    mode: str = "bold"
+
+    def __post_init__(self) -> None:
+        whole: dict[str, Any] = {"least": {"count": 1}, "most": {"count": 2**40}}
+        known = {"mode": ("bold", "shy")}
+        check("table", self, positive=("length",), ranges={"share": (0, 1)}, known=known, **whole)
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"length": 0.0}, "table.length is 0, but must be above 0"),
+        ({"length": math.inf}, "table.length is inf, but must be above 0"),
+        ({"length": math.nan}, "table.length is nan, but must be above 0"),
+        ({"count": 0}, "table.count is 0, but must be at least 1"),
+        ({"count": 2**40 + 1}, "table.count is 1099511627777, but must be at most 1099511627776"),
+        ({"count": math.nan}, "table.count is nan, but must be at most 1099511627776"),
+        ({"share": 1.5}, "table.share is 1.5, but must be from 0 to 1"),
+        ({"share": math.nan}, "table.share is nan, but must be from 0 to 1"),
+        ({"mode": "brave"}, 'table.mode is "brave", but must be "bold" or "shy"'),
+    ],
+)
+def test_a_value_out_of_bounds(values: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        Parameters(**values)  # type: ignore[arg-type]
+    assert str(caught.value) == sentence
+    assert isinstance(caught.value, ValueError) and isinstance(caught.value, AcrcError)
+
+
+def test_the_ends_are_within() -> None:
+    assert Parameters(1e-300, 1, 0.0, "shy") and Parameters(1.0, 2**40, 1.0)
+    check_range("port", 65535, 1, 65535)
+
+
+def draws(seed: int = 1, purpose: str = "noise", actor: str = "r1", epoch: int = 0) -> tuple[int, ...]:
+    return tuple(int(n) for n in generator(seed, purpose, actor, epoch).integers(2**62, size=4))
+
+
+EXPECTED = (181797799603694115, 2812094438849263835, 3263301756773372310, 3580450795074921962)
+
+
+def test_equal_arguments_give_equal_draws_in_every_version() -> None:
+    assert draws() == draws() == EXPECTED
+    others: list[dict[str, Any]] = [{"seed": 2}, {"purpose": "noises"}, {"actor": "r2"}, {"epoch": 1}]
+    others += [{}, {"purpose": "r1", "actor": "noise"}, {"purpose": "nois", "actor": "er1"}]
+    assert len({draws(**other) for other in others}) == len(others)
+    seeds = [derived_seed(7, "r1"), derived_seed(7, "r2"), derived_seed(8, "r1")]
+    assert len({7, 8, *seeds}) == 5
+    assert all(0 <= seed < 2**63 for seed in seeds)
+    assert derived_seed(7, "r1") == seeds[0]
+
+
+SCRIPT = """
+from numba.core.dispatcher import Dispatcher
+from actors import toml_file
+from actors.geometry import Point, Pose
+from actors.instant import Instant
+from actors.messages import Drive
+from actors.robot import assembly
+from actors.robot.behaviour.ports import Decision
+from actors.robot_model import load_model
+from actors.runtime.processor import fingerprints
+from actors.task.referee import Referee
+from actors.world.body import Bodies
+from actors.world.program import KERNELS
+from actors.world.uncertainty import Uncertainty
+from actors.world.world_setup import BodySetup, WorldSetup
+from deploy.scenario.stack_tables import stack
+from tests.robot.base import TWO_ROOMS, FakeBase
+
+def variants():
+    modules = (*assembly.KERNELS, *KERNELS)
+    kernels = [k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)]
+    return sum(len(kernel.signatures) for kernel in kernels)
+
+def run_robot(preset):
+    model, start = load_model("turtlebot2", "chapter"), Pose(1.0, 1.0, 0.0)
+    presets = stack(toml_file.loads(f'localisation.preset = "{preset}"\\nnavigation.preset = "{preset}"'))
+    setup = assembly.RobotSetup(
+        "r1", 0, 0, 7, 100_000, 1, (*start,), (), "tests.robot.rig:idle", "turtlebot2", stack=presets
     )
+    core, base = assembly.robot(setup, model, TWO_ROOMS), FakeBase(TWO_ROOMS, model, start)
+    core._parts.behaviour.decision = Decision(Point(9.0, 3.0), peers=(Point(2.0, 2.0),))
+    base.obstacles = [(Point(4.7, 1.75), 0.2)]
+    for step in range(120):
+        (output,) = core.advance({"swarm/down/r1/senses": base.senses(step)})
+        base.drive(output.message)
+        core._parts.behaviour.decision = Decision()
+
+def run_world(odometry, uncertainty):
+    kinds = (("turtlebot2", odometry), ("omnibox", "stage"))
+    robots = tuple(
+        BodySetup(f"r{k}", model, None, kind, (12.0 + 1.2 * k, 13.0, 3.0 * k), ((13.0, 13.0),))
+        for k, (model, kind) in enumerate(kinds)
+    )
+    setup = WorldSetup("maps/corridor.yaml", 1, 100_000, 3_000_000, robots, uncertainty=uncertainty)
+    bodies, referee = Bodies(setup), Referee(robots, setup.reach)
+    for step in range(30):
+        now = Instant(100_000 * step)
+        for index in range(2):
+            bodies.senses(index, step, now, 0, False)
+            bodies.command(index, Drive(step, 0.3, 0.1, 0.2, 0, (), (), None), now)
+        if step == 9:
+            bodies.add_obstacle(12.0, 14.0, 0.2)
+            bodies.place(0, Pose(17.0, 13.0, 1.0))
+        bodies.move(now, 100_000)
+        referee.watch(now, bodies.positions)
+
+assembly.kernels()
+fingerprints(KERNELS)
+compiled = variants()
+for preset in ("chapter", "robust"):
+    run_robot(preset)
+for odometry in ("exact", "stage", "kobuki"):
+    for uncertainty in (Uncertainty(), Uncertainty(0.02, 0.1, 3, 2.0)):
+        run_world(odometry, uncertainty)
+print(compiled > 0, variants() - compiled)
+"""
+
+
+def test_no_step_waits_for_the_compiler() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", SCRIPT], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    assert (ran.stdout, ran.returncode) == ("True 0\n", 0), ran.stderr

@@ -16,7 +16,7 @@ from deploy.run.plan import copy_map
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, map_files, parse
 from deploy.scenario.tables import Scenario, to_toml
-from tests.floor.map_files import written
+from tests.floor.maps import written
 from tests.scenario.faults import scenario
 
 ELSEWHERE = Path("/elsewhere/scenario.toml")

@@ -17,19 +17,16 @@ AHEAD = Twist(0.5, 0.0, 0.0)
 
 
 def with_sensor(model: RobotModel, **fields: float) -> RobotModel:
-    """The model with some fields of its sensor changed."""
     sensor = RangeSensor.model_validate(model.sensor.model_dump() | fields)
     return dataclasses.replace(model, sensor=sensor)
 
 
 def room(side: float = 5.0) -> NDArray[np.float64]:
-    """The walls of an empty square room around the origin, from −side to side."""
     a, b = -side, side
     return np.array([[a, a, b, a], [a, b, b, b], [a, a, a, b], [b, a, b, b]])
 
 
 def room_with_door(width: float = 0.9) -> NDArray[np.float64]:
-    """The same with a wall 0.1 m thick at x = 0 and a door in the middle of it."""
     w = width / 2
     return np.concatenate(
         [
@@ -41,18 +38,15 @@ def room_with_door(width: float = 0.9) -> NDArray[np.float64]:
 
 
 def arena(*poses: Pose, model: RobotModel = TURTLEBOT, walls: NDArray[np.float64] | None = None) -> Arena:
-    """Robots r0, r1, … of one model at these poses."""
     names = [f"r{index}" for index in range(len(poses))]
     return Arena(room() if walls is None else walls, names, [model] * len(poses), poses)
 
 
 def towards(x: float, y: float, from_x: float, from_y: float) -> Pose:
-    """A pose that faces a point."""
     return Pose(from_x, from_y, math.atan2(y - from_y, x - from_x))
 
 
 def clutter(seed: int, rows: int = 40, columns: int = 60, share: float = 0.08) -> OccupancyGrid:
-    """A grid with blocks strewn over it, at a place that is not the origin, free around the middle."""
     rng = np.random.default_rng(seed)
     cells = np.where(rng.random((rows, columns)) < share, OCCUPIED, FREE).astype(np.uint8)
     cells[rows // 2 - 6 : rows // 2 + 6, columns // 2 - 6 : columns // 2 + 6] = FREE

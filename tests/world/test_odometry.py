@@ -1,4 +1,7 @@
+"""The kernels of drives and bumpers beside plain Python."""
+
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +12,11 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, Twist, wrap
 from actors.messages import Odometry
-from actors.runtime.errors import AcrcError
-from actors.world import odometry_kernel
+from actors.robot_model import RobotModel
+from actors.world import drive, odometry_kernel
 from actors.world.odometry import KobukiErrors, Odometers, StageErrors
 from actors.world.physics import SUBSTEP, Arena
+from tests.refusals import refused
 from tests.world.scenery import OMNIBOX, TURTLEBOT, arena
 
 STARTS = (Pose(-2, 1, 2.0), Pose(3, -1, -1.0), Pose(0, 3, 0.3))
@@ -26,7 +30,6 @@ def odometers(world: Arena, kind: str, seed: int = 1, kobuki: KobukiErrors = NOT
 
 
 def tour(world: Arena, odometry: Odometers, substeps: int = 10, moves: int = 12) -> list[Odometry]:
-    """Drive everybody about for half a second per move; odometry follows every so many sub-steps."""
     rng = np.random.default_rng(9)
     for _ in range(moves):
         for index in range(len(world)):
@@ -37,7 +40,6 @@ def tour(world: Arena, odometry: Odometers, substeps: int = 10, moves: int = 12)
 
 
 def truth(world: Arena, index: int) -> Pose:
-    """Where a robot truly is as seen from its start."""
     return STARTS[index].relative(Pose(*world.poses[index].tolist()))
 
 
@@ -72,20 +74,7 @@ def test_odometry_does_not_depend_on_the_step(kind: str) -> None:
     assert said[0] == said[1] == said[2]
 
 
-@pytest.mark.parametrize("kind", ["stage", "kobuki"])
-def test_another_robot_changes_nobodys_errors(kind: str) -> None:
-    few, many = arena(*STARTS[:2]), arena(*STARTS)
-    alone = tour(few, odometers(few, kind, kobuki=KobukiErrors()), moves=1)
-    rng = np.random.default_rng(9)
-    odometry = odometers(many, kind, kobuki=KobukiErrors())
-    for index in range(2):
-        many.command(index, Twist(rng.uniform(0, 0.5), 0, rng.uniform(-1.5, 1.5)), many.now)
-    odometry.follow(many.advance(50), many.velocities)
-    assert [odometry.read(index) for index in range(2)] == alone
-
-
 def straight(length: float, turn: float, substeps: int) -> NDArray[np.float64]:
-    """A track of one robot from (0, 0, 0): straight ahead, then a turn on the spot."""
     ahead = np.linspace(0, length, substeps + 1)[1:]
     turning = np.linspace(0, turn, substeps + 1)[1:]
     track = np.zeros((2 * substeps, 1, 3))
@@ -114,19 +103,6 @@ def test_the_errors_of_stage_are_constant_factors_spread_evenly() -> None:
     assert twice.x == pytest.approx(2 * said[7].x)
 
 
-def test_a_kobuki_without_noise_is_right_to_a_tick_and_a_hundredth_of_a_degree() -> None:
-    world = arena(*STARTS)
-    for index, said in enumerate(tour(world, odometers(world, "kobuki"))):
-        x, y, heading = truth(world, index)
-        assert math.hypot(said.x - x, said.y - y) < 0.004  # the physics' arcs are polygons of 10 ms
-        assert abs(wrap(said.heading - heading)) <= math.radians(0.0051)
-
-
-def test_a_kobuki_counts_whole_ticks() -> None:
-    said = after_straight("kobuki", 0, NOT_NOISY, length=0.5, turn=0.0)
-    assert said.x / 85.292e-6 == pytest.approx(math.floor(0.5 / 85.292e-6), abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("only", "spread_x", "spread_heading"),
     [
@@ -146,25 +122,9 @@ def test_each_error_of_a_kobuki_spreads_as_its_formula_says(
     assert np.std([s.heading for s in said]) == pytest.approx(spread_heading, rel=0.12, abs=1e-9)
 
 
-def test_a_kobuki_feels_no_push_to_its_side_and_tells_the_speed_of_its_wheels() -> None:
-    odometry = Odometers(
-        ["kobuki"], [TURTLEBOT], np.zeros((1, 3)), [np.random.default_rng(0)], SUBSTEP, kobuki=NOT_NOISY
-    )
-    track = np.zeros((10, 1, 3))
-    track[:, 0, 0], track[:, 0, 1] = np.arange(1, 11) * 0.004, np.arange(1, 11) * 0.003
-    odometry.follow(track, np.array([[0.4, 0.3, 0.0]]))
-    said = odometry.read(0)
-    assert said.y == said.vy == said.omega == 0 and said.x == pytest.approx(0.04, abs=1e-4)
-    assert said.vx == pytest.approx(0.4, abs=85.292e-6 / 0.02)
-
-
 @settings(deadline=None, max_examples=30)
 @given(
-    st.lists(
-        st.tuples(st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.floats(-0.1, 0.1)),
-        min_size=1,
-        max_size=30,
-    ),
+    st.lists(st.tuples(*[st.floats(-0.01, 0.01)] * 2, st.floats(-0.1, 0.1)), min_size=1, max_size=30),
     st.tuples(*[st.floats(0.9, 1.1)] * 3),
 )
 def test_adding_up_scaled_motion_beside_plain_python(
@@ -184,8 +144,6 @@ def test_adding_up_scaled_motion_beside_plain_python(
 
 
 class PlainKobuki:
-    """A base that measures, in plain Python."""
-
     def __init__(self, left: float, right: float, bias: float) -> None:
         self.scales, self.bias = (left, right), bias
         self.travel, self.ticks = [0.0, 0.0], [0, 0]
@@ -212,22 +170,15 @@ class PlainKobuki:
         heading = math.floor(self.angle / resolution + 0.5) * resolution
         turn = heading - self.estimate.heading
         middle = self.estimate.heading + turn / 2
-        self.estimate = Pose(
-            self.estimate.x + forward * math.cos(middle),
-            self.estimate.y + forward * math.sin(middle),
-            heading,
-        )
+        x, y, _ = self.estimate
+        self.estimate = Pose(x + forward * math.cos(middle), y + forward * math.sin(middle), heading)
         self.velocity = Twist(forward / 0.02, 0.0, turn / 0.02)
 
 
 def test_measuring_motion_beside_plain_python() -> None:
     errors, rng = KobukiErrors(), np.random.default_rng(3)
-    pose, plain, track, normals = (
-        Pose(1, 2, 3),
-        PlainKobuki(1.003, 0.998, 1e-3),
-        [],
-        rng.standard_normal((301, 4)),
-    )
+    pose, plain = Pose(1, 2, 3), PlainKobuki(1.003, 0.998, 1e-3)
+    track, normals = [], rng.standard_normal((301, 4))
     for k in range(301):
         motion = Pose(*rng.uniform((-0.002, -0.001, -0.05), (0.005, 0.001, 0.05)).tolist())
         pose = pose.compose(motion)
@@ -247,15 +198,134 @@ def test_measuring_motion_beside_plain_python() -> None:
 
 
 def test_what_no_robot_can_have_is_refused() -> None:
+    drive = "which reads the wheels of a differential drive; it should be exact or stage"
     for kind, model, sentence in (
-        (
-            "kobuki",
-            OMNIBOX,
-            "the odometry of a robot 'Omnibox' is 'kobuki', which reads the wheels of a differential drive; "
-            "it should be exact or stage",
-        ),
+        ("kobuki", OMNIBOX, f"the odometry of a robot 'Omnibox' is 'kobuki', {drive}"),
         ("gps", TURTLEBOT, "a robot's odometry is 'gps'; it should be one of exact, stage, kobuki"),
     ):
-        with pytest.raises(AcrcError) as caught:
+        with refused(sentence):
             Odometers([kind], [model], np.zeros((1, 3)), [np.random.default_rng(0)], SUBSTEP)
-        assert str(caught.value) == sentence
+
+
+speed = st.floats(-1.2, 1.2)
+body = st.tuples(*[st.floats(-9, 9)] * 3, speed, speed, st.floats(-6, 6))
+command = st.tuples(speed, speed, st.floats(-9, 9))
+hold = st.floats(-0.05, 0.05)
+DT = 0.01
+
+
+def shortened(vector: complex, longest: float) -> complex:
+    return vector * min(1.0, longest / max(abs(vector), 1e-300))
+
+
+class PlainDrive:
+    def __init__(self, model: RobotModel, memory: Sequence[float]) -> None:
+        self.drive, self.turn, self.hold_turn = model.drive, memory[2], memory[5]
+        self.wheels, self.holding = complex(*memory[:2]), complex(*memory[3:5])
+        lever = model.footprint.circumradius / 2
+        self.turn_grip = model.drive.grip * model.mass * lever / drive.moment_of_inertia(model)
+
+    def velocity_after(self, before: Sequence[float], wanted: Sequence[float], age: float) -> list[float]:
+        _, _, heading, east, north, omega = before
+        vx, vy, rate = wanted if age <= self.drive.watchdog else (0.0, 0.0, 0.0)
+        everywhere = self.drive.kind == "omnidirectional"
+        limit = self.drive.speed
+        goal = shortened(complex(vx, vy), limit) if everywhere else complex(np.clip(vx, -limit, limit))
+        next_heading = heading + omega * DT
+        now = complex(east, north)
+        change = self.change(goal, now * np.exp(-1j * heading), now * np.exp(-1j * next_heading))
+        after = now + change * np.exp(1j * next_heading)
+        reach, top, grip = self.drive.turn_acceleration * DT, self.drive.turn_rate, self.turn_grip * DT
+        self.hold_turn = float(np.clip(0.995 * self.hold_turn - (omega - self.turn) / 4, -grip, grip))
+        self.turn += float(np.clip(np.clip(rate, -top, top) - self.turn, -reach, reach))
+        turning = omega + float(np.clip(self.turn - omega + self.hold_turn, -grip, grip))
+        return [after.real, after.imag, turning]
+
+    def change(self, goal: complex, now: complex, velocity: complex) -> complex:
+        reach, grip = self.drive.acceleration * DT, self.drive.grip * DT
+        slip = now - self.wheels
+        self.wheels += shortened(goal - self.wheels, reach)
+        lag = self.wheels - velocity
+        everywhere = self.drive.kind == "omnidirectional"
+        behind = (lag * self.wheels.conjugate()).real if everywhere else lag.real * self.wheels.real
+        if behind > 0 and everywhere:
+            pull = shortened(lag, reach)
+            self.wheels, self.holding = velocity + pull, 0j
+            return pull
+        held = 0.995 * self.holding - slip / 4
+        aside = float(np.clip(held.imag, -grip, grip))
+        if behind > 0:
+            ahead = float(np.clip(lag.real, -reach, reach))
+            self.wheels, self.holding = complex(velocity.real + ahead, self.wheels.imag), complex(0, aside)
+        else:
+            self.holding = complex(np.clip(held.real, -grip, grip), aside)
+            ahead = float(np.clip(lag.real + self.holding.real, -grip, grip))
+        return complex(ahead, np.clip(lag.imag + aside, -grip, grip))
+
+
+@settings(deadline=None)  # the first call compiles
+@given(
+    body,
+    command,
+    st.floats(0, 1),
+    st.sampled_from([TURTLEBOT, OMNIBOX]),
+    st.tuples(speed, speed, st.floats(-5, 5), hold, hold, st.floats(-0.2, 0.2)),
+)
+def test_forces_lead_to_the_velocity_that_plain_python_computes(
+    before: tuple[float, ...],
+    wanted: tuple[float, ...],
+    age: float,
+    model: RobotModel,
+    memory: tuple[float, ...],
+) -> None:
+    forces, kept = np.zeros((1, 3)), np.array([memory], drive.MEMORY)
+    now_us = 2_000_000
+    issued = np.array([now_us - round(age * 1e6)])
+    drive.drive_forces(
+        np.array([before]), np.array([wanted]), issued, now_us, DT, drive.limits([model]), kept, forces
+    )
+    inertia = np.array([model.mass, model.mass, drive.moment_of_inertia(model)])
+    plain = PlainDrive(model, memory)
+    expected = plain.velocity_after(before, wanted, round(age * 1e6) / 1e6)
+    assert np.array(before[3:]) + forces[0] / inertia * DT == pytest.approx(expected, abs=1e-9)
+    after = [plain.wheels.real, plain.wheels.imag, plain.turn]
+    after += [plain.holding.real, plain.holding.imag, plain.hold_turn]
+    assert list(kept[0].tolist()) == pytest.approx(after, abs=1e-9)
+
+
+def sector(bearing: float, model: RobotModel) -> int:
+    assert model.bumper is not None
+    degrees = math.degrees(wrap(bearing))
+    if abs(degrees) <= model.bumper.centre_deg:
+        return 2
+    return 0 if abs(degrees) > model.bumper.reach_deg else (4 if degrees > 0 else 1)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 5), st.integers(0, 5), st.booleans(), st.floats(-3.1, 3.1)), max_size=12
+    )
+)
+def test_contacts_press_the_sectors_of_plain_python(contacts: list[tuple[int, int, bool, float]]) -> None:
+    numbers = [700, 30, 900, 41]  # of the robots' bodies; 1 and 2 stand for walls
+    bodies = [*numbers, 1, 2]
+    states = np.zeros((4, 6))
+    states[:, 2] = [0.0, 2.0, -8.0, 3.0]
+    models = [TURTLEBOT, OMNIBOX, TURTLEBOT, OMNIBOX]
+    touching = np.array([True, False, False, True])
+    expected, touches, begun = [0] * 4, [False] * 4, 0
+    for a, b, new, bearing in contacts:
+        for robot, seen in ((a, bearing), (b, bearing + math.pi)):
+            if robot < 4:
+                expected[robot] |= sector(seen - states[robot, 2], models[robot])
+                touches[robot] |= max(a, b) >= 4
+        begun += new and a < 4 and b < 4
+    begun += sum(now and not before for now, before in zip(touches, touching, strict=True))
+    pairs = np.array([(bodies[a], bodies[b], new) for a, b, new, _ in contacts], np.uint64).reshape(-1, 3)
+    normals = np.array([(math.cos(t), math.sin(t)) for *_, t in contacts]).reshape(-1, 2)
+    robots = np.argsort(numbers)
+    bumpers = np.zeros(4, np.uint8)
+    ids, limits = np.array(numbers, np.uint64)[robots], drive.limits(models)
+    got = drive.press_bumpers(states, pairs, normals, ids, robots, limits, bumpers, touching)
+    assert bumpers.tolist() == expected and touching.tolist() == touches and got == begun

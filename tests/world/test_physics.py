@@ -1,22 +1,35 @@
+"""What carrying out the orders of one step boundary comes to, also where a pause parts them."""
+
 import gc
 import math
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant
+from actors.messages import Jam, ProcessOrder
+from actors.orders import Freeze, Kill, Pause, Restart, Resume, StartJam, Stop
+from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
+from actors.task.task import Task
+from actors.world.body import Bodies
+from actors.world.clearance import Shape, disc, gap, placed, wall_gap
+from actors.world.orders import Effects, Orders
+from actors.world.participants import BarrierStanding, Participants
 from actors.world.physics import SUBSTEP, Arena
-from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room_with_door, towards
+from actors.world.world_setup import BodySetup, TimedOrder
+from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room, room_with_door, towards
 
 MM = 0.001
 
 
 def drive(world: Arena, *twists: Twist, duration: float = 1.0) -> float:
-    """Let robot k want twists[k] for so long; gives the deepest overlap of any sub-step."""
     deepest = 0.0
     for _ in range(round(duration * 100)):
         for index, twist in enumerate(twists):
@@ -26,25 +39,6 @@ def drive(world: Arena, *twists: Twist, duration: float = 1.0) -> float:
     return deepest
 
 
-def test_a_robot_speeds_up_and_brakes_no_faster_than_its_model_says() -> None:
-    world = arena(Pose(-2, 0, 0))
-    drive(world, AHEAD, duration=0.3)
-    assert world.velocities[0] == pytest.approx([0.3, 0, 0])
-    drive(world, AHEAD, duration=1.0)
-    assert world.velocities[0] == pytest.approx([0.5, 0, 0])
-    drive(world, STILL, duration=0.25)
-    assert world.velocities[0] == pytest.approx([0.25, 0, 0])
-    drive(world, STILL, duration=1.0)
-    assert world.velocities[0] == pytest.approx([0, 0, 0])
-
-
-def test_no_command_exceeds_the_limits() -> None:
-    world = arena(Pose(-2, 0, 0))
-    drive(world, Twist(9.0, 0.0, -40.0), duration=2.0)
-    assert np.hypot(*world.velocities[0, :2]) == pytest.approx(0.5)
-    assert world.velocities[0, 2] == pytest.approx(-5.0)
-
-
 def test_a_differential_drive_runs_on_the_circle_of_its_command_and_never_sideways() -> None:
     world = arena(Pose(1, 0, math.pi / 2))
     drive(world, Twist(0.5, 0, 0.5), duration=2.0)
@@ -52,10 +46,12 @@ def test_a_differential_drive_runs_on_the_circle_of_its_command_and_never_sidewa
     for _ in range(40):
         drive(world, Twist(0.5, 0.3, 0.5), duration=0.3)
         assert np.hypot(*(world.poses[0, :2] - centre)) == pytest.approx(1.0, abs=3 * MM)
-        aside = -math.sin(world.poses[0, 2]) * world.velocities[0, 0] + (
-            math.cos(world.poses[0, 2]) * world.velocities[0, 1]
-        )
-        assert aside == pytest.approx(0, abs=1e-12)
+        turned = complex(*world.velocities[0, :2]) * np.exp(-1j * world.poses[0, 2])
+        assert turned.imag == pytest.approx(0, abs=1e-12)
+    world = arena(Pose(0, 0, 3.0))
+    for _ in range(300):
+        drive(world, Twist(0, 0, 5.0), duration=0.05)
+        assert -math.pi < world.poses[0, 2] <= math.pi
 
 
 def test_an_omnidirectional_drive_goes_sideways_while_it_turns() -> None:
@@ -80,13 +76,6 @@ def test_a_command_is_forgotten_after_the_watchdogs_time_and_not_before() -> Non
     assert np.array_equal(world.poses, where)
 
 
-def test_headings_stay_in_the_half_open_circle() -> None:
-    world = arena(Pose(0, 0, 3.0))
-    for _ in range(300):
-        drive(world, Twist(0, 0, 5.0), duration=0.05)
-        assert -math.pi < world.poses[0, 2] <= math.pi
-
-
 def test_advance_gives_the_pose_after_every_sub_step() -> None:
     one, other = arena(Pose(0, 0, 3.1)), arena(Pose(0, 0, 3.1))
     for world in (one, other):
@@ -95,9 +84,11 @@ def test_advance_gives_the_pose_after_every_sub_step() -> None:
     singly = np.concatenate([other.advance() for _ in range(20)])
     assert track.shape == (20, 1, 3) and np.array_equal(track, singly)
     assert np.array_equal(track[-1], one.poses) and one.now == Instant(20 * SUBSTEP)
+    world = arena()
+    assert world.advance(3).shape == (3, 0, 3) and world.overlap() == 0 and world.now == Instant(30_000)
 
 
-@pytest.mark.parametrize("share", range(10))
+@pytest.mark.parametrize("share", range(0, 10, 3))
 def test_two_robots_meeting_head_on_overlap_by_12_mm_at_most_and_2_mm_at_rest(share: int) -> None:
     world = arena(Pose(-0.8 - share * MM, 0, 0), Pose(0.8, 0, math.pi))
     assert drive(world, AHEAD, AHEAD, duration=2.0) <= 12 * MM
@@ -109,17 +100,13 @@ def test_two_robots_meeting_head_on_overlap_by_12_mm_at_most_and_2_mm_at_rest(sh
 @pytest.mark.parametrize(
     ("poses", "model"),
     [
-        ([Pose(3.9, 0, 0)], TURTLEBOT),
-        ([Pose(3.9, 0, 0.4)], TURTLEBOT),
-        ([Pose(4, 4, math.pi / 4)], TURTLEBOT),
-        ([Pose(3.9, 0, 0.3)], OMNIBOX),
-        ([Pose(4, 4, 0.7)], OMNIBOX),
+        *[([pose], TURTLEBOT) for pose in (Pose(3.9, 0, 0), Pose(3.9, 0, 0.4), Pose(4, 4, math.pi / 4))],
+        *[([pose], OMNIBOX) for pose in (Pose(3.9, 0, 0.3), Pose(4, 4, 0.7))],
         ([Pose(-0.8, 0, 0), Pose(0.8, 0.1, 3)], OMNIBOX),
     ],
 )
-def test_walls_corners_and_boxes_hold(poses: list[Pose], model: object) -> None:
-    assert model is TURTLEBOT or model is OMNIBOX
-    world = arena(*poses, model=TURTLEBOT if model is TURTLEBOT else OMNIBOX)
+def test_walls_corners_and_boxes_hold(poses: list[Pose], model: RobotModel) -> None:
+    world = arena(*poses, model=model)
     twists = [AHEAD] * len(poses)
     assert drive(world, *twists, duration=3.0) <= 12 * MM
     assert drive(world, *twists, duration=1.0) <= 2 * MM
@@ -182,27 +169,6 @@ def test_a_standing_robot_is_pushed_away_by_a_crowd_and_not_by_one() -> None:
     assert 0 < pair.poses[0, 0] < 0.02 and np.abs(pair.velocities).max() < 1 * MM
 
 
-@pytest.mark.parametrize("angle", [0.2, 0.8, 1.4])
-def test_a_robot_that_drives_into_a_wall_hardly_creeps_along_it_and_can_turn_away(angle: float) -> None:
-    world = arena(Pose(4.5, 0, angle))
-    drive(world, AHEAD, duration=6.0)
-    assert world.contacts == 1
-    where = world.poses.copy()
-    drive(world, AHEAD, duration=2.0)
-    assert world.poses == pytest.approx(where, abs=10 * MM)
-    drive(world, Twist(0, 0, 2.0), duration=1.0)
-    drive(world, Twist(0.3, 0, 0), duration=1.0)
-    assert np.hypot(*(world.poses - where)[0, :2]) > 0.1
-
-
-def test_a_wall_and_an_obstacle_stop_a_robot_where_they_stand() -> None:
-    world = arena(Pose(4, 0, 0))
-    world.add_obstacle(Point(4.6, 0.0), 0.1)
-    drive(world, AHEAD, duration=3.0)
-    assert world.poses[0, 0] == pytest.approx(4.6 - 0.1 - 0.177, abs=1 * MM)
-    assert world.obstacles.tolist() == [[4.6, 0.0, 0.1]] and world.bumpers.tolist() == [2]
-
-
 def test_a_moved_robot_stands_still_where_it_was_put_and_drives_on_from_there() -> None:
     world = arena(Pose(-2, 0, 0), Pose(2, 2, 0))
     drive(world, AHEAD, STILL)
@@ -212,8 +178,7 @@ def test_a_moved_robot_stands_still_where_it_was_put_and_drives_on_from_there() 
     assert world.poses[0, 1] > 1.6 and world.contacts == 1  # it meets the other robot there
 
 
-def wandering(worlds: list[Arena], steps: int) -> list[list[bytes]]:
-    """The worlds' states while their robots get the same random commands, step by step in turn."""
+def wandering(worlds: list[Arena], steps: int = 30) -> list[list[bytes]]:
     rng = np.random.default_rng(5)
     states: list[list[bytes]] = [[] for _ in worlds]
     for step in range(steps):
@@ -240,52 +205,27 @@ def test_the_same_calls_give_bit_equal_states() -> None:
     assert len(rubbish) == 50 and alone == one == other and len(set(alone)) == 30
 
 
-def test_a_world_without_robots_moves_on() -> None:
-    world = arena()
-    assert world.advance(3).shape == (3, 0, 3) and world.overlap() == 0 and world.now == Instant(30_000)
-
-
 @pytest.mark.parametrize(
     ("attempt", "sentence"),
     [
-        (
-            lambda world: world.move(0, Pose(2.1, 2, 0)),
-            "r0 cannot stand at (2.1, 2): it would overlap r1",
-        ),
-        (
-            lambda world: world.move(0, Pose(4.9, 0, 0)),
-            "r0 cannot stand at (4.9, 0): it would overlap a wall",
-        ),
-        (
-            lambda world: world.move(0, Pose(-3, 0, 0)),
-            "r0 cannot stand at (-3, 0): it would overlap an obstacle",
-        ),
-        (
-            lambda world: world.add_obstacle(Point(2, 2.2), 0.1),
-            "an obstacle of 0.1 m cannot stand at (2, 2.2): it would overlap r1",
-        ),
-        (
-            lambda world: world.add_obstacle(Point(0, 0), -1.0),
-            "an obstacle at (0, 0) has a radius of -1 m; it should stand at a point and have a radius "
-            "between 0 and 100 m",
-        ),
-        (
-            lambda world: world.command(1, Twist(math.nan, 0, 0), Instant(0)),
-            "r1 wants to drive at nan, 0 m/s and 0 rad/s; a velocity should be finite",
-        ),
-        (
-            lambda _: arena(Pose(0, 0, 0), Pose(0.3, 0, 0)),
-            "r1 cannot start at (0.3, 0): it would overlap r0",
-        ),
-        (
-            lambda _: arena(Pose(0, -4.9, 0), model=OMNIBOX),
-            "r0 cannot start at (0, -4.9): it would overlap a wall",
-        ),
+        (lambda world: world.move(0, Pose(2.1, 2, 0)), "r0 cannot stand at (2.1, 2): it would overlap r1"),
+        (lambda world: world.move(0, Pose(4.9, 0, 0)),
+         "r0 cannot stand at (4.9, 0): it would overlap a wall"),
+        (lambda world: world.move(0, Pose(-3, 0, 0)),
+         "r0 cannot stand at (-3, 0): it would overlap an obstacle"),
+        (lambda world: world.add_obstacle(Point(2, 2.2), 0.1),
+         "an obstacle of 0.1 m cannot stand at (2, 2.2): it would overlap r1"),
+        (lambda world: world.add_obstacle(Point(0, 0), -1.0),
+         "an obstacle at (0, 0) has a radius of -1 m; it should stand at a point and have a radius "
+         "between 0 and 100 m"),
+        (lambda world: world.command(1, Twist(math.nan, 0, 0), Instant(0)),
+         "r1 wants to drive at nan, 0 m/s and 0 rad/s; a velocity should be finite"),
+        (lambda _: arena(Pose(0, 0, 0), Pose(0.3, 0, 0)), "r1 cannot start at (0.3, 0): it would overlap r0"),
+        (lambda _: arena(Pose(0, -4.9, 0), model=OMNIBOX),
+         "r0 cannot start at (0, -4.9): it would overlap a wall"),
     ],
-)
-def test_what_does_not_fit_is_refused_in_one_sentence(
-    attempt: Callable[[Arena], object], sentence: str
-) -> None:
+)  # fmt: skip
+def test_what_does_not_fit_is_refused(attempt: Callable[[Arena], object], sentence: str) -> None:
     world = arena(Pose(-1, 0, 0), Pose(2, 2, 0))
     world.add_obstacle(Point(-3.1, 0), 0.1)
     before = world.poses.tobytes()
@@ -295,7 +235,6 @@ def test_what_does_not_fit_is_refused_in_one_sentence(
 
 
 def test_of_an_arena_that_is_gone_nothing_is_left_in_its_space() -> None:
-    """Whether counted down or found by garbage collection: a full one would be freed in no order."""
     world = arena(Pose(1.0, 1.0, 0.0))
     space, cycle = world._space, [world]
     cycle.append(cycle)  # type: ignore[arg-type]
@@ -303,3 +242,108 @@ def test_of_an_arena_that_is_gone_nothing_is_left_in_its_space() -> None:
     del world, cycle
     gc.collect()
     assert not space.shapes and not space.bodies
+
+
+poses = st.builds(Pose, st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-3, 3))
+BOX = Shape(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0)
+
+
+def shifted(shape: Shape, by: complex) -> Shape:
+    return Shape(shape.vertices + np.array([by.real, by.imag]), shape.radius)
+
+
+def line(x0: float, y0: float, x1: float, y1: float) -> Shape:
+    return Shape(np.array([[x0, y0], [x1, y1]]), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        (disc(0, 0, 1), disc(3, 4, 2), 2.0),
+        (disc(0, 0, 1), disc(0.5, 0, 1), -1.5),
+        (disc(0, 0, 0.5), line(1, -1, 1, 1), 0.5),
+        (disc(0, 0, 0.5), line(0.4, -1, 0.4, 1), -0.1),
+        (disc(0, 0, 0.5), line(3, 4, 9, 4), 4.5),  # nearest at its end
+        (disc(2, 0, 0.5), BOX, 0.5),
+        (disc(2, 2, 0.5), BOX, math.sqrt(2) - 0.5),
+        (disc(0.7, 0, 0.5), BOX, -0.8),  # its centre is inside: 0.3 to the edge, and its radius
+        (line(2, -3, 2, 3), BOX, 1.0),
+        (line(0.8, -3, 0.8, 3), BOX, -0.2),
+        (shifted(BOX, 1.9 + 0.5j), BOX, -0.1),
+        (shifted(BOX, 3 + 3j), BOX, math.sqrt(2)),
+    ],
+)
+def test_known_gaps(a: Shape, b: Shape, expected: float) -> None:
+    assert gap(a, b) == pytest.approx(expected, abs=1e-12)
+    assert gap(b, a) == pytest.approx(expected, abs=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(poses, poses)
+def test_moving_apart_by_the_overlap_is_enough_and_by_less_is_not(one: Pose, other: Pose) -> None:
+    a, b = placed(OMNIBOX.footprint, one), placed(OMNIBOX.footprint, other)
+    depth = -gap(a, b)
+    if depth <= 1e-3:
+        return
+    ways = np.exp(1j * np.linspace(0, math.tau, 360, endpoint=False))
+    gaps_by = {share: [gap(shifted(a, way * depth * share), b) for way in ways] for share in (0.98, 1.001)}
+    assert max(gaps_by[0.98]) < 0
+    assert max(gaps_by[1.001]) > -depth * 0.02
+
+
+@given(poses)
+def test_the_gap_of_apart_shapes_is_that_of_their_nearest_border_points(pose: Pose) -> None:
+    a = placed(OMNIBOX.footprint, pose)
+    b = placed(TURTLEBOT.footprint, Pose(0, 0, 0))
+    if gap(a, b) > 0:
+        assert gap(a, b) == pytest.approx(np.hypot(*border(a).T).min() - 0.177, abs=2e-3)
+
+
+def border(shape: Shape) -> NDArray[np.float64]:
+    steps = np.linspace(0, 1, 300)[:, None]
+    ends = np.roll(shape.vertices, -1, axis=0)
+    return np.concatenate([a + steps * (b - a) for a, b in zip(shape.vertices, ends, strict=True)])
+
+
+def test_only_walls_that_can_overlap_count() -> None:
+    assert wall_gap(disc(4.9, 0, 0.2), room()) == pytest.approx(-0.1)
+    assert wall_gap(placed(OMNIBOX.footprint, Pose(4.8, 4.8, 0)), room()) == pytest.approx(-0.05)
+    assert wall_gap(disc(4.5, 0, 0.2), room()) == math.inf
+
+
+NOWHERE = cast(Bodies, None)
+"""No order here is one for the bodies."""
+NOTHING = cast(Task, None)
+"""Nor for the task."""
+KIND: OdometryKind = "stage"
+
+
+def orders(*events: TimedOrder) -> Orders:
+    robots = tuple(BodySetup(name, "turtlebot2", None, KIND, (0.0, 0.0, 0.0), ()) for name in ("r1", "r2"))
+    roster = Participants(robots)
+    for member in roster.members:
+        member.standing = BarrierStanding.STEPPING
+    return Orders(events, roster, NOWHERE, NOTHING)
+
+
+def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:
+    early = TimedOrder(100, StartJam(1.0, 2.0, 3.0, 50))
+    asked = orders(early, TimedOrder(200, Restart("r1")), TimedOrder(900, Stop()))
+    effects = asked.due(Instant(200))
+    assert effects == Effects((ProcessOrder("r1", 1),), ("r1",), (Jam(1.0, 2.0, 3.0, 250),))
+    assert asked.pending
+    assert asked.due(Instant(300)) == Effects()
+    assert asked.due(Instant(900)) == Effects(stop=True) and not asked.pending
+
+
+def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
+    asked = orders()
+    restarted, _ = asked.take([Restart("r1"), Pause()], asked.due(Instant(0)))
+    assert restarted.paused and restarted.starts == (ProcessOrder("r1", 1),)
+    killed, refusals = asked.take([Kill("r1"), Resume()], restarted)
+    assert killed == Effects(ends=("r1",), steps=0) and refusals == ()
+    asked = orders()
+    before = asked.due(Instant(0))
+    effects, refusals = asked.take([Freeze("r9"), Kill("r2")], before)
+    assert effects == Effects(ends=("r2",)) and before == Effects()
+    assert refusals == asked.refused == ("at 0 s: there is no robot 'r9' to freeze",)

@@ -1,20 +1,28 @@
+"""How the floor differs from the map: by dose, from the seed, and so that robots still get everywhere."""
+
 import math
 
 import numpy as np
-import pymunk
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
+from actors.floor import distance
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, largest_region, outline
+from actors.floor.map_file import load_map
+from actors.floor.placement import PlacementError
 from actors.floor.traversal import free_squares
-from actors.geometry import Pose
+from actors.geometry import Point, Pose
+from actors.installation.repository import REPOSITORY
 from actors.messages import NO_ECHO_MM
+from actors.randomness import generator
 from actors.robot_model import RobotModel, scan_angles
 from actors.world import rays
-from actors.world.clearance import placed
+from actors.world.clearance import Shape, disc, placed
+from actors.world.odometry import KobukiErrors, StageErrors
 from actors.world.sensing import RangeSensors
+from actors.world.uncertainty import RealFloor, Uncertainty, drifting, floor
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
 
 NOBODY = np.empty((0, 3))
@@ -39,25 +47,21 @@ def test_a_share_of_the_rays_gives_no_echo_and_the_others_are_as_they_were() -> 
 
 
 def hall(side: float = 16.0) -> OccupancyGrid:
-    """A large empty hall with its middle at the origin."""
     cells = np.full((round(side / 0.05),) * 2, FREE, np.uint8)
     return OccupancyGrid(cells, 0.05, origin=type(OccupancyGrid.origin)(-side / 2, -side / 2))
 
 
 def free_pose(grid: OccupancyGrid, rng: np.random.Generator) -> Pose:
-    """Somewhere in the free middle of `clutter`."""
     x, y = grid.origin.x + grid.corner.x, grid.origin.y + grid.corner.y
     return Pose(x / 2 + rng.uniform(-0.25, 0.25), y / 2 + rng.uniform(-0.25, 0.25), rng.uniform(-3, 3))
 
 
 def rays_of(model: RobotModel, pose: Pose) -> tuple[Pose, NDArray[np.float64]]:
-    """Where the sensor is, and the (rays, 2) directions of its rays in the map frame."""
     angles = pose.heading + scan_angles(model.sensor)
     return pose.compose(model.sensor.mount), np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def to_lines(origin: Pose, direction: NDArray[np.float64], lines: NDArray[np.float64]) -> float:
-    """Distance along one ray to the nearest of the line segments (n, 4), by Cramer's rule; inf for none."""
     along = lines[:, 2:] - lines[:, :2]
     offset = lines[:, :2] - (origin.x, origin.y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,9 +72,8 @@ def to_lines(origin: Pose, direction: NDArray[np.float64], lines: NDArray[np.flo
     return float(distance[hit].min(initial=math.inf))
 
 
-def border_of(model: RobotModel, pose: Pose) -> NDArray[np.float64]:
-    """The outline of a robot as line segments; a disc as a polygon of 2000 edges."""
-    shape = placed(model.footprint, pose)
+def border_of(shape: Shape) -> NDArray[np.float64]:
+    """The outline as line segments; a disc as a polygon of 2000 edges."""
     if shape.radius:
         angles = np.linspace(0, math.tau, 2000, endpoint=False)
         ring = shape.vertices[0] + shape.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -80,7 +83,6 @@ def border_of(model: RobotModel, pose: Pose) -> NDArray[np.float64]:
 
 
 def traversal(grid: OccupancyGrid, x: float, y: float, dx: float, dy: float, reach: float) -> float:
-    """Amanatides and Woo's traversal from cell to cell, in plain Python; all in cells."""
     blocking = np.pad(grid.blocking, 1, constant_values=True)
     column, row = math.floor(x), math.floor(y)
     step_x, step_y = (1 if dx >= 0 else -1), (1 if dy >= 0 else -1)
@@ -98,7 +100,6 @@ def traversal(grid: OccupancyGrid, x: float, y: float, dx: float, dy: float, rea
 
 
 def cast(squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float) -> float:
-    """Of one ray."""
     distance = np.empty(1)
     rays.cast(squares, x, y, np.array([[dx], [dy]]), reach, distance)
     return float(distance[0])
@@ -136,27 +137,20 @@ def test_a_ray_that_starts_in_a_wall_or_outside_of_the_map_is_at_its_end() -> No
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("view", "seer"), [(360, TURTLEBOT), (58, TURTLEBOT), (58, OMNIBOX), (200, OMNIBOX)])
-def test_ranges_are_those_of_walls_robots_and_obstacles_cut_with_rays(
-    seed: int, view: float, seer: RobotModel
-) -> None:
+def test_ranges_are_those_of_outlines_cut_with_rays(seed: int, view: float, seer: RobotModel) -> None:
     grid, rng = clutter(seed, share=0.01), np.random.default_rng(seed)
     seer = with_sensor(seer, field_of_view_deg=view, rays=90, range_max=2.5, range_min=0.0)
     here = free_pose(grid, rng)
     others = [
         (TURTLEBOT, Pose(here.x + 0.6, here.y + 0.1, 1.0)),
         (OMNIBOX, Pose(here.x - 0.5, here.y - 0.6, 0.7)),
+        (TURTLEBOT, Pose(here.x - 0.3, here.y + 0.7, 0.0)),
     ]
-    others.append((TURTLEBOT, Pose(here.x - 0.3, here.y + 0.7, 0.0)))
     obstacle = (here.x + 0.3, here.y - 0.8, 0.08)
     poses = np.array([here, *(pose for _, pose in others)])
     got = sensors(grid, seer, *(model for model, _ in others)).ranges([0], poses, np.array([obstacle]))[0]
-    lines = [outline(grid), *(border_of(model, pose) for model, pose in others)]
-    round_thing = TURTLEBOT.footprint.model_copy(update={"radius": obstacle[2]})
-    angles = np.linspace(0, math.tau, 2000, endpoint=False)
-    ring = np.array(obstacle[:2]) + round_thing.circumradius * np.stack(
-        [np.cos(angles), np.sin(angles)], axis=1
-    )
-    lines.append(np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1))
+    lines = [outline(grid), *(border_of(placed(model.footprint, pose)) for model, pose in others)]
+    lines.append(border_of(disc(*obstacle)))
     origin, directions = rays_of(seer, here)
     expected = np.array([to_lines(origin, direction, np.concatenate(lines)) for direction in directions])
     expected[expected > 2.5] = math.inf
@@ -164,30 +158,9 @@ def test_ranges_are_those_of_walls_robots_and_obstacles_cut_with_rays(
     assert different.sum() <= 1  # where a ray grazes a corner, either answer is good
 
 
-def test_ranges_agree_with_pymunks_own_rays() -> None:
-    grid, rng = clutter(1, share=0.01), np.random.default_rng(1)
-    space = pymunk.Space()
-    for x0, y0, x1, y1 in outline(grid).tolist():
-        space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
-    errors = []
-    for _ in range(10):
-        pose = free_pose(grid, rng)
-        origin, directions = rays_of(TURTLEBOT, pose)
-        got = sensors(grid, TURTLEBOT).ranges([0], np.array([pose]), NOBODY)[0]
-        for mine, (dx, dy) in zip(got.tolist(), directions.tolist(), strict=True):
-            end = (origin.x + 6.5 * dx, origin.y + 6.5 * dy)
-            hit = space.segment_query_first(origin.point, end, 0.0, pymunk.ShapeFilter())
-            assert hit is not None
-            errors.append(abs(hit.alpha * 6.5 - mine))
-    assert np.median(errors) < 1e-6 and np.mean(np.array(errors) > 5 * MM) < 0.002
-
-
 def test_a_lone_robot_does_not_see_itself() -> None:
     scan = sensors(hall(), TURTLEBOT).scan([0], np.zeros((1, 3)), NOBODY)[0]
     assert scan.dtype == np.uint16 and (scan == NO_ECHO_MM).all()
-
-
-def test_another_robot_ahead_is_seen_by_the_rays_ahead_only() -> None:
     poses = np.array([[0, 0, 0], [2.0, 0, 0]])
     scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
     seen = np.flatnonzero(scan != NO_ECHO_MM)
@@ -211,14 +184,6 @@ def test_what_is_too_near_gives_no_echo_and_still_hides_what_is_behind() -> None
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), NOBODY)[0][5] == 2000
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), near)[0][5] == NO_ECHO_MM
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), far)[0][5] == 500
-
-
-def test_a_message_holds_what_a_scan_gives() -> None:
-    grid, poses = hall(4.0), np.array([[0.5, 0.0, 0.3], [-0.5, 0.0, 0.0]])
-    models = (TURTLEBOT, OMNIBOX)
-    scans = sensors(grid, *models).scan([0, 1], poses, NOBODY)
-    encoded = sensors(grid, *models).encoded([0, 1], poses, NOBODY)
-    assert [np.frombuffer(one, "<u2").tolist() for one in encoded] == [scan.tolist() for scan in scans]
 
 
 def test_scans_of_different_sensors_in_one_call_are_those_of_single_calls() -> None:
@@ -250,3 +215,75 @@ def test_the_noise_of_a_robot_is_its_own() -> None:
         assert 0 < (a != b).sum() < 20  # the rays that now meet the third robot
     again = sensors(hall(8.0), noisy, noisy, seed=1).scan([0, 1], poses[:2], NOBODY)
     assert (few[0] != again[0]).mean() > 0.9
+
+
+CORRIDOR = load_map(REPOSITORY / "maps" / "corridor.yaml")
+BODY = 0.177
+
+
+def made(dose: Uncertainty, seed: int = 1, kept_off: tuple[Point, ...] = ()) -> RealFloor:
+    return floor(CORRIDOR, dose, generator(seed, "uncertainty", "world"), kept_off)
+
+
+def walls(grid: OccupancyGrid) -> "np.typing.NDArray[np.bool_]":
+    return np.equal(grid.cells, OCCUPIED)
+
+
+def test_a_floor_follows_from_dose_and_seed() -> None:
+    solid, visible = made(Uncertainty())
+    assert solid.cells.tobytes() == visible.cells.tobytes() == CORRIDOR.cells.tobytes()
+    assert drifting(Uncertainty()) == (StageErrors(), KobukiErrors())
+    stage, kobuki = drifting(Uncertainty(drift=3.0))
+    assert (stage.forward, stage.turn) == (3 * StageErrors().forward, 3 * StageErrors().turn)
+    assert kobuki.gyro_bias_deg == 3 * KobukiErrors().gyro_bias_deg and kobuki.slip == 3 * KobukiErrors().slip
+    assert (kobuki.track, kobuki.tick_um) == (KobukiErrors().track, KobukiErrors().tick_um)
+    dose = Uncertainty(map_error=0.1, glass=0.3, furniture=5)
+    first, again, other = made(dose), made(dose), made(dose, seed=2)
+    assert [part.cells.tobytes() for part in first] == [part.cells.tobytes() for part in again]
+    assert first.solid.cells.tobytes() != other.solid.cells.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("error", [0.05, 0.1, 0.2])
+def test_walls_are_about_so_far_off_and_have_no_gaps(error: float, seed: int) -> None:
+    solid, visible = made(Uncertainty(map_error=error), seed)
+    assert solid.cells.tobytes() == visible.cells.tobytes()
+    apart = np.sqrt(distance.squared_distance(walls(CORRIDOR))) * CORRIDOR.resolution
+    off = apart[walls(solid)]
+    assert 0.2 * error < np.sqrt(np.mean(np.square(off))) < 1.5 * error  # along a wall nothing is seen of it
+    assert off.max() < 5 * error
+    regions = [largest_region(grid, BODY).sum() for grid in (CORRIDOR, solid)]
+    assert regions[1] == pytest.approx(regions[0], rel=0.1)  # nothing is cut off, nothing opened
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_furniture_leaves_a_way_and_keeps_off(seed: int) -> None:
+    here = (Point(12.0, 5.0), Point(17.5, 12.0))
+    solid, visible = made(Uncertainty(furniture=12), seed, here)
+    assert solid.cells.tobytes() == visible.cells.tobytes()
+    added = walls(solid) & ~walls(CORRIDOR)
+    assert 12 * 0.19 < added.sum() * CORRIDOR.resolution**2 < 12 * 0.21  # a disc of 0.25 m has 0.196 m²
+    assert CORRIDOR.clearance[added].min() > 0.55
+    lost = largest_region(CORRIDOR, BODY) & ~largest_region(solid, BODY)
+    around = 12 * 3.14 * (0.25 + BODY + 0.05) ** 2
+    assert lost.sum() * CORRIDOR.resolution**2 < around
+    for point in here:
+        assert solid.clearance_at(point, 1.0) > 0.6
+
+
+def test_furniture_that_finds_no_room_is_said() -> None:
+    sentence = r"uncertainty\.furniture is 1000, but there is room for .* of 1000 points"
+    with pytest.raises(PlacementError, match=sentence):
+        made(Uncertainty(furniture=1000))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
+def test_sensors_look_through_so_many_walls_and_bodies_do_not_pass(share: float) -> None:
+    solid, visible = made(Uncertainty(glass=share, furniture=3))
+    bare = walls(CORRIDOR)
+    assert walls(solid)[bare].all() and set(np.unique(visible.cells)) == {FREE, OCCUPIED}
+    assert not (walls(visible) & ~walls(solid)).any()
+    shares = [np.mean(~walls(made(Uncertainty(glass=share), seed).visible)[bare]) for seed in range(5)]
+    assert np.mean(shares) == pytest.approx(share, abs=0.08)
+    things = walls(solid) & ~bare
+    assert walls(visible)[things].all()  # what stands on the floor is no glass

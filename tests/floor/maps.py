@@ -1,15 +1,66 @@
-"""Floors with the file formats, sizes and shapes of twelve maps in public repositories, drawn anew.
-
-Each is a quarter of the original's width and height in cells at most; numbers of the YAML are the originals'.
-"""
+"""Map files for tests."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
+
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.floor.map_header import MapError
+from actors.geometry import Point
+
+YAML = {
+    "image": "plan.png",
+    "resolution": "0.05",
+    "origin": "[-1.0, 2.0, 0.0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+GREYS = np.array([[0, 100, 205], [254, 255, 88]], dtype=np.uint8)
+
+
+def written(directory: Path, picture: Image.Image | None = None, /, **changes: str | None) -> Path:
+    (picture or Image.fromarray(GREYS)).save(directory / "plan.png")
+    fields = {key: text for key, text in (YAML | changes).items() if text is not None}
+    path = directory / "plan.yaml"
+    path.write_text("".join(f"{key}: {text}\n" for key, text in fields.items()), encoding="utf-8")
+    return path
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(MapError) as caught:
+        load_map(path, **options)
+    return str(caught.value).replace(f"{path.parent}/", "")
+
+
+SOUTH_WEST = Point(0.0, 0.0)
+STATES = {".": FREE, "#": OCCUPIED, "?": UNKNOWN}
+
+
+def plan(*lines: str, resolution: float = 1.0, origin: Point = SOUTH_WEST) -> OccupancyGrid:
+    cells = np.array([[STATES[sign] for sign in line] for line in reversed(lines)], dtype=np.uint8)
+    return OccupancyGrid(cells, resolution, origin)
+
+
+def random_plan(seed: int, rows: int, columns: int, share_blocking: float) -> OccupancyGrid:
+    rng = np.random.default_rng(seed)
+    cells = np.where(
+        rng.random((rows, columns)) < share_blocking, rng.integers(1, 3, (rows, columns)), FREE
+    ).astype(np.uint8)
+    return OccupancyGrid(cells, 0.25, Point(-3.0, 7.5))
+
+
+def room(side: float, resolution: float = 0.1) -> OccupancyGrid:
+    cells = np.full((round(side / resolution) + 2,) * 2, OCCUPIED, dtype=np.uint8)
+    cells[1:-1, 1:-1] = FREE
+    return OccupancyGrid(cells, resolution, Point(-resolution, -resolution))
+
 
 _WALL: Final = 4
 _DOOR: Final = 1.2
@@ -18,8 +69,6 @@ _DOOR: Final = 1.2
 
 @dataclass(frozen=True)
 class PublicMap:
-    """What is known of one map."""
-
     name: str
     """The repository, and the map in it."""
     image: str
@@ -39,11 +88,9 @@ class PublicMap:
 
     @property
     def resolution(self) -> float:
-        """Side of a cell, m."""
         return float(self.yaml.partition("resolution: ")[2].split()[0])
 
     def write(self, folder: Path) -> Path:
-        """Draw the floor into `folder` and return its YAML file."""
         pixels = self._pixels()
         picture = Image.fromarray(255 - pixels if self.negate else pixels)
         picture.convert(self.mode).save(folder / self.image)
@@ -52,7 +99,6 @@ class PublicMap:
         return path
 
     def _pixels(self) -> NDArray[np.uint8]:
-        """Rooms in a grid, a door in the middle of each wall between two, pillars where chance puts them."""
         rows, columns = self.size
         pixels = np.full(self.size, self.grey, np.uint8)
         margin = 0 if self.grey == 254 else 8
@@ -79,7 +125,6 @@ class PublicMap:
 
 
 def _saved(resolution: str, origin: str, *, free: str = "0.196", occupied: str = "0.65") -> str:
-    """The form of ROS 1's map_saver."""
     return (
         f"resolution: {resolution}\norigin: [{origin}]\nnegate: 0\noccupied_thresh: {occupied}\n"
         f"free_thresh: {free}\n\n"
