@@ -233,7 +233,7 @@ def units(
     from actors.robot.behaviour.foreign import permit_of
     from deploy.fleet import units as unit_files
     from deploy.fleet.fleet_file import load_fleet
-    from deploy.fleet.udev import usb_ports
+    from deploy.fleet.units import usb_ports
 
     root = clone("fleet units")
     loaded = load_fleet(fleet)

@@ -12,7 +12,7 @@ import typer
 from actors.console import screen
 from actors.installation.usage import OptionError, output_file, typed
 from actors.runtime.errors import AcrcError
-from command_line import completion
+from command_line import options
 from command_line.options import Json, Modules, Robots, Seed, Setting, Trust, answer
 
 if TYPE_CHECKING:
@@ -275,7 +275,7 @@ def scenario(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=completion.scenarios
+            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=options.scenarios
         ),
     ],
     robots: Robots = None,

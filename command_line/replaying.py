@@ -11,7 +11,7 @@ import typer
 
 from actors.console import screen
 from actors.installation.usage import OptionError
-from command_line import completion
+from command_line import options
 from command_line.options import Json, Modules, Trust, answer
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def replay(
         typer.Option(
             metavar="NAME",
             help="Let another strategy decide, and say where it decides differently.",
-            autocompletion=completion.strategies,
+            autocompletion=options.strategies,
         ),
     ] = None,
     modules: Modules = None,
@@ -112,11 +112,11 @@ def replay(
 
 def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
     """`own`: the strategy is the user's."""
-    from observation.replay import debugging
+    from observation.replay import record_replay
 
     if pdb:
-        return debugging.terminal(own=own)
-    return None if port is None else debugging.debugpy_at(port)
+        return record_replay.terminal(own=own)
+    return None if port is None else record_replay.debugpy_at(port)
 
 
 def _one(
@@ -135,7 +135,7 @@ def _one(
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.branches import swarm_replay
-    from observation.replay import debugging
+    from observation.replay import record_replay
     from observation.replay.record_replay import Onlook, replay_actor
     from observation.replay.sandboxed_calls import check_trust
 
@@ -146,7 +146,7 @@ def _one(
         folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
     look_in(folders, any_content=permit.trust)
     stop = _debugger(*debugger, own=bool(folders))
-    stretch, reached = debugging.Stretch(begin, end), list[bool]()
+    stretch, reached = record_replay.Stretch(begin, end), list[bool]()
 
     def stopping() -> None:
         assert stop is not None
@@ -155,7 +155,7 @@ def _one(
 
     wanted = None if stop is None else stopping
     shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
-    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=shown)
+    onlook = Onlook(lambda core, step_us: record_replay.watch(core, step_us, stretch, wanted), prints=shown)
     if strategy is None:
         report = replay_actor(out, robot, onlook)
     else:

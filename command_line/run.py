@@ -13,7 +13,7 @@ import typer
 from actors.console import screen
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
-from command_line import completion
+from command_line import options
 from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust, answer
 
 _BASELINES: Final = ("none", "none-original", "none-giving-up")
@@ -36,7 +36,7 @@ def run(
             metavar="NAME",
             help="Adaptation strategy: a name from `acrc list strategies`, or module:function. "
             "Drops the scenario's settings of another strategy.",
-            autocompletion=completion.strategies,
+            autocompletion=options.strategies,
         ),
     ] = None,
     navigation: Annotated[
@@ -44,7 +44,7 @@ def run(
         typer.Option(
             metavar="PRESET",
             help="Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
-            autocompletion=completion.navigation,
+            autocompletion=options.navigation,
         ),
     ] = None,
     setting: Setting = None,
@@ -291,7 +291,7 @@ def branch(
         typer.Option(
             metavar="NAME",
             help="Let robots follow this strategy from then on.",
-            autocompletion=completion.strategies,
+            autocompletion=options.strategies,
         ),
     ] = None,
     setting: Annotated[
@@ -328,7 +328,7 @@ def order(
     verb: Annotated[
         str,
         typer.Argument(
-            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=completion.orders
+            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=options.orders
         ),
     ],
     words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,

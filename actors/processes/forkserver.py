@@ -35,7 +35,6 @@ from typing import Any, Final, NamedTuple, NoReturn
 from actors.processes.confined import MESSAGE_LIMIT, Part, born
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.environment import python
 from actors.runtime.lifecycle.linux import (
     PR_SET_CHILD_SUBREAPER,
     PR_SET_PDEATHSIG,
@@ -44,6 +43,7 @@ from actors.runtime.lifecycle.linux import (
     set_title,
     write_to,
 )
+from actors.runtime.lifecycle.process_table import python
 
 _GRACE_S: Final = 3.0
 """How long an actor may take to end in order once whoever wanted it is gone."""

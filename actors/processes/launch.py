@@ -19,8 +19,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import Names, outside_paths
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.environment import passed_on, python
-from actors.runtime.lifecycle.process_table import ProcessGlance
+from actors.runtime.lifecycle.process_table import ProcessGlance, passed_on, python
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.recording import read_notes
 

@@ -23,11 +23,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.last_word import place_in
+from actors.processes.robot_logs import place_in
 from actors.processes.silence import Silence, Suspect, Timeout
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.environment import passed_on, python
-from actors.runtime.lifecycle.process_table import ProcessGlance
+from actors.runtime.lifecycle.process_table import ProcessGlance, passed_on, python
 
 _FORM: Final = struct.Struct("q64s")
 SIZE: Final = _FORM.size

@@ -1,14 +1,15 @@
-"""What the code in an actor prints or logs, line by line with simulated time and step, in bounded amount.
+"""Printed and logged output of the code in an actor: by line, with simulated time and step, bounded.
 
 It has no part in messages, recordings and digests. What is written past Python's own streams, as by
-`os.write(1, …)`, keeps its way.
+`os.write(1, …)`, is not captured.
 """
 
 import io
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
@@ -17,45 +18,33 @@ MOST: Final = 4 * 1024 * 1024
 LONGEST: Final = 4096
 """Characters of a line; a longer one goes on in the next."""
 
-
 T = TypeVar("T")
 R = TypeVar("R")
-_Standing = tuple[TextIO, TextIO, "Prints | None"]
-"""Standard output, standard error, and whose turn it is."""
 
 
 class Prints:
-    """Of one process of a robot. Nothing is written before something is printed."""
+    """The output of one process of a robot. Nothing is written before something is printed."""
 
     def __init__(
-        self,
-        step_us: int,
-        write: Callable[[str], object],
-        flush: Callable[[], object] = lambda: None,
-        shut: Callable[[], object] = lambda: None,
+        self, step_us: int, write: Callable[[str], object], flush: Callable[[], object] = lambda: None
     ) -> None:
-        """`write` is given what is to be shown, piece by piece; `flush` follows a step that printed, and
-        `shut` the last one."""
-        self._step_us = step_us
-        self._write, self._flush, self._shut = write, flush, shut
+        """`write` is given the text piece by piece; `flush` follows a step that printed."""
+        self._step_us, self._write, self._flush = step_us, write, flush
         self._step = 0
-        self._before: list[_Standing] = []
-        """Whose turn it was before, and what stood there: one for each context that has not ended."""
         self._column = 0
         """Characters of the line so far; 0: the next one begins a line."""
-        self._kept = 0
-        self._lost = self._lost_lines = 0
+        self._kept = self._lost = self._lost_lines = 0
         self._dirty = False
 
-    def during(self, step: int) -> "Prints":
-        """What this process prints within it, as a context, belongs to this step of this actor."""
+    def during(self, step: int) -> AbstractContextManager[None]:
+        """Return a context: what this process prints within it belongs to this step of this actor."""
         self._step = step
-        return self
+        return taken_by(self)
 
     def of(self, step: int, work: Callable[[T], R], given: T) -> R:
-        """What `work(given)` gives; what it prints belongs to this step of this actor.
+        """Return `work(given)`; what it prints belongs to this step of this actor.
 
-        The same as within `during`, in fewer calls where the desks stand already, as in `taken_by`.
+        The same as within `during`, in fewer calls where the streams are replaced already, as in `taken_by`.
         """
         if sys.stdout is not _OUT or sys.stderr is not _ERR:
             with self.during(step):
@@ -66,27 +55,23 @@ class Prints:
         finally:
             sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, before
             if self._dirty:
-                self._dirty = False
-                self._flush()
-
-    def __enter__(self) -> None:
-        self._before.append(_taken(self))
-
-    def __exit__(self, *raised: object) -> None:
-        sys.stdout, sys.stderr, _turn.prints = self._before.pop()
-        if self._dirty:
-            self._dirty = False
-            self._flush()
+                self.flush()
 
     def take(self, text: str) -> None:
-        """Something that was printed: any part of a line, or several."""
+        """Keep printed text: any part of a line, or several."""
         *lines, rest = text.split("\n")
         for piece in [*(f"{line}\n" for line in lines), rest]:
             for start in range(0, len(piece), LONGEST):
                 self._take(piece[start : start + LONGEST])
 
+    def flush(self) -> None:
+        """Flush what was printed since the last flush, if anything was."""
+        if self._dirty:
+            self._dirty = False
+            self._flush()
+
     def close(self) -> None:
-        """Say how much was not kept, if anything was not; the last call."""
+        """Report how much was not kept, if anything was not; the last call."""
         if self._lost:
             self._write(
                 f"{self._lost_lines} more lines, {self._lost} characters, were printed and not kept\n"
@@ -115,26 +100,18 @@ class Prints:
 
 
 def in_file(path: Path, step_us: int) -> Prints:
-    """Prints in a new file, which is made once there is something to write."""
-    file: list[io.TextIOWrapper] = []
+    """Return Prints in a new file, which is made at the first write."""
 
-    def opened() -> io.TextIOWrapper:
-        if not file:
-            number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644)
-            file.append(
-                io.TextIOWrapper(os.fdopen(number, "wb"), encoding="utf-8", errors="backslashreplace")
-            )
-        return file[0]
+    @cache
+    def file() -> TextIO:
+        number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644)
+        return io.TextIOWrapper(os.fdopen(number, "wb"), encoding="utf-8", errors="backslashreplace")
 
-    def shut() -> None:
-        for one in file:
-            one.close()
-
-    return Prints(step_us, lambda text: opened().write(text), lambda: opened().flush(), shut)
+    return Prints(step_us, lambda text: file().write(text), lambda: file().flush())
 
 
 def on(stream: TextIO, step_us: int) -> Prints:
-    """Prints on a stream that is there; what a full disk does not take is lost."""
+    """Return Prints on an open stream; what a full disk does not take is lost."""
 
     def write(text: str) -> None:
         with suppress(OSError):
@@ -148,33 +125,28 @@ def on(stream: TextIO, step_us: int) -> Prints:
 
 
 def nowhere() -> Prints:
-    """Prints that nobody wants to see."""
+    """Return Prints that discard everything."""
     return Prints(1, lambda text: None)
 
 
-class _Desk(io.TextIOBase):
-    """Stands where standard output or error was; logging keeps hold of it, whoever's turn it then is."""
+class _Replacement(io.TextIOBase):
+    """Replaces standard output or error; logging keeps hold of it, whichever actor then prints."""
 
-    def __init__(self) -> None:
-        self.behind: Any = None
-        """What stood there."""
+    behind: Any = None
+    """The replaced stream. Bytes are written to it directly."""
 
     @property
     def buffer(self) -> Any:
-        """Of what stood there: bytes keep their way."""
         return self.behind.buffer
 
     def fileno(self) -> int:
-        """Of what stood there."""
         number: int = self.behind.fileno()
         return number
 
     def writable(self) -> bool:
-        """It is."""
         return True
 
     def write(self, text: str) -> int:
-        """To whoever's turn it is, and else to what stood there."""
         if _turn.prints is None:
             self.behind.write(text)
         else:
@@ -188,34 +160,25 @@ class _Desk(io.TextIOBase):
 
 
 class _Turn:
-    """Whose turn it is in this process."""
-
     prints: Prints | None = None
+    """The actor that prints now; None: no actor, so text goes to the replaced streams."""
 
 
 _turn: Final = _Turn()
-_OUT, _ERR = _Desk(), _Desk()
-
-
-def _taken(prints: Prints | None) -> _Standing:
-    """From now on what is printed goes to `prints`; what was there before."""
-    before = sys.stdout, sys.stderr, _turn.prints
-    if sys.stdout is not _OUT:
-        _OUT.behind = sys.stdout
-    if sys.stderr is not _ERR:
-        _ERR.behind = sys.stderr
-    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
-    return before
+_OUT, _ERR = _Replacement(), _Replacement()
 
 
 @contextmanager
 def taken_by(prints: Prints | None) -> Iterator[None]:
-    """What is printed meanwhile goes to `prints`; None: its way.
-
-    Who keeps hold of standard error meanwhile, as logging does, keeps hold of whoever's turn it is then.
-    """
-    before = _taken(prints)
+    """Give what is printed within the context to `prints`; None: to the replaced streams."""
+    before = sys.stdout, sys.stderr, _turn.prints
+    for stands, replacement in ((sys.stdout, _OUT), (sys.stderr, _ERR)):
+        if stands is not replacement:
+            replacement.behind = stands
+    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
     try:
         yield
     finally:
         sys.stdout, sys.stderr, _turn.prints = before
+        if prints is not None:
+            prints.flush()

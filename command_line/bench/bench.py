@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from command_line import completion
+from command_line import options
 from command_line.options import Json
 
 
@@ -93,7 +93,7 @@ def bench(
         typer.Option(
             metavar="SCENARIO.toml",
             help="beside: run this scenario.",
-            autocompletion=completion.scenarios,
+            autocompletion=options.scenarios,
         ),
     ] = None,
     bus: Annotated[
@@ -112,7 +112,7 @@ def bench(
         typer.Option(
             metavar="PRESET",
             help="beside: run this state, not the other, with it.",
-            autocompletion=completion.navigation,
+            autocompletion=options.navigation,
         ),
     ] = None,
     write: Annotated[

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from command_line import completion
+from command_line import options
 from command_line.options import Json, Modules, Robots, Setting, Trust
 
 
@@ -29,7 +29,7 @@ def campaign(
         typer.Option(
             metavar="NAMES",
             help="Without a study: compare these strategies.  [default: none,chapter]",
-            autocompletion=completion.strategies,
+            autocompletion=options.strategies,
         ),
     ] = None,
     seeds: Annotated[

@@ -17,9 +17,8 @@ from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Pr
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import typed_json
-from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.bus.replay_bus import first_difference, topic_of
 from actors.runtime.codec import decode
-from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from actors.topic import sender

@@ -9,9 +9,8 @@ from actors.processes.robot_logs import EVERYBODY, shown
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.modules import RecordedModules
-from actors.runtime.bus.replay_bus import ReplayError, topic_of
+from actors.runtime.bus.replay_bus import ReplayError, first_difference, topic_of
 from actors.runtime.codec import decode
-from actors.runtime.difference import first_difference
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry

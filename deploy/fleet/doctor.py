@@ -37,13 +37,12 @@ from actors.robot_model import load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
-from deploy.fleet import udev
+from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, own_code
-from deploy.fleet.udev import GROUP, UsbPort
+from deploy.fleet.units import GROUP, UsbPort
 from deploy.scenario.resolve import robot_setup
 from firmware_bridge.onboard.onboard_setup import OPENNI
-from firmware_bridge.range_sensors.depth import DepthScanner
-from firmware_bridge.range_sensors.depth_camera import CameraError, find_library
+from firmware_bridge.range_sensors.depth import CameraError, DepthScanner, find_library
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, PortError, SerialPort
 
 _BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
@@ -131,11 +130,11 @@ class Machine:
 
     def usb_port(self, path: str) -> UsbPort | None:
         """Return the USB device behind a port's name, if there is one."""
-        return udev.usb_port(path)
+        return units.usb_port(path)
 
     def usb_ports(self) -> list[UsbPort]:
         """Return all USB serial ports."""
-        return udev.usb_ports()
+        return units.usb_ports()
 
     def holders(self, path: str) -> list[str]:
         """Return the processes that have the port open, as far as visible, such as "python3 (PID 812)"."""
@@ -350,7 +349,7 @@ def _port(machine: Machine, path: str, device: PortDevice) -> str:
     if not machine.exists(path):
         raise AcrcError(f"{path}: {_missing(machine, path, device)}")
     usb = machine.usb_port(path)
-    if usb is not None and device is KOBUKI and not udev.is_kobuki(usb):
+    if usb is not None and device is KOBUKI and not units.is_kobuki(usb):
         raise AcrcError(
             f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
             "Kobuki's own port should stand in the fleet file"
@@ -366,11 +365,11 @@ def _port(machine: Machine, path: str, device: PortDevice) -> str:
 
 
 def _missing(machine: Machine, path: str, device: PortDevice) -> str:
-    plugged = [port.path for port in machine.usb_ports() if udev.may_be(device, port)]
+    plugged = [port.path for port in machine.usb_ports() if units.may_be(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
     like = f"there is no such port, but {plugged[0]} looks like the {device.name}; "
-    if udev.given_name(path) is None:
+    if units.given_name(path) is None:
         return like + "give that as its port"
     return like + "install the udev rules that `acrc fleet units` writes, then plug it in again"
 

@@ -19,8 +19,8 @@ from actors.floor.placement import check_pose
 from actors.geometry import Point
 from actors.installation.usage import command, wrong_value
 from actors.installation.version import software
-from actors.processes.last_word import last_line, last_lines
 from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.robot_logs import last_line, last_lines
 from actors.processes.signals import signals_as_interrupts
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
@@ -29,9 +29,8 @@ from actors.runtime.isolation.sandbox import choose
 from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
 from deploy.fleet.doctor import Machine, finding, keys
-from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
-from deploy.fleet.onboard import Onboard, Ports
+from deploy.fleet.onboard import EpochCounter, Onboard, Ports
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import RunPlan, ScenarioCopy

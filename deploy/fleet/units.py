@@ -9,13 +9,171 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Final
+from typing import Final, NamedTuple
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.fleet.udev import GROUP, UsbPort, rules, unnamed
 from firmware_bridge.onboard.onboard_setup import OPENNI
+from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
+
+_TERMINALS = Path("/sys/class/tty")
+_KEYS = ("idVendor", "idProduct", "serial")
+
+
+class UsbPort(NamedTuple):
+    """A serial port that is a USB device."""
+
+    path: str
+    """The kernel's name, such as /dev/ttyUSB0."""
+    vendor: str
+    """Four hexadecimal digits."""
+    product: str
+    serial: str
+    """Empty if it has none."""
+    socket: str = ""
+    """Where it is plugged in, such as 1-1.3: bus, and port of each hub on the way."""
+
+
+def usb_port(path: str) -> UsbPort | None:
+    """The port of that name, links followed; None if it is no USB device, or there is none."""
+    name = Path(path).resolve().name
+    folder = (_TERMINALS / name / "device").resolve()
+    for parent in (folder, *folder.parents):
+        if (parent / "idVendor").is_file():
+            vendor, product, serial = (_attribute(parent, key) for key in _KEYS)
+            return UsbPort(f"/dev/{name}", vendor, product, serial, parent.name)
+    return None
+
+
+def usb_ports() -> list[UsbPort]:
+    """All of them, by name."""
+    names = sorted(path.name for path in _TERMINALS.iterdir()) if _TERMINALS.is_dir() else []
+    found = (usb_port(f"/dev/{name}") for name in names)
+    return [port for port in found if port is not None]
+
+
+def is_kobuki(port: UsbPort) -> bool:
+    """True for the chip in a Kobuki, which says so in its serial number."""
+    return port.serial.startswith("kobuki")
+
+
+def may_be(device: PortDevice, port: UsbPort) -> bool:
+    """True if the device could be behind the port, by its chip."""
+    if (port.vendor, port.product) != device.chip:
+        return False
+    return device not in {KOBUKI, BOARD} or is_kobuki(port) is (device is KOBUKI)
+
+
+def _attribute(device: Path, key: str) -> str:
+    try:
+        return (device / key).read_text().strip()
+    except OSError:
+        return ""
+
+
+GROUP: Final = "dialout"
+"""Who may open serial ports; Debian's and Ubuntu's name for it."""
+_FAST: Final = 'ATTR{device/latency_timer}="1", '
+_SERIAL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_NAME: Final = re.compile(
+    r"/dev/((?!tty|pts/|serial/|bus/)[A-Za-z0-9][A-Za-z0-9_.+-]*(?:/[A-Za-z0-9][A-Za-z0-9_.+-]*)*)"
+)
+
+
+def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
+    """The text of the robot's rules file; a port that has its kernel's name gets no other one.
+
+    `plugged`: what this computer has. Board and lidar have chips that other devices have, too: the one that
+    is there, and no other, gets the name. Where there is none, or more than one, none gets it (`unnamed`).
+    """
+    parts = [
+        f"# Ports of robot {robot.id}, written by `acrc fleet units`.",
+        "",
+        'ACTION=="remove", GOTO="acrc_end"',
+        'SUBSYSTEM!="tty", GOTO="acrc_end"',
+        "",
+        "# Kobuki: its own FTDI chip, told from others by its serial number. FTDI chips hold bytes back for",
+        "# 16 ms unless told otherwise; a Kobuki reports every 20.",
+        _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST),
+    ]
+    for device, port, more in _shared(robot):
+        there = _there(device, plugged)
+        parts += ["", f"# {device.name}: {_which(device, port, there)}."]
+        if given_name(port) is not None and len(there) == 1:
+            parts.append(_rule(f"{_of(device)}, {_only(there[0])}", port, more))
+        parts.append(_rule(_of(device), "", more))
+    parts += ["", 'LABEL="acrc_end"', ""]
+    return "\n".join(parts)
+
+
+def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
+    """Why a device gets no name, in a sentence for each, and what is to be done."""
+    found = [(device, port, _there(device, plugged)) for device, port, _ in _shared(robot)]
+    return [
+        f"{port}: {_which(device, port, there)}"
+        for device, port, there in found
+        if given_name(port) is not None and len(there) != 1
+    ]
+
+
+def _shared(robot: FleetRobot) -> list[tuple[PortDevice, str, str]]:
+    """The devices whose chips others have, too: with their ports, and what their rules set besides."""
+    lidar = [] if robot.range is None or robot.range == OPENNI else [(RPLIDAR, robot.range, "")]
+    return [(BOARD, robot.radio, _FAST), *lidar]
+
+
+def _there(device: PortDevice, plugged: Sequence[UsbPort]) -> list[UsbPort]:
+    return [port for port in plugged if may_be(device, port)]
+
+
+def _which(device: PortDevice, port: str, there: Sequence[UsbPort]) -> str:
+    """Which of the chips that are plugged in is the device's, in words."""
+    if given_name(port) is None:
+        return f"{port} is no name that a rule can give"
+    if not there:
+        return (
+            f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units again"
+        )
+    if len(there) > 1:
+        them = " and ".join(f"{one.path} ({_trait(one)})" for one in there)
+        return (
+            f"{them} could each be the {device.name}, so nothing gets this name; unplug all others and write "
+            "the units again"
+        )
+    return f"the one with {_trait(there[0])}, which was at {there[0].path}"
+
+
+def _only(port: UsbPort) -> str:
+    """What a rule asks for, so that it is this chip: its own serial number, or else its USB port."""
+    return f'ATTRS{{serial}}=="{port.serial}"' if _is_own(port) else f'KERNELS=="{port.socket}"'
+
+
+def _trait(port: UsbPort) -> str:
+    return f"serial number {port.serial}" if _is_own(port) else f"USB port {port.socket}"
+
+
+def _is_own(port: UsbPort) -> bool:
+    """True for a serial number that no other chip has; a CP2102 comes with 0001 from the factory."""
+    return _SERIAL.fullmatch(port.serial) is not None and port.serial.strip("0") != "1"
+
+
+def given_name(port: str) -> str | None:
+    """What a rule calls the port, below /dev; None if it is the kernel that names it."""
+    match = _NAME.fullmatch(port)
+    return None if match is None else match[1]
+
+
+def _of(device: PortDevice) -> str:
+    """What a port's rule asks for, so that it is one of that device's chip."""
+    return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
+
+
+def _rule(which: str, port: str, more: str = "") -> str:
+    name = given_name(port)
+    symlink = "" if name is None else f'SYMLINK+="{name}", '
+    return f'{which}, GROUP="{GROUP}", MODE="0660", {more}{symlink}TAG+="systemd", GOTO="acrc_end"'
+
 
 RULES_FILE: Final = "60-acrc.rules"
 _TEMPLATE: Final = Path(__file__).with_name("robot.service")

@@ -17,10 +17,9 @@ from actors.messages import BOARD, DRIVE, PROGRESS, RECEIVED, Board, Drive, Hear
 from actors.observer import viewer
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement
+from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.drawing.words import DrawnEvent
 from actors.observer.glyphs import FATES, GREY
-from actors.observer.sheet import Sheet
 from actors.processes.scratch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message

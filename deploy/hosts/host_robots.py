@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.resource_watch import ResourceWatch
+from actors.processes.silence import ResourceWatch
 from actors.robot.program import RobotProgram
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError

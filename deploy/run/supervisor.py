@@ -8,10 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
-from actors.processes.last_word import last_line, where_it_crashed, where_it_stands
 from actors.processes.launch import Child, Launcher, LaunchError, Program
-from actors.processes.resource_watch import ResourceWatch
-from actors.processes.silence import WORLD, HoldUp, Silence, SilenceVerdict, Suspect, Telling, Timeout
+from actors.processes.robot_logs import last_line, where_it_crashed, where_it_stands
+from actors.processes.silence import (
+    WORLD,
+    HoldUp,
+    ResourceWatch,
+    Silence,
+    SilenceVerdict,
+    Suspect,
+    Telling,
+    Timeout,
+)
 from actors.runtime.codec import decode
 from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError

@@ -21,13 +21,11 @@ from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
 from actors.processes import silence
-from actors.processes.last_word import said, show
 from actors.processes.launch import Child, Launcher, Program, launcher
-from actors.processes.resource_watch import ResourceWatch
-from actors.processes.robot_logs import check_names, shown
+from actors.processes.robot_logs import check_names, said, show, shown
 from actors.processes.scratch import scratch_folder
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.silence import HoldUp, Timeout
+from actors.processes.silence import HoldUp, ResourceWatch, Timeout
 from actors.processes.warden import warded
 from actors.robot import assembly
 from actors.robot.behaviour.modules import expect, look_in

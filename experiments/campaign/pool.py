@@ -11,8 +11,8 @@ from typing import Final, NamedTuple, Protocol, Self
 
 import msgspec
 
-from actors.processes.last_word import last_line
 from actors.processes.launch import Child, Launcher, Program
+from actors.processes.robot_logs import last_line
 from experiments.campaign.store import Pending
 from experiments.campaign.trial_record import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
 from experiments.study.study import Study

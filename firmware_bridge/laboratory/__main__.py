@@ -32,7 +32,7 @@ from actors.world import drive, odometry_kernel, rays
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL
-from firmware_bridge.device_lines import DEVICES, Jack, Lines
+from firmware_bridge.device_lines import DEVICES, Jack, Lines, SimulatedTransceiver
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import Laboratory
@@ -42,7 +42,6 @@ from firmware_bridge.laboratory.laboratory_setup import (
     LaboratoryTruth,
     load,
 )
-from firmware_bridge.transceiver_line import SimulatedTransceiver
 
 _ROUND: Final = milliseconds(1)
 """Boards are not looked at more often, unless a host has written."""

@@ -27,11 +27,10 @@ from actors.world.uncertainty import drifting
 from firmware_bridge.beeclick.air import air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.device_lines import BASE, RADIO, RANGE, Jack
+from firmware_bridge.device_lines import BASE, RADIO, RANGE, Jack, SimulatedTransceiver
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters, Sight
-from firmware_bridge.transceiver_line import SimulatedTransceiver
 
 LIDAR: Final = EmulatedRplidarParameters(turns=5.5, samples=1980, noise=0.0025)
 """360 samples a turn, so that each lies on a whole degree, where a ray has been cast. Noise: own estimate, a

@@ -41,8 +41,7 @@ from firmware_bridge.onboard.vehicle import (
     TurtleBot,
 )
 from firmware_bridge.range_sensors import rplidar
-from firmware_bridge.range_sensors.depth import DepthScanner
-from firmware_bridge.range_sensors.depth_camera import CameraFeed, OpenNICamera
+from firmware_bridge.range_sensors.depth import CameraFeed, DepthScanner, OpenNICamera
 from firmware_bridge.serial_port import KOBUKI, SerialPort
 
 

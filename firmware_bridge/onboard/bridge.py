@@ -51,10 +51,10 @@ from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.reception import Event, PacketEnd, UnconfirmedPacket
+from firmware_bridge.device_lines import TransceiverLink
 from firmware_bridge.onboard.device_loop import Clock, ReconnectingPort, conduct
 from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
 from firmware_bridge.serial_port import BoardPort
-from firmware_bridge.transceiver_line import TransceiverLink
 
 MOST_EVENTS: Final = 256
 """Events held for a robot that takes none; about what a busy channel brings in a second."""

@@ -17,8 +17,7 @@ from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import Basic, Inertial
 from firmware_bridge.onboard.contradictions import Contradictions
 from firmware_bridge.onboard.device_loop import Wire
-from firmware_bridge.range_sensors.depth import DepthError, DepthScanner
-from firmware_bridge.range_sensors.depth_camera import CameraFeed
+from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import SensorSweep
 from firmware_bridge.serial_port import SerialPort

@@ -4,9 +4,13 @@ Geometry as in ROS depthimage_to_laserscan. The columns of an image are not at e
 the robot's model are filled by angle.
 """
 
+import ctypes
+import ctypes.util
 import hashlib
 import math
-from typing import Final
+import threading
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,3 +103,217 @@ class DepthScanner:
         """The ranges of the last image, once."""
         sweep, self._sweep = self._sweep, None
         return sweep
+
+
+_PATIENCE_S: Final = 0.1
+"""For one image; at 30 a second that is three."""
+_RETRY_S: Final = 1.0
+"""A camera that failed is tried again so often."""
+
+
+class Camera(Protocol):
+    """Gives depth images."""
+
+    def read(self, patience: float) -> NDArray[np.uint16] | None:
+        """The next image, mm; None if there is none after `patience` s."""
+
+    def close(self) -> None:
+        """Give the camera back."""
+
+
+class Image(NamedTuple):
+    """A depth image and when it came."""
+
+    stamp: Instant
+    depth: NDArray[np.uint16]
+
+
+class CameraFeed:
+    """The newest image of a camera that is opened, and after any error opened again."""
+
+    def __init__(
+        self, open_camera: Callable[[], Camera], clock: Callable[[], Instant], say: Callable[[str], None]
+    ) -> None:
+        """`say` is told what is wrong, each thing once until the camera works again; by this thread."""
+        self._open = open_camera
+        self._clock = clock
+        self._say = say
+        self._said = ""
+        self._newest: Image | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    def take(self) -> Image | None:
+        """The newest image, once; never waits."""
+        image, self._newest = self._newest, None
+        return image
+
+    def close(self) -> None:
+        """Give the camera back, unless its library hangs."""
+        self._ended.set()
+        self._thread.join(2 * _PATIENCE_S)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self._follow()
+            except Exception as error:
+                self._tell(str(error) or type(error).__name__)
+                self._ended.wait(_RETRY_S)
+
+    def _follow(self) -> None:
+        camera = self._open()
+        try:
+            while not self._ended.is_set():
+                depth = camera.read(_PATIENCE_S)
+                if depth is not None:
+                    self._said = ""
+                    self._newest = Image(self._clock(), depth)
+        finally:
+            camera.close()
+
+    def _tell(self, sentence: str) -> None:
+        if sentence != self._said:
+            self._say(sentence)
+        self._said = sentence
+
+
+_API_VERSION: Final = 2002
+_DEPTH: Final = 3
+_DEPTH_1_MM: Final = 100
+_VIDEO_MODE: Final = 3
+_MIRRORING: Final = 7
+_TIME_OUT: Final = 102
+
+
+class CameraError(AcrcError):
+    """A depth camera that cannot be used."""
+
+
+class _VideoMode(ctypes.Structure):
+    _fields_ = (
+        ("pixel_format", ctypes.c_int),
+        ("width", ctypes.c_int),
+        ("height", ctypes.c_int),
+        ("rate", ctypes.c_int),
+    )
+
+
+class _Frame(ctypes.Structure):
+    _fields_ = (
+        ("size", ctypes.c_int),
+        ("data", ctypes.c_void_p),
+        ("sensor", ctypes.c_int),
+        ("stamp_us", ctypes.c_uint64),
+        ("number", ctypes.c_int),
+        ("width", ctypes.c_int),
+        ("height", ctypes.c_int),
+        ("mode", _VideoMode),
+        ("cropped", ctypes.c_int),
+        ("crop_x", ctypes.c_int),
+        ("crop_y", ctypes.c_int),
+        ("stride", ctypes.c_int),
+    )
+
+
+def find_library() -> Any:
+    """OpenNI2, loaded. Raises CameraError with one sentence that says what to install."""
+    for name in (ctypes.util.find_library("OpenNI2"), "libOpenNI2.so.0", "libOpenNI2.so"):
+        try:
+            if name is not None:
+                return ctypes.CDLL(name)
+        except OSError:
+            continue
+    raise CameraError(
+        "the depth camera needs the library OpenNI2, which is not installed; "
+        "`sudo apt install libopenni2-0` brings it on Debian and Ubuntu"
+    )
+
+
+class OpenNICamera:
+    """The first depth camera that OpenNI2 finds, giving images; use it as a context manager."""
+
+    def __init__(self, width: int = 640, height: int = 480, rate: int = 30, library: Any = None) -> None:
+        """`library`: OpenNI2, found by itself if not given. Raises CameraError."""
+        self._library = find_library() if library is None else library
+        self._device = ctypes.c_void_p()
+        self._stream = ctypes.c_void_p()
+        self._library.oniGetExtendedError.restype = ctypes.c_char_p
+        self._library.oniFrameRelease.restype = None
+        self._try(self._library.oniInitialize(_API_VERSION), "OpenNI2 does not start")
+        try:
+            self._open(_VideoMode(_DEPTH_1_MM, width, height, rate))
+        except CameraError:
+            self.close()
+            raise
+
+    def read(self, patience: float) -> NDArray[np.uint16] | None:
+        """The next image, (height, width), mm, unmirrored; None after `patience` s. Raises CameraError."""
+        library = self._library
+        streams, ready = (ctypes.c_void_p * 1)(self._stream), ctypes.c_int()
+        status = library.oniWaitForAnyStream(streams, 1, ctypes.byref(ready), int(1000 * patience))
+        if status == _TIME_OUT:
+            return None
+        self._try(status, "the depth camera gives no image")
+        frame = ctypes.POINTER(_Frame)()
+        self._try(library.oniStreamReadFrame(self._stream, ctypes.byref(frame)), "no image can be read")
+        try:
+            return _image(frame.contents)
+        finally:
+            library.oniFrameRelease(frame)
+
+    def close(self) -> None:
+        """Give the camera back."""
+        if self._stream:
+            self._library.oniStreamStop(self._stream)
+            self._library.oniStreamDestroy(self._stream)
+            self._stream = ctypes.c_void_p()
+        if self._device:
+            self._library.oniDeviceClose(self._device)
+            self._device = ctypes.c_void_p()
+        self._library.oniShutdown()
+
+    def __enter__(self) -> "OpenNICamera":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _open(self, mode: _VideoMode) -> None:
+        library = self._library
+        device, stream = ctypes.byref(self._device), ctypes.byref(self._stream)
+        self._try(library.oniDeviceOpen(None, device), "no depth camera is plugged in, or none may be used")
+        self._try(library.oniDeviceCreateStream(self._device, _DEPTH, stream), "the camera measures no depth")
+        asked = f"the camera has no depth of {mode.width} x {mode.height} at {mode.rate} Hz in mm"
+        self._set(_VIDEO_MODE, mode, asked)
+        # The driver mirrors images, as for a person in front of a screen: left would be right.
+        self._set(_MIRRORING, ctypes.c_int(0), "the camera's mirroring cannot be switched off")
+        self._try(library.oniStreamStart(self._stream), "the camera does not start")
+
+    def _set(self, setting: int, value: Any, otherwise: str) -> None:
+        status = self._library.oniStreamSetProperty(
+            self._stream, setting, ctypes.byref(value), ctypes.sizeof(value)
+        )
+        self._try(status, otherwise)
+
+    def _try(self, status: int, otherwise: str) -> None:
+        if status != 0:
+            said = (self._library.oniGetExtendedError() or b"").decode("utf-8", "replace")
+            reason = " ".join(said.split()) or f"status {status}"
+            raise CameraError(
+                f"{otherwise} ({reason}); `sudo apt install libopenni2-0 openni2-utils` brings drivers and "
+                "NiViewer2, which shows whether the camera works"
+            )
+
+
+def _image(frame: _Frame) -> NDArray[np.uint16]:
+    """A copy of the frame's pixels, (height, width)."""
+    if frame.stride < 2 * frame.width or frame.stride * frame.height > frame.size or not frame.data:
+        raise CameraError(
+            f"the camera's image has {frame.size} bytes; {frame.width} x {frame.height} pixels of 2 bytes "
+            f"in rows of {frame.stride} should fit in"
+        )
+    raw = ctypes.string_at(frame.data, frame.stride * frame.height)
+    rows = np.frombuffer(raw, np.uint8).reshape(frame.height, frame.stride)
+    return np.ascontiguousarray(rows[:, : 2 * frame.width]).view("<u2")

@@ -10,8 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from observation.accounting.classify import CAUSES, Classified, classify
-from observation.accounting.findings import FrameCounts, blocking_events, deadlocks, findings
+from observation.accounting.classify import (
+    CAUSES,
+    Classified,
+    FrameCounts,
+    blocking_events,
+    classify,
+    deadlocks,
+    findings,
+)
 from observation.accounting.robot_states import NOBODY
 from observation.accounting.time_spent import (
     Blame,

@@ -14,9 +14,8 @@ from actors.runtime.errors import AcrcError, printable
 from observation.explanation.chain import Air, Chain, Link, Made, Second, decisions
 from observation.replay.run_recordings import all_recordings
 from observation.replay.sandboxed_calls import Bounds
-from observation.trace.kept import TraceError
 from observation.trace.rows import Trace
-from observation.trace.traces import BOUNDS, traces
+from observation.trace.traces import BOUNDS, TraceError, traces
 
 _SAME_S: Final = 0.0501
 """Who asks for an instant means a decision that is no farther away: half a step."""

@@ -14,9 +14,8 @@ from observation.evidence.run_reader import read_run
 from observation.replay.run_recordings import all_recordings, run_of, setup_of
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.frame_fates import FrameFate, frame_fates
-from observation.trace.kept import TraceError
 from observation.trace.rows import KnowledgeChange, Trace
-from observation.trace.traces import BOUNDS, traces
+from observation.trace.traces import BOUNDS, TraceError, traces
 
 Row = tuple[Any, ...]
 """Its cells."""

@@ -22,8 +22,8 @@ from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import failure
-from actors.runtime.lifecycle.environment import passed_on
 from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.lifecycle.process_table import passed_on
 from observation.replay.record_check import check
 from observation.replay.record_replay import replay_actor
 from observation.replay.run_recordings import all_recordings

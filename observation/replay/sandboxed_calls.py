@@ -16,8 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from actors.processes.last_word import said
 from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.robot_logs import said
 from actors.processes.scratch import scratch_folder
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted

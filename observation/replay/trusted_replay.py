@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from actors.processes.last_word import show
+from actors.processes.robot_logs import show
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError

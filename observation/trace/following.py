@@ -15,9 +15,8 @@ from actors.runtime.errors import AcrcError
 from observation.recordings.topics import is_closed
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Call, failed, program_words, start
-from observation.trace.kept import PART, TraceError, decode, inputs, keep, parts
 from observation.trace.rows import Trace
-from observation.trace.traces import Traced, may_keep
+from observation.trace.traces import PART, Traced, TraceError, decode, inputs, keep, may_keep, parts
 
 _PROGRAM: Final = "observation.trace.program"
 _MOST_BYTES: Final = 64 * 1024 * 1024

@@ -21,10 +21,9 @@ from actors.radio.medium.state import Kind, Outcome
 from actors.radio.radio_model import RadioSetup
 from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
-from observation.replay.growing_replay import GrowingReplay
-from observation.replay.record_replay import Onlook, made_again, replay_actor
+from observation.replay.record_replay import GrowingReplay, Onlook, made_again, replay_actor
 from observation.replay.run_recordings import recordings, setup_of
-from observation.trace.kept import inputs, keep, kept
+from observation.trace.traces import inputs, keep, kept
 
 _SHORTEST_PAUSE_NS: Final = 190_000
 """Between two frames of one transceiver there is at least the turnaround, 192 µs."""

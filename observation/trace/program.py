@@ -18,12 +18,11 @@ from typing import Final
 from actors.runtime.errors import AcrcError
 from actors.runtime.prints import nowhere
 from observation.replay import sandboxed
-from observation.replay.growing_replay import GrowingReplay
-from observation.replay.record_replay import Onlook, made_again, replay_actor
+from observation.replay.record_replay import GrowingReplay, Onlook, made_again, replay_actor
 from observation.replay.run_recordings import recordings
-from observation.trace.kept import MOST_BYTES, encode, own_files
 from observation.trace.perception import Collector
 from observation.trace.rows import Trace
+from observation.trace.traces import MOST_BYTES, encode, own_files
 
 _NICE: Final = 19
 """The run comes first."""

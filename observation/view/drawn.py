@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.layout import Sheet
 from actors.observer.drawing.words import DrawnEvent, Occupation
-from actors.observer.sheet import Sheet
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file

@@ -13,9 +13,8 @@ import numpy as np
 
 from actors.instant import in_seconds
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement
+from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.drawing.words import DrawnEvent, Occupation
-from actors.observer.sheet import Sheet
 from actors.observer.viewer import OpenViewer
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit

@@ -17,8 +17,7 @@ from actors.task.words import PlaceKey
 from observation.explanation.explain import Explanation
 from observation.trace.frame_fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace
-from observation.view.painted_inside import DrawnParts, PaintedInside, RobotLane, Way
-from observation.view.plots import Happenings, Plots, name
+from observation.view.plots import DrawnParts, Happenings, PaintedInside, Plots, RobotLane, Way, name
 from observation.view.story import Floats, Source, Story
 
 

@@ -85,7 +85,7 @@ def test_closed_streams_are_no_error_and_a_full_one_is_a_sentence(where: str, se
 
 def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
     program = (
-        "import os; from command_line.streams import settle; settle(); "
+        "import os; from command_line.app import settle; settle(); "
         "os._exit(0 if os.open('/dev/null', os.O_RDONLY) > 2 else 9)"
     )
     assert shell(f'{sys.executable} -c "{program}" <&- >&- 2>&-')[0] == 0

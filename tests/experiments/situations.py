@@ -11,7 +11,7 @@ from actors.installation.repository import SHIPPED
 from actors.randomness import generator
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario, document
-from observation.accounting.findings import CARRIED, NO_CONTACT
+from observation.accounting.classify import CARRIED, NO_CONTACT
 from observation.accounting.time_spent import Cause
 from tests.experiments.planted_strategies import DITHERING, SLEEPING
 

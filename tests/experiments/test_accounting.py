@@ -19,8 +19,15 @@ from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from observation.accounting.account import account, decision_events, diagnosis_score
-from observation.accounting.classify import CAUSES, Classified, classify
-from observation.accounting.findings import FrameCounts, blocking_events, deadlocks, findings
+from observation.accounting.classify import (
+    CAUSES,
+    Classified,
+    FrameCounts,
+    blocking_events,
+    classify,
+    deadlocks,
+    findings,
+)
 from observation.accounting.time_spent import Cause, DeadlockCount
 from observation.accounting.tracks import STANDARD, Said, TimedJam, Tracks
 from observation.accounting.true_floor import TrueFloor

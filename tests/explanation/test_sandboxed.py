@@ -13,8 +13,8 @@ from observation.explanation.explain import Explainer, ExplanationError, wish
 from observation.export.rows import ExportError, tables
 from observation.replay.sandboxed_calls import Bounds
 from observation.replay.trusted_replay import replay
-from observation.trace.kept import PART, TraceError, decode, encode, parts
 from observation.trace.program import whole
+from observation.trace.traces import PART, TraceError, decode, encode, parts
 from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start
 

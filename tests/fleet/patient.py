@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from deploy.fleet.doctor import Certified, GroupMembership, Kernels, Machine
-from deploy.fleet.udev import UsbPort
+from deploy.fleet.units import UsbPort
 from firmware_bridge.serial_port import PortDevice
 from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 

@@ -12,7 +12,7 @@ from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet import doctor
 from deploy.fleet.doctor import Certified, DoctorFinding, GroupMembership, Kernels, Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
-from deploy.fleet.udev import UsbPort
+from deploy.fleet.units import UsbPort
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.serial_port import KOBUKI
 from tests.fleet.patient import Patient

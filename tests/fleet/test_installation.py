@@ -24,8 +24,7 @@ from actors.runtime.errors import AcrcError
 from deploy.fleet import bundle, keys
 from deploy.fleet.bundle import RobotBundle
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.udev import UsbPort, rules, unnamed
-from deploy.fleet.units import everyday_user, service, write
+from deploy.fleet.units import UsbPort, everyday_user, rules, service, unnamed, write
 from observation.replay import record_replay
 from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 from tests.in_process import acrc

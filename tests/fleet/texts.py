@@ -4,7 +4,7 @@ from pathlib import Path
 
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, parse
-from deploy.fleet.udev import UsbPort
+from deploy.fleet.units import UsbPort
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "fleets" / "office.toml"

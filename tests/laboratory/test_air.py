@@ -34,7 +34,7 @@ from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
-from firmware_bridge.transceiver_line import SimulatedTransceiver, TransceiverLink
+from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
 from tests.laboratory.hosts import ROOT
 
 STEP = 10_000

@@ -25,8 +25,7 @@ from actors.runtime.process_setup import SETUP, setup_bytes
 from actors.runtime.recording import Recorder
 from deploy.fleet import keys as fleet_keys
 from deploy.fleet import onboard
-from deploy.fleet.epochs import EpochCounter
-from deploy.fleet.onboard import Onboard, Ports, onboard_robot_program
+from deploy.fleet.onboard import EpochCounter, Onboard, Ports, onboard_robot_program
 from deploy.fleet.onboard_run import (
     OnboardOptions,
     OnboardSupervisor,

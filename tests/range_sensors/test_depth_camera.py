@@ -15,8 +15,15 @@ from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
 from firmware_bridge.range_sensors import depth_camera
-from firmware_bridge.range_sensors.depth import DepthError, DepthScanner, column_slopes
-from firmware_bridge.range_sensors.depth_camera import Camera, CameraError, CameraFeed, OpenNICamera
+from firmware_bridge.range_sensors.depth import (
+    Camera,
+    CameraError,
+    CameraFeed,
+    DepthError,
+    DepthScanner,
+    OpenNICamera,
+    column_slopes,
+)
 from firmware_bridge.range_sensors.sensor import StillBeams
 from tests.kobuki.rig import Room
 

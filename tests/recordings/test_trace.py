@@ -14,15 +14,14 @@ from actors.messages import RECEIVED, Heard
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from observation.evidence.run_evidence import taken
 from observation.replay.sandboxed_calls import Call, ask
-from observation.trace import kept as keeping
+from observation.trace import traces as keeping
 from observation.trace import traces as tracing
 from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.kept import PART
 from observation.trace.knowledge import ABSENT, PathDifference, differences, root
 from observation.trace.orders import KnownPoints
 from observation.trace.program import whole
 from observation.trace.rows import Trace
-from observation.trace.traces import Traced, traces
+from observation.trace.traces import PART, Traced, traces
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from actors import toml_file
 from actors.floor.map_file import load_map
 from actors.floor.map_header import MapError
-from actors.processes.last_word import last_line
+from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
 from actors.runtime import regular_file
 from actors.runtime.access import credentials, router_file

@@ -23,7 +23,7 @@ from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
 from observation.evidence.run_evidence import world_setup
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer
-from observation.replay import debugging
+from observation.replay import record_replay
 from observation.replay.recheck import RecheckError, recheck
 from observation.replay.record_replay import Onlook, replay_actor
 from observation.replay.run_recordings import code_folders, recordings, setup_of
@@ -78,11 +78,15 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     monkeypatch.setattr(
         sys, "stdin", io.StringIO("print(self.id)\nstep\nstep\nstep\nstep\nstep\nstep\ncontinue\n")
     )
-    stretch = debugging.Stretch(begin_s=1.0, end_s=None)
+    stretch = record_replay.Stretch(begin_s=1.0, end_s=None)
     report = replay_actor(
         recorded,
         "r2",
-        Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, debugging.terminal(own=False))),
+        Onlook(
+            lambda core, step_us: record_replay.watch(
+                core, step_us, stretch, record_replay.terminal(own=False)
+            )
+        ),
     )
     assert report.whole and report.outputs > 30, "a look changes nothing"
     said = capsys.readouterr().out

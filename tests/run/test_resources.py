@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from actors.processes.launch import Child, Program
-from actors.processes.resource_watch import ResourceWatch, Use, used
+from actors.processes.silence import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Names

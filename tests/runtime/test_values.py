@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from actors.messages import DRIVE, MESSAGE_VERSION, RECEIVED, Drive, Heard, Received, Sent
 from actors.runtime import typed_json
+from actors.runtime.bus.replay_bus import first_difference
 from actors.runtime.codec import WireError, decode, encode
-from actors.runtime.difference import first_difference
 from actors.runtime.processor import (
     Processor,
     _model_in,

@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
-from actors.observer.sheet import APPLICATION
+from actors.observer.drawing.layout import APPLICATION
 from actors.radio.medium.state import Outcome
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError

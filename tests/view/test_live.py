@@ -12,20 +12,17 @@ import pytest
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
-from actors.observer.drawing.layout import Arrangement
-from actors.observer.sheet import Sheet
+from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.task.words import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet
 from observation.recordings.topics import Standing, standing
-from observation.replay.growing_replay import GrowingBus
-from observation.replay.record_replay import made_again
+from observation.replay.record_replay import GrowingBus, made_again
 from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.kept import own_files
 from observation.trace.rows import Trace
-from observation.trace.traces import Traced, traces
+from observation.trace.traces import Traced, own_files, traces
 from observation.view import drawn
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.live import Following

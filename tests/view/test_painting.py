@@ -16,9 +16,8 @@ from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement
+from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.glyphs import Colour
-from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import Deed, Route
