@@ -239,7 +239,7 @@ def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[
 
 def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
     """Say that a run is too short to say anything, or that recordings of it are elsewhere, if so."""
-    from observation.results.hosts_file import elsewhere, where
+    from observation.results.seal import elsewhere, where
 
     if left := elsewhere(out):
         sys.stderr.write(f"acrc: {where(out, left)}; until then it is drawn as seen from outside\n")

@@ -12,7 +12,7 @@ from actors.installation.usage import OptionError, output_file
 from command_line.options import Json, answer
 
 if TYPE_CHECKING:
-    from observation.recordings.info import Rate
+    from observation.recordings.lines import Rate
     from observation.recordings.topics import Recorded
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -28,7 +28,7 @@ _EVERY_S = 1.0
 
 
 @app.command()
-def info(
+def lines(
     out: _Growing,
     keys: Annotated[
         list[str] | None, typer.Argument(metavar="[KEY…]", help=f"{_KEY}.  [default: a line per recording]")
@@ -48,7 +48,7 @@ def info(
         return
     if follow or begin or end is not None:
         raise OptionError("--follow, --from, --to: must stand beside a KEY, such as '*'")
-    from observation.recordings import info as figures
+    from observation.recordings import lines as figures
 
     found = figures.info(out)
     if json:
@@ -148,7 +148,7 @@ def _messages(
 
 def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> None:
     """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
-    from observation.recordings.info import Rate
+    from observation.recordings.lines import Rate
 
     found: dict[str, Rate] = {}
     due = time.monotonic() + _EVERY_S
@@ -161,12 +161,12 @@ def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> N
 
 
 def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
-    from observation.recordings import info
+    from observation.recordings import lines
     from observation.recordings.topics import short
 
     by_key = sorted(found.items(), key=lambda item: short(item[0]))
     if json:
-        print(json_.dumps([info.rate_as_json(key, rate) for key, rate in by_key]), flush=True)
+        print(json_.dumps([lines.rate_as_json(key, rate) for key, rate in by_key]), flush=True)
         return
     for key, rate in by_key:
-        print("\n".join(info.rate_sentences(key, rate)), flush=True)
+        print("\n".join(lines.rate_sentences(key, rate)), flush=True)

@@ -22,11 +22,10 @@ from actors.runtime.lifecycle.failure import failure_note, in_words, print_trace
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.linux import Ended
 from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
-from actors.runtime.message_counts import ActorDigest
 from actors.runtime.prints import Prints, taken_by
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
-from actors.runtime.shell import Shell, run_shell
+from actors.runtime.shell import ActorDigest, Shell, run_shell
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 

@@ -26,7 +26,7 @@ from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
 from observation.evidence.run_evidence import Deed, Route, SaidPlaces
-from observation.field_trial.robot_log import FRAME_OUTCOMES
+from observation.field_trial.recordings import FRAME_OUTCOMES
 from observation.view.drawn import say_at_once
 from observation.view.live import Seen
 from observation.view.painting import Painting

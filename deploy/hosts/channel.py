@@ -21,7 +21,7 @@ from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from deploy.clusters.address import host_and_port
-from observation.results.hosts_file import Id, Size, Sum
+from observation.results.seal import Id, Size, Sum
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 """Of a process that was asked for, counted over the run."""

@@ -19,8 +19,8 @@ from actors.runtime.errors import AcrcError, printable
 from deploy.clusters.address import PAGE, host_and_port
 from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
 from deploy.hosts.channel import ERRAND, FOLDER, PART, RUN, FilePart, HostErrand
-from observation.results import hosts_file
-from observation.results.hosts_file import HostPart, HostsFile, LeftFile, Size, Sum
+from observation.results import seal
+from observation.results.seal import HostPart, HostsFile, LeftFile, Size, Sum
 
 PIECE: Final = 4 << 20
 """Bytes of a file that are read at once."""
@@ -101,9 +101,9 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
     `address`: of the scheduler, as Dask spells it; empty: the one that the run had. What has come whole stays
     here, whatever happens then. Raises AcrcError.
     """
-    told = hosts_file.read(out)
+    told = seal.read(out)
     if told is None:
-        raise AcrcError(f"{out}: no run over several computers: there is no {hosts_file.NAME} in it")
+        raise AcrcError(f"{out}: no run over several computers: there is no {seal.NAME} in it")
     client = connect(address or told.cluster)
     try:
         ways = {host_and_port(worker)[0]: worker for worker in machines(client)}
@@ -111,7 +111,7 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
         files = size = 0
         for host in found:
             came = [one.bytes for one in host.listed() if host.bring(out, one)]
-            host.lacks_nothing(hosts_file.elsewhere(out))
+            host.lacks_nothing(seal.elsewhere(out))
             host.remove()
             files, size = files + len(came), size + sum(came)
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")

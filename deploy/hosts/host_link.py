@@ -38,7 +38,7 @@ from deploy.hosts.channel import (
 )
 from deploy.hosts.fetching import FilePartError, Incoming
 from deploy.hosts.host_program import LoadMeter
-from observation.results.hosts_file import HostLoad
+from observation.results.seal import HostLoad
 
 SUSPICIOUS_S: Final = 3.0
 """After so much silence nobody knows what a host's processes do."""

@@ -55,7 +55,7 @@ from deploy.hosts.channel import (
 )
 from deploy.hosts.fetching import Incoming
 from deploy.hosts.host_robots import HostRobots
-from observation.results.hosts_file import HostLoad
+from observation.results.seal import HostLoad
 
 KEYS: Final = "keys"
 RECORDED: Final = 3

@@ -40,8 +40,8 @@ from deploy.hosts.channel import (
 from deploy.hosts.host_link import HostLink, HostReception, below
 from deploy.hosts.host_probe import HostOffer
 from deploy.hosts.host_program import CODE
-from observation.results import hosts_file
-from observation.results.hosts_file import HostPart, HostsFile, LeftFile
+from observation.results import seal
+from observation.results.seal import HostPart, HostsFile, LeftFile
 
 
 @dataclass(frozen=True)
@@ -411,14 +411,14 @@ class RunHosts:
             for link in self._links
             for record, one in link.left.items()
         }
-        hosts_file.write(out, HostsFile(recruits.address, self._run, hosts, left))
+        seal.write(out, HostsFile(recruits.address, self._run, hosts, left))
 
     @property
     def kept(self) -> str:
         """One sentence on what has stayed on hosts, and how it comes here; empty if nothing has."""
         out = self._shared.out
-        if left := hosts_file.elsewhere(out):
-            return hosts_file.where(out, left)
+        if left := seal.elsewhere(out):
+            return seal.where(out, left)
         lost = [link.name for link in self._links if link.joined and not link.done]
         if not lost:
             return ""

@@ -67,10 +67,9 @@ from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.tables import Scenario
 from deploy.scenario.warnings import scenario_warnings
 from observation.results import summary
-from observation.results.hosts_file import elsewhere
 from observation.results.outcome import write_table
 from observation.results.result import Circumstances, RunResult, gather
-from observation.results.seal import seal
+from observation.results.seal import elsewhere, seal
 
 if TYPE_CHECKING:
     from deploy.hosts.run_hosts import Recruits, RunHosts

@@ -20,7 +20,7 @@ from deeco.replication.fragments import HEADER
 from observation.evidence.run_evidence import taken
 from observation.replay.run_recordings import all_recordings, setup_of
 from observation.trace.frame_fates import Fates, fate_name, read_fates
-from observation.trace.orders import AGAIN, GIVES_UP
+from observation.trace.knowledge import AGAIN, GIVES_UP
 from observation.trace.rows import Arrival, GoalChange, KnowledgeChange, Order, ReplicaRead, Trace, seconds
 
 _TOGETHER_US: Final = 2_000_000

@@ -7,8 +7,7 @@ import msgspec
 
 from observation.field_trial.clock_alignment import AlignmentParameters, Fit, align
 from observation.field_trial.frame_stamps import ClockSegments, shared_frames
-from observation.field_trial.recordings import FieldTrial, FieldTrialError
-from observation.field_trial.robot_log import Moment, RobotLog
+from observation.field_trial.recordings import FieldTrial, FieldTrialError, Moment, RobotLog
 
 _MOST_NOISE_US: Final = 1_000_000
 """Clocks that agree no better have not stamped the same frames."""

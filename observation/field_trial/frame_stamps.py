@@ -14,8 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observation.field_trial.recordings import FieldTrial
-from observation.field_trial.robot_log import Moment, RobotLog, Tick
+from observation.field_trial.recordings import FieldTrial, Moment, RobotLog, Tick
 
 
 class StampKind(IntEnum):

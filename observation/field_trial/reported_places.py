@@ -11,8 +11,7 @@ from actors.instant import Duration, seconds
 from actors.task.referee import PlaceOutcome, Referee, Verdict
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from observation.field_trial.aligned_clocks import AlignedClocks
-from observation.field_trial.recordings import FieldTrial
-from observation.field_trial.robot_log import Moment, RobotLog
+from observation.field_trial.recordings import FieldTrial, Moment, RobotLog
 
 _TOGETHER: Final[Duration] = seconds(30)
 """A robot whose last step lies so much before the last one of all still takes part at the end: people switch

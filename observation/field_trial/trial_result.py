@@ -19,9 +19,8 @@ from deeco.replication.fragments import Reassembly
 from deeco.replication.packet import unpack
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from observation.field_trial.aligned_clocks import AlignedClocks, ClockReport
-from observation.field_trial.recordings import FieldTrial, FieldTrialError
+from observation.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
 from observation.field_trial.reported_places import ReportedPlaces
-from observation.field_trial.robot_log import FRAME_OUTCOMES, RobotLog
 from observation.results.outcome import (
     DeecoResult,
     NodeOutcome,

@@ -13,9 +13,9 @@ from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.errors import AcrcError
-from actors.runtime.message_counts import ActorDigest, MessageHash, carries_digest, run_digest
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Direction, Entry, Note, Reading, RecordingError, decoded
+from actors.runtime.shell import ActorDigest, MessageHash, carries_digest, run_digest
 from observation.replay.run_recordings import all_recordings
 from observation.results.seal import Sealed, check_seal
 

@@ -12,7 +12,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
-from observation.results.hosts_file import elsewhere, where
+from observation.results.seal import elsewhere, where
 
 _RESTART: Final = re.compile(r"\.[0-9]{1,9}")
 

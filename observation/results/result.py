@@ -17,10 +17,10 @@ from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
 from actors.radio.radio_model import share
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.message_counts import run_digest
 from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
+from actors.runtime.shell import run_digest
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
 from observation.results.outcome import (

@@ -25,8 +25,7 @@ from actors.runtime.process_setup import located_model
 from actors.task.words import PlaceKey
 from deeco.node import Node, looking_on
 from observation.replay.run_recordings import recordings, setup_of
-from observation.trace.knowledge import Tracer
-from observation.trace.orders import goal_change
+from observation.trace.knowledge import Tracer, goal_change
 from observation.trace.rows import (
     Doing,
     GoalChange,

@@ -22,7 +22,7 @@ from observation.accounting.time_spent import BY_ROBOTS, Cause
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer, ExplanationError
 from observation.replay.run_recordings import recordings
-from observation.results.hosts_file import elsewhere, where
+from observation.results.seal import elsewhere, where
 from observation.trace.frame_fates import read_fates
 from observation.trace.traces import traces
 from observation.view.painting import Painting, arrangement, looked_into

@@ -17,9 +17,8 @@ from observation.evidence.run_evidence import Deed, Route, RunEvidence, taken
 from observation.evidence.run_reader import recorded_run
 from observation.evidence.things_over_time import OrderedChange, Things, ThingsOverTime, ordered
 from observation.field_trial.aligned_clocks import AlignedClocks
-from observation.field_trial.recordings import FieldTrial, read_field_trial
+from observation.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from observation.field_trial.reported_places import reported_places
-from observation.field_trial.robot_log import Moment, RobotLog
 from observation.recordings.topics import so_far
 
 Floats = NDArray[np.float64]

@@ -30,9 +30,8 @@ from actors.radio.radio_model import RadioSetup
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
-from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import Unrecorded
-from actors.runtime.shell import Shell
+from actors.runtime.shell import Shell, run_digest
 from actors.task.referee import PlaceOutcome, Referee
 from actors.task.task import Task
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport

@@ -14,8 +14,8 @@ from actors.runtime.errors import AcrcError
 from deploy.hosts import fetching
 from deploy.hosts.channel import ERRAND, HostErrand
 from deploy.hosts.fetching import Fetched, Listed, fetch
-from observation.results import hosts_file
-from observation.results.hosts_file import HostPart, HostsFile, LeftFile
+from observation.results import seal
+from observation.results.seal import HostPart, HostsFile, LeftFile
 
 RUN = "0123456789abcdef"
 FILES = {"r1/r1.mcap": b"recorded" * 700_000, "r1/r1.log": b"said\n", "r1/r1.1.mcap": b"", "r2/r2.mcap": b"r"}
@@ -48,7 +48,7 @@ def out(there: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     answers(monkeypatch, lambda function, *words: function(*words))
     folder = tmp_path / "runs" / "one"
     folder.mkdir(parents=True)
-    hosts_file.write(folder, told(there))
+    seal.write(folder, told(there))
     return folder
 
 
@@ -140,7 +140,7 @@ def test_a_list_that_cannot_be_is_refused(
     with pytest.raises(AcrcError) as caught:
         fetch(out, "", quiet)
     assert said in str(caught.value)
-    assert [path.name for path in out.iterdir()] == [hosts_file.NAME]
+    assert [path.name for path in out.iterdir()] == [seal.NAME]
 
 
 @pytest.mark.parametrize("lie", [b"", b"x" * (5 << 20), 3])
@@ -171,9 +171,9 @@ def test_a_worker_that_dies_or_is_not_there_is_named(out: Path, monkeypatch: pyt
 
 
 def test_a_folder_without_hosts_and_a_damaged_list_are_named(out: Path) -> None:
-    (out / hosts_file.NAME).write_text('{"cluster": 3}')
+    (out / seal.NAME).write_text('{"cluster": 3}')
     with pytest.raises(AcrcError, match=r"hosts.json: no list of a run's hosts: cluster is 3, but must be"):
         fetch(out, "", quiet)
-    (out / hosts_file.NAME).unlink()
+    (out / seal.NAME).unlink()
     with pytest.raises(AcrcError, match=r"no run over several computers: there is no hosts\.json in it"):
         fetch(out, "", quiet)

@@ -34,8 +34,8 @@ from deploy.hosts.fetching import FilePartError, GrowingFile, Incoming, parts
 from deploy.hosts.host_probe import HostOffer, unfit
 from deploy.hosts.host_program import LoadMeter
 from deploy.hosts.run_hosts import shares
-from observation.results import hosts_file
-from observation.results.hosts_file import HostLoad, HostPart, HostsFile, LeftFile
+from observation.results import seal
+from observation.results.seal import HostLoad, HostPart, HostsFile, LeftFile
 
 HERE = "127.0.0.1"
 
@@ -291,26 +291,26 @@ def test_nothing_is_said_of_a_host_that_has_told_nothing() -> None:
 
 
 def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
-    assert hosts_file.read(tmp_path) is None
-    assert hosts_file.elsewhere(tmp_path) == {}
+    assert seal.read(tmp_path) is None
+    assert seal.elsewhere(tmp_path) == {}
     part = HostPart("10.0.0.2", 2, ("r1", "r2"), "/tmp/acrc-x")
     left = {f"r{n}/r{n}.mcap": LeftFile(f"h{n % 2}", 1, "0" * 64) for n in (1, 2, 3)}
     told = HostsFile("tls://10.0.0.1:8786", "0", {"h0": part}, left)
-    hosts_file.write(tmp_path, told)
-    assert hosts_file.read(tmp_path) == told
-    assert hosts_file.where(tmp_path, hosts_file.elsewhere(tmp_path)) == (
+    seal.write(tmp_path, told)
+    assert seal.read(tmp_path) == told
+    assert seal.where(tmp_path, seal.elsewhere(tmp_path)) == (
         f"{tmp_path}/r1/r1.mcap and 2 more are still on hosts h0, h1; "
         f"`{typed('cluster', 'fetch', tmp_path)}` brings what has stayed there"
     )
     for number in (1, 2):
         (tmp_path / f"r{number}").mkdir()
         (tmp_path / f"r{number}" / f"r{number}.mcap").touch()
-    assert "r3/r3.mcap is still on host h1;" in hosts_file.where(tmp_path, hosts_file.elsewhere(tmp_path))
+    assert "r3/r3.mcap is still on host h1;" in seal.where(tmp_path, seal.elsewhere(tmp_path))
     for damage in (
         b"[]",
         msgspec.json.encode(told).replace(b"r3/r3", b"../r3"),
         b'{"cluster": "\\u001b[2J"}',
     ):
-        (tmp_path / hosts_file.NAME).write_bytes(damage)
+        (tmp_path / seal.NAME).write_bytes(damage)
         with pytest.raises(AcrcError, match=r"hosts\.json: no list of a run's hosts"):
-            hosts_file.elsewhere(tmp_path)
+            seal.elsewhere(tmp_path)

@@ -15,7 +15,7 @@ from benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
 from observation.accounting.account import account
 from observation.evidence.run_reader import RunReader
 from observation.replay import recheck, record_check
-from observation.results import hosts_file
+from observation.results import seal
 from observation.results.seal import check_seal
 from tests.swarm.command import run as run_here
 
@@ -138,7 +138,7 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
     assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
-    told = hosts_file.read(out)
+    told = seal.read(out)
     assert told is not None
     assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
     for wants_robots in (account, record_check.check, check_seal, recheck.recheck):

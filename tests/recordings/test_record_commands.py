@@ -13,8 +13,7 @@ from actors.orders import Kill
 from actors.runtime.codec import encode
 from actors.runtime.recording import Recorder, RecordingError
 from observation.recordings import lines
-from observation.recordings.info import info
-from observation.recordings.lines import at_column, plain
+from observation.recordings.lines import at_column, info, plain
 from observation.recordings.topics import TopicError, fits, follow, has_ended, messages
 from observation.replay.record_check import check_recording
 from tests.in_process import acrc

@@ -17,8 +17,7 @@ from observation.replay.sandboxed_calls import Call, ask
 from observation.trace import traces as keeping
 from observation.trace import traces as tracing
 from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.knowledge import ABSENT, PathDifference, differences, root
-from observation.trace.orders import KnownPoints
+from observation.trace.knowledge import ABSENT, KnownPoints, PathDifference, differences, root
 from observation.trace.program import whole
 from observation.trace.rows import Trace
 from observation.trace.traces import PART, Traced, traces

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from actors.runtime.message_counts import MessageHash
 from actors.runtime.process import FinalNote
+from actors.runtime.shell import MessageHash
 from actors.task.referee import PlaceOutcome
 from deeco.instant import Instant, in_seconds, milliseconds
 from deeco.statistics import Statistics

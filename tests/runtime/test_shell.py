@@ -12,7 +12,6 @@ from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.codec import encode
 from actors.runtime.core import Address, Delivery, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (
     Entry,
     Note,
@@ -22,7 +21,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from actors.runtime.shell import Shell
+from actors.runtime.shell import Shell, run_digest
 
 ROBOTS = ("r1", "r22", "r333")
 
