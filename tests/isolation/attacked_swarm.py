@@ -21,7 +21,7 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime.access import rules
 from actors.runtime.access.credentials import Credentials, issue, reveal
 from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle import environment, process_table
+from actors.runtime.lifecycle import process_table
 
 Note = dict[str, Any]
 """Data that the stages of one attack share through the test instead of the swarm."""
@@ -199,7 +199,7 @@ class AttackedSwarm:
             stdout=subprocess.PIPE,
             text=True,
             cwd=self._swarm.out,
-            env=environment.passed_on(shell) if isolated else shell,
+            env=process_table.passed_on(shell) if isolated else shell,
             pass_fds=[self._swarm.inherited],
         )
         self._write(name, self._swarm._asdict())

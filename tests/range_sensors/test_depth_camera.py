@@ -14,7 +14,7 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
-from firmware_bridge.range_sensors import depth_camera
+from firmware_bridge.range_sensors import depth as depth_camera
 from firmware_bridge.range_sensors.depth import (
     Camera,
     CameraError,
