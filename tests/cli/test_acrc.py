@@ -21,53 +21,27 @@ NEEDED = "but Python 3.11 or newer with venv is needed; on Debian or Ubuntu: sud
 EXTRAS = {
     "record check out": "",
     "replay out --robot r1": "sim",
-    "record merge out": "",
-    "record echo out truth": "",
     "record plot out": "pictures",
     "export out": "experiments sim",
     "export out --mcap ros2": "logs sim",
     "verify radio causes": "cluster dev experiments hardware pictures sim",
-    "verify radio --data rows": "sim",
-    "verify --list": "sim",
     "bench radio": "pictures sim",
     "fleet doctor": "",
     "fleet watch tls/r1:7447": "",
-    "fleet stop tls/r1:7447": "",
-    "fleet collect out": "",
-    "fleet units fleet.toml": "hardware",
     "run --on tls://h:1": "cluster hardware sim",
-    "bench hosts": "cluster hardware sim",
-    "fleet bundle fleet.toml": "hardware",
     "view out": "observe sim",
     "view out --png": "pictures",
-    "view out --html": "pictures",
-    "view out --movie=m.gif": "pictures",
-    "explain out r1": "sim",
-    "branch out@3": "sim",
-    "list maps": "",
-    "docs": "docs",
-    "order out stop": "",
     "campaign --help": "",
-    "campaign study.toml --on dask://HOST --help": "",
     "run --view --help": "",
-    "verify onboard --help": "",
-    "view --help": "",
-    "docs --help": "",
-    "test --help": "",
-    "check --help": "",
-    "fleet onboard --help": "",
     "check": "cluster control dev docs experiments hardware logs observe pictures sim",
     "test": "cluster control dev docs experiments hardware logs pictures sim",
-    "fleet keys f.toml": "hardware",
     "fleet onboard f.toml --robot r1": "hardware",
     "run s.toml --hardware-in-the-loop": "hardware sim",
-    "bench world": "sim",
 }
 """Extras that `./acrc` installs for a command."""
 
 
 def extras_of(commands: Iterable[str]) -> dict[str, str]:
-    """Return the extras that `./acrc` installs for each command."""
     body = re.search(r"^extras_for\(\) \{.*?^\}$", (ROOT / "acrc").read_text(), re.MULTILINE | re.DOTALL)
     assert body is not None
     names = list(commands)
@@ -112,7 +86,6 @@ class Clone:
         return len(self.notes.read_text().splitlines()) if self.notes.exists() else 0
 
     def installed(self) -> set[str]:
-        """Names of the packages that the last call of pip was given."""
         pins = self.tools.parent / "notes.pins"
         return {line.partition("==")[0] for line in pins.read_text().splitlines()}
 

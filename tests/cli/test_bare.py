@@ -52,7 +52,6 @@ for command, modules in commands.items():
 
 
 def imports_of(command: object) -> list[str]:
-    """Return the modules that the function behind a command imports when it is called."""
     function = inspect.unwrap(command.callback)  # type: ignore[attr-defined]
     nodes = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))
     names = [
@@ -70,7 +69,6 @@ def is_module(name: str) -> bool:
 
 
 def by_extras() -> dict[str, dict[str, list[str]]]:
-    """Return the modules of each command, grouped by the extras of the command."""
     apart = {"acrc", "acrc test", "acrc check", "acrc add"}
     commands = {
         words.removeprefix("acrc "): imports_of(command)

@@ -158,7 +158,6 @@ def test_json_is_alone_on_standard_output(capsys: pytest.CaptureFixture[str]) ->
 
 
 def told(words: str, cwd: Path = ROOT) -> list[str]:
-    """What is offered for the last of the words, which may be empty."""
     asked = {"_ACRC_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
     done = acrc(cwd=cwd, env=asked)
     assert (done.returncode, done.stderr) == (0, "")

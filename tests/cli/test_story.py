@@ -11,8 +11,6 @@ from tests.in_process import acrc
 
 
 class Story:
-    """Commands typed one after the other in one folder."""
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
@@ -24,7 +22,6 @@ class Story:
         return done.stdout
 
     def answer(self, words: str, makes: str = "") -> Any:
-        """Return the JSON that a command prints."""
         return json.loads(self.type(f"{words} --json", makes))
 
 

@@ -19,7 +19,6 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What each command of the page prints, in a folder with its files."""
     folder = tmp_path_factory.mktemp("clone")
     for name in ("scenarios", "maps"):
         (folder / name).symlink_to(ROOT / name)
@@ -32,7 +31,6 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def typed(folder: Path, command: str) -> str:
-    """What a command prints on standard output; it must succeed."""
     program, *words = shlex.split(command)
     assert program == "./acrc"
     env = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}

@@ -6,12 +6,9 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 from actors.installation import repository
 from actors.installation.repository import REPOSITORY
 
-PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 PACKAGES = tuple(sorted(repository.PACKAGES))
 PAGES = [
     "README.md",
@@ -31,7 +28,6 @@ ELSEWHERE = {
 
 @cache
 def sources() -> list[Path]:
-    """Every Python file that git knows of or would take."""
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
     listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
@@ -72,18 +68,6 @@ def coded(text: str) -> str:
     return code
 
 
-@cache
-def defined(path: Path) -> set[str]:
-    """Classes, functions and methods of a file, these as `Class.method`."""
-    found = set()
-    for node in ast.parse(path.read_text()).body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
-        if isinstance(node, ast.ClassDef):
-            found |= {f"{node.name}.{one.name}" for one in node.body if isinstance(one, ast.FunctionDef)}
-    return found
-
-
 def test_modules_on_pages_exist() -> None:
     packages, wrong = "|".join(PACKAGES), []
     for page in PAGES:
@@ -110,15 +94,3 @@ def test_classes_on_pages_exist() -> None:
             elif member and member not in ours.get(name, {member}):
                 wrong.append(f"{page}: {name}.{member}")
     assert wrong == []
-
-
-@pytest.mark.parametrize("title", ["The way of one scan", "The way of one packet of knowledge"])
-def test_names_in_a_table_of_the_architecture_are_in_the_file_beside_them(title: str) -> None:
-    everything = set().union(*(defined(REPOSITORY / path) for path in sources() if path.parts[0] in PACKAGES))
-    section = PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
-    for row in [line for line in section.splitlines() if line.startswith("|")][2:]:
-        files = [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", row)]
-        here = set().union(*(defined(path) for path in files))
-        for name in re.findall(r"`([A-Za-z_]\w*(?:\.\w+)*)`", row):
-            is_other_class = name[0].isupper() and "." not in name and name in everything
-            assert name in here or is_other_class, f"{name} in: {row}"

@@ -20,7 +20,6 @@ def claims(source: str) -> Iterator[tuple[str, str]]:
 
 
 def claims_in(node: ast.AST) -> set[str]:
-    """Return the claims of the markers in an expression."""
     calls = [one for one in ast.walk(node) if isinstance(one, ast.Call)]
     marks = [one for one in calls if isinstance(one.func, ast.Attribute) and one.func.attr == "claim"]
     return {str(one.args[0].value) for one in marks if isinstance(one.args[0], ast.Constant)}

@@ -13,7 +13,6 @@ LEFT_OUT = {"apsw", "backports-zstd", "lz4", "ruamel-yaml", "zstandard"}
 
 
 def lines() -> list[str]:
-    """Those of constraints.txt, each with those that continue it."""
     return (ROOT / "constraints.txt").read_text().replace("\\\n", " ").splitlines()
 
 
@@ -32,17 +31,9 @@ def sections() -> dict[str, dict[str, Requirement]]:
 
 
 def wanted() -> dict[str, list[str]]:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return {
-        "build": build_requirements(),
-        "base": project["dependencies"],
-        **project["optional-dependencies"],
-    }
-
-
-def build_requirements() -> list[str]:
-    needed: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["build-system"]["requires"]
-    return needed
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project, needed = settings["project"], settings["build-system"]["requires"]
+    return {"build": needed, "base": project["dependencies"], **project["optional-dependencies"]}
 
 
 def closure(names: list[str]) -> set[str]:
@@ -62,10 +53,7 @@ def closure(names: list[str]) -> set[str]:
 
 def test_the_sections_are_the_extras() -> None:
     assert list(sections()) == list(wanted())
-
-
-def test_what_builds_the_project_is_pinned_as_it_says_itself() -> None:
-    assert [str(pin) for pin in sections()["build"].values()] == build_requirements()
+    assert [str(pin) for pin in sections()["build"].values()] == wanted()["build"]
 
 
 def test_every_pin_has_the_hashes_of_its_files() -> None:
@@ -90,17 +78,13 @@ def test_the_pins_of_an_extra_are_what_it_needs_and_nothing_else(extra: str) -> 
     assert own - needed == set()
 
 
-def test_every_pin_is_exact_and_what_is_installed() -> None:
+def test_every_pin_is_exact_and_installed_and_satisfies_the_others() -> None:
     for extra, section in sections().items():
         for name, pin in section.items():
             (exact,) = pin.specifier
             assert exact.operator == "=="
-            if extra == "build":
-                continue  # in a folder of its own, and only while the project is installed
-            assert (name, exact.version) == (name, metadata.version(name))
-
-
-def test_the_pins_satisfy_one_another() -> None:
+            # what builds the project is installed in a folder of its own, and removed
+            assert extra == "build" or (name, exact.version) == (name, metadata.version(name))
     pins = {name: pin for section in sections().values() for name, pin in section.items()}
     for name in set(pins) - set(sections()["build"]):
         for text in metadata.requires(name) or []:
@@ -113,28 +97,12 @@ def test_the_pins_satisfy_one_another() -> None:
 
 
 def test_no_file_names_a_place_to_download_from() -> None:
-    text = "".join(
-        (ROOT / name).read_text() for name in ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
-    )
+    files = ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
+    text = "".join((ROOT / name).read_text() for name in files)
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
 
 
-@pytest.mark.parametrize(
-    "extra",
-    [
-        "base",
-        "sim",
-        "observe",
-        "control",
-        "hardware",
-        "pictures",
-        "experiments",
-        "cluster",
-        "logs",
-        "docs",
-        "dev",
-    ],
-)
+@pytest.mark.parametrize("extra", [name for name in sections() if name != "build"])
 def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
     """Within a quarter, for wheels differ between machines, or 5 MB."""
     script = (ROOT / "acrc").read_text()

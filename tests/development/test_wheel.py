@@ -27,7 +27,6 @@ DATA = ("maps", "scenarios", "studies", "fleets")
 
 
 def committed() -> list[str]:
-    """Every file that git knows of or would take."""
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     return [line for line in listed.splitlines() if (REPOSITORY / line).exists()]
@@ -48,7 +47,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment that has the wheel, and what it depends on, and knows nothing of the clone."""
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
@@ -61,7 +59,6 @@ def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def acrc(python: Path, folder: Path, *words: str, path: str = "") -> subprocess.CompletedProcess[str]:
-    """What a command line says that Python finds in the environment, or first in the folders of `path`."""
     command = [str(python), "-P", "-m", "command_line", *words]
     env = os.environ | {"PYTHONPATH": path}  # the tests' own leads to the clone
     return subprocess.run(
@@ -86,7 +83,7 @@ def test_the_wheel_has_every_file_of_the_packages_and_the_data(wheel: Path) -> N
 
 
 @pytest.mark.nightly
-def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tmp_path: Path) -> None:
+def test_scenarios_are_found_and_missing_parts_are_named(python: Path, tmp_path: Path) -> None:
     listed = json.loads(acrc(python, tmp_path, "list", "scenarios", "--json").stdout)
     assert {row["name"] for row in listed} == {path.stem for path in (REPOSITORY / "scenarios").iterdir()}
     assert all((tmp_path / row["path"]).is_file() for row in listed)
@@ -95,31 +92,25 @@ def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tm
         done = acrc(python, tmp_path, command)
         assert done.returncode == 1
         assert done.stderr == f"acrc: {command}: requires a clone of the repository (got a wheel in {site})\n"
-
-
-@pytest.mark.nightly
-def test_an_extra_that_is_missing_is_named(python: Path, tmp_path: Path) -> None:
     (tmp_path / "absent").mkdir()
     (tmp_path / "absent" / "sitecustomize.py").write_text("import sys\nsys.modules['scipy.stats'] = None\n")
     done = acrc(python, tmp_path, "study", "plan", path=str(tmp_path / "absent"))
-    assert done.returncode == 1
-    assert done.stderr == (
-        "acrc: the Python package scipy.stats is not installed; to install it: pip install "
+    assert (done.returncode, done.stderr) == (
+        1, "acrc: the Python package scipy.stats is not installed; to install it: pip install "
         "'acrc-testbed[experiments]'\n"
-    )
+    )  # fmt: skip
 
 
 def test_every_package_of_an_extra_has_its_name() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    imported = {
-        "pyserial": "serial",
-        "rerun-sdk": "rerun",
+    imported = {"pyserial": "serial", "rerun-sdk": "rerun"}
+    named = {
+        Requirement(one).name: extra
+        for extra, packages in project["optional-dependencies"].items()
+        for one in packages
+        if extra not in {"dev", "docs"}  # these need a clone
     }
-    needs_a_clone = {"dev", "docs"}
-    named = {Requirement(one).name: extra for extra, all_of_it in extras.items() for one in all_of_it}
-    wanted = {imported.get(name, name): extra for name, extra in named.items() if extra not in needs_a_clone}
-    assert wanted == usage._EXTRAS
+    assert {imported.get(name, name): extra for name, extra in named.items()} == usage._EXTRAS
 
 
 @pytest.mark.nightly

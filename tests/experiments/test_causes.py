@@ -13,7 +13,7 @@ from observation.accounting.account import account
 from observation.accounting.time_spent import Cause, DeadlockCount, TimeSpent
 from observation.evidence.run_reader import read_run
 from tests.experiments.situations import NECKS, PLANTED, Plant, Robot, Situation, quiet
-from tests.parallel import in_memory, in_order
+from tests.helpers import in_memory, in_order
 
 Record = Callable[[str, object], None]
 LEAST_S = 3.0

@@ -18,7 +18,7 @@ from observation.accounting.tracks import ABORTED, STANDARD, Episode, Tracks, lo
 from observation.accounting.true_floor import Passages
 from observation.evidence.run_reader import read_run
 from observation.results.outcome import GivenGoal
-from tests.parallel import in_memory, in_order
+from tests.helpers import in_memory, in_order
 
 BLOCKED_S = 30.0
 """Robots that stand for so long close to each other block each other."""

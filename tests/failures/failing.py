@@ -14,7 +14,6 @@ from tests.swarm.command import ROOT, begin, leftovers, processes_of
 
 
 def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
-    """Wait for something that must come true."""
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline, "waited in vain"
@@ -22,7 +21,6 @@ def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
 
 
 def stepping(out: Path) -> bool:
-    """True once the run in `out` has taken a good number of steps."""
     recording = out / "world" / "world.mcap"
     return recording.exists() and recording.stat().st_size > 100_000
 
@@ -51,7 +49,6 @@ Acrc = TypeVar("Acrc", warm.Begun, subprocess.Popen[str])
 
 
 def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:
-    """A long run that has begun to step."""
     corridor = ROOT / "scenarios" / "corridor.toml"
     process = begins("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet

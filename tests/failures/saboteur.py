@@ -2,15 +2,12 @@
 
 import contextlib
 import ctypes
-import mmap
 import os
-import resource
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from actors.instant import Instant, seconds
@@ -28,7 +25,6 @@ class Raises:
         self._inner = baseline(start)
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As the baseline, for a while."""
         if self._guilty and view.instant >= WHEN:
             raise ZeroDivisionError("my strategy divides by the number of its friends")
         return self._inner.advance(view, until)
@@ -42,11 +38,19 @@ class Behaves(Raises):
         self._deed = deed
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As the baseline, for a while."""
         if self._guilty and view.instant >= WHEN:
             self._guilty = False
             self._deed()
         return self._inner.advance(view, until)
+
+
+def deed(work: Callable[[], object]) -> Callable[[Start], Behaviour]:
+    """Return the entry of a behaviour whose r2 does this work."""
+    return lambda start: Behaves(start, work)
+
+
+def raises(start: Start) -> Behaviour:
+    return Raises(start)
 
 
 def _sleep() -> None:
@@ -60,13 +64,48 @@ def _spin() -> None:
         count += 1
 
 
-def _fork() -> None:
+hangs = deed(_sleep)
+spins = deed(_spin)
+exits = deed(lambda: sys.exit(0))
+exits_hard = deed(lambda: os._exit(0))
+crashes = deed(os.abort)
+starts_a_thread = deed(lambda: threading.Thread(target=time.sleep, args=(1000,), name="mine").start())
+
+
+@deed
+def vforks() -> None:
+    """Wait in the kernel for a child that does nothing: asleep as if for a disk."""
+    clone = {"x86_64": 56, "aarch64": 220}[os.uname().machine]
+    vfork = 0x4000
+    if ctypes.CDLL(None).syscall(clone, vfork | signal.SIGCHLD, 0, 0, 0, 0) == 0:
+        time.sleep(1000)
+        os._exit(0)
+
+
+@deed
+def never_returns() -> None:
+    """Stay in a function in C with signals blocked; no other thread runs Python."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))
+    ctypes.PyDLL(None).sleep(1000)
+
+
+@deed
+def catches_all() -> None:
+    while True:
+        with contextlib.suppress(BaseException):
+            _sleep()
+
+
+@deed
+def forks() -> None:
     if os.fork() == 0:
         time.sleep(1000)
         os._exit(0)
 
 
-def _fork_twice() -> None:
+@deed
+def forks_twice() -> None:
+    """Leave a process behind whose parent has ended."""
     child = os.fork()
     if child == 0:
         if os.fork() == 0:
@@ -76,31 +115,27 @@ def _fork_twice() -> None:
     os.waitpid(child, 0)
 
 
-def _start_a_thread() -> None:
-    threading.Thread(target=time.sleep, args=(1000,), name="mine").start()
-
-
-def _say_much() -> None:
+@deed
+def says_much() -> None:
     raise ValueError("first line\nsecond \x1b[31mline\udc80")
 
 
-def raises(start: Start) -> Behaviour:
-    """Entry `tests.failures.saboteur:raises`."""
-    return Raises(start)
+@deed
+def hoards() -> None:
+    hoard: list[bytearray] = []
+    while True:
+        hoard.append(bytearray(10_000_000))
 
 
-def hangs(start: Start) -> Behaviour:
-    """Never answers, and uses no processor."""
-    return Behaves(start, _sleep)
-
-
-def spins(start: Start) -> Behaviour:
-    """Never answers, and uses as much processor as there is."""
-    return Behaves(start, _spin)
+@deed
+def fills() -> None:
+    """Fill the disk, then wait for the watch."""
+    for number in range(60):
+        Path(f"{number}.bin").write_bytes(bytes(1_000_000))
+    _sleep()
 
 
 def naps(start: Start) -> Behaviour:
-    """Sleeps for longer than a second, but not for too long, three steps long."""
     inner = baseline(start)
 
     class Naps:
@@ -112,134 +147,7 @@ def naps(start: Start) -> Behaviour:
     return Naps()
 
 
-def half_works(start: Start) -> Behaviour:
-    """Never answers, and uses the processor half of the time."""
-
-    def work() -> None:
-        while True:
-            end_s = time.process_time() + 0.05
-            while time.process_time() < end_s:
-                pass
-            time.sleep(0.05)
-
-    return Behaves(start, work)
-
-
-def vforks(start: Start) -> Behaviour:
-    """Waits in the kernel for a process of its own that does nothing: asleep as if for a disk."""
-
-    def wait() -> None:
-        clone = {"x86_64": 56, "aarch64": 220}[os.uname().machine]
-        vfork = 0x4000
-        if ctypes.CDLL(None).syscall(clone, vfork | signal.SIGCHLD, 0, 0, 0, 0) == 0:
-            time.sleep(1000)
-            os._exit(0)
-
-    return Behaves(start, wait)
-
-
-def never_returns(start: Start) -> Behaviour:
-    """Stays in a function in C, deaf to signals, and lets no other thread run Python."""
-
-    def stay() -> None:
-        signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))
-        ctypes.PyDLL(None).sleep(1000)
-
-    return Behaves(start, stay)
-
-
-def catches_all(start: Start) -> Behaviour:
-    """Heeds nobody."""
-
-    def stay() -> None:
-        while True:
-            with contextlib.suppress(BaseException):
-                _sleep()
-
-    return Behaves(start, stay)
-
-
-def forks(start: Start) -> Behaviour:
-    """Leaves a process behind."""
-    return Behaves(start, _fork)
-
-
-def forks_twice(start: Start) -> Behaviour:
-    """Leaves a process behind whose parent has ended."""
-    return Behaves(start, _fork_twice)
-
-
-def starts_a_thread(start: Start) -> Behaviour:
-    """Leaves a thread behind, that is no daemon."""
-    return Behaves(start, _start_a_thread)
-
-
-def exits(start: Start) -> Behaviour:
-    """Ends its process as if all were well."""
-    return Behaves(start, lambda: sys.exit(0))
-
-
-def exits_hard(start: Start) -> Behaviour:
-    """Ends its process as if all were well, and nobody can say a last word."""
-    return Behaves(start, lambda: os._exit(0))
-
-
-def says_much(start: Start) -> Behaviour:
-    """Raises with more than a line of text, and not only letters in it."""
-    return Behaves(start, _say_much)
-
-
-def hoards(start: Start) -> Behaviour:
-    """Takes more memory than there is, and writes on it."""
-    hoard: list[bytearray] = []
-
-    def take() -> None:
-        while True:
-            hoard.append(bytearray(10_000_000))
-
-    return Behaves(start, take)
-
-
-def leave_20_mb() -> None:
-    """Lower the limit to what this process has and 20 MB, to 10 MB; how much it has, no file tells it."""
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    for most in range(30_000_000, hard, 10_000_000):
-        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
-        with suppress(OSError, MemoryError):
-            mmap.mmap(-1, 20_000_000, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS).close()
-            return
-
-
-def hoards_crumbs(start: Start) -> Behaviour:
-    """Takes the last byte, too, of the 20 MB that it leaves itself."""
-    hoard: list[bytearray] = []
-
-    def take() -> None:
-        leave_20_mb()
-        while True:
-            hoard.append(bytearray(1))
-
-    return Behaves(start, take)
-
-
 def cannot_be_made(start: Start) -> Behaviour:
-    """Fails before its first step, if it is r2."""
     if start.robot == "r2":
         raise ZeroDivisionError("my strategy has no friends")
     return baseline(start)
-
-
-def crashes(start: Start) -> Behaviour:
-    """Ends its process by a signal of its own."""
-    return Behaves(start, os.abort)
-
-
-def fills(start: Start) -> Behaviour:
-    """Fills the disk, a file after the other, and waits for what comes of it."""
-
-    def write() -> None:
-        for number in range(60):
-            Path(f"{number}.bin").write_bytes(bytes(1_000_000))
-        _sleep()
-
-    return Behaves(start, write)

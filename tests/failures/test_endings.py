@@ -131,7 +131,6 @@ def wrong_end(one: Disturbance, how: str, code: int, said: str) -> Iterator[str]
 
 
 def left(out: Path) -> list[str]:
-    """Processes, sockets and credentials that still exist after 10 s."""
     deadline = time.monotonic() + 10.0
     while (
         found := [*map(str, processes_of(out)), *map(str, leftovers(out))]
@@ -142,7 +141,6 @@ def left(out: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Of the undisturbed run."""
     options = RunOptions(tmp_path_factory.mktemp("undisturbed") / "out", bus="memory")
     plan = swarm.plan(load_scenario(None, Overrides(robots=2, duration=SIMULATED_S)), options)
     return swarm.run_in_memory(plan, lambda progress: None).digest

@@ -1,43 +1,33 @@
-"""A killed process and Ctrl-C end the run, which names the cause and leaves nothing behind."""
+"""Kills, Ctrl-C and exceeded limits end the run, which names the cause and leaves nothing behind."""
 
 import os
+import re
 import signal
 from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
+from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.branches.swarm_replay import replay_swarm
+from deploy.run.options import RunOptions, checked
 from observation.replay.record_replay import replay_actor
 from tests import in_process
 from tests.failures.failing import Death, gone, killed, last_step, process_of, started, until
-from tests.swarm.command import begin, start
+from tests.swarm.command import acrc, begin, leftovers, processes_of, start
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 
 
 @pytest.fixture(scope="module")
 def r2_killed(tmp_path_factory: pytest.TempPathFactory) -> Death:
-    """For all who look at what it left."""
     return killed(tmp_path_factory.mktemp("r2") / "out", "r2", "forkserver")
 
 
-@pytest.mark.parametrize(
-    ("actor", "spawn"),
-    [
-        ("world", "exec"),
-        *(
-            pytest.param(actor, spawn, marks=pytest.mark.nightly)
-            for actor, spawn in (("radio", "forkserver"), ("world", "forkserver"), ("r2", "exec"))
-        ),
-    ],
-)
-def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, actor: str, spawn: str) -> None:
-    check_end(killed(tmp_path / "out", actor, spawn), actor)
-
-
-def test_a_killed_robot_ends_the_run_at_once(r2_killed: Death) -> None:
+def test_a_killed_process_ends_the_run_at_once(r2_killed: Death, tmp_path: Path) -> None:
     check_end(r2_killed, "r2")
+    check_end(killed(tmp_path / "out", "world", "exec"), "world")
 
 
 def check_end(death: Death, actor: str) -> None:
@@ -51,10 +41,9 @@ def check_end(death: Death, actor: str) -> None:
     assert max(steps.values()) - min(steps.values()) <= 1
 
 
-@pytest.mark.parametrize("spawn", ["forkserver", pytest.param("exec", marks=pytest.mark.nightly)])
-def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
+def test_ctrl_c_ends_the_run_with_130(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = started(start, out, "--spawn", spawn)
+    process = started(start, out)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
@@ -63,19 +52,17 @@ def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
     assert in_process.acrc("record", "check", out).returncode == 0
 
 
-@pytest.mark.parametrize("spawn", ["forkserver", pytest.param("exec", marks=pytest.mark.nightly)])
-def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) -> None:
+def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = started(start, out, "--spawn", spawn)
+    process = started(start, out)
     process.kill()
     process.wait()
     until(lambda: gone(out), timeout_s=5.0)
 
 
-@pytest.mark.parametrize("spawn", ["exec", pytest.param("forkserver", marks=pytest.mark.nightly)])
-def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path, spawn: str) -> None:
+def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = started(begin, out, "--spawn", spawn)
+    process = started(begin, out, "--spawn", "exec")
     process.send_signal(signal.SIGSTOP)  # else it might tidy up after the world
     os.kill(process_of(out, "world"), signal.SIGKILL)
     process.kill()
@@ -87,3 +74,45 @@ def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(r2_killed: Death) -> N
     assert replay_actor(r2_killed.out, "r2").outputs > 0
     again = replay_swarm(r2_killed.out, permit=INSTALLED)
     assert again.messages > 0 and not again.complete
+
+
+def test_limits_are_words_and_wrong_ones_are_refused(tmp_path: Path) -> None:
+    assert limits(("memory_mb=1500", "processes=9")) == ProcessLimits(memory_mb=1500, processes=9)
+    assert limits(()) == ProcessLimits()
+    for word in ("memory_mb", "memory_mb=0", "disk=3", "file_mb=1e9"):
+        with pytest.raises(LimitError) as caught:
+            limits((word,))
+        assert str(caught.value) == (
+            f"--limit: {word}; must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            'processes, "=" and a number from 1 to 999999999'
+        )
+    out = tmp_path / "out"
+    for options, words, sentence in (
+        (RunOptions(out, bus="memory"), ("file_mb=1",), "--limit: requires --bus zenoh; it limits a "),
+        (RunOptions(out), ("file_mb",), "--limit: file_mb; must be one of memory_mb, "),
+        (RunOptions(out, speed="0.02", timeout_s=5.0), (),
+         "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"),
+    ):  # fmt: skip
+        with pytest.raises(OptionError) as refused:
+            checked(options, words)
+        assert str(refused.value).startswith(sentence)
+
+
+def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=2000", "--timeout", 60)
+    done = acrc("run", "--strategy", "tests.failures.saboteur:hoards", *words, "--out", out)
+    assert done.returncode == 1
+    assert re.search(r"acrc: r2 failed in step 20: MemoryError \(saboteur.py:\d+\)\n$", done.stderr)
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_a_strategy_that_fills_the_disk_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--robots", 2, "--duration", 4, "--isolate", "--limit", "disk_mb=30")
+    done = acrc("run", "--strategy", "tests.failures.saboteur:fills", *words, "--out", out)
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1] == (
+        f"acrc: r2 has written more than 30 MB to {out}/r2; --limit disk_mb=N allows more"
+    )
+    assert processes_of(out) == [] and leftovers(out) == []

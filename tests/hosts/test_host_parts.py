@@ -5,6 +5,7 @@ import ssl
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -119,21 +120,15 @@ OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, 
     [
         (OFFER, None),
         (msgspec.structs.replace(OFFER, versions={"python": "3.11.7", "more": "1"}, cores=2), None),
-        (
-            msgspec.structs.replace(OFFER, commit="def"),
-            "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
-            "abc, and start its worker anew",
-        ),
-        (
-            msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
-            "has python 3.12.1, this is 3.11.7; must be the same",
-        ),
-        (
-            msgspec.structs.replace(OFFER, kernels={"arrays": "2" * 64}),
-            "computes otherwise than this computer: other bits come from arrays",
-        ),
+        (msgspec.structs.replace(OFFER, commit="def"),
+         "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
+         "abc, and start its worker anew"),
+        (msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
+         "has python 3.12.1, this is 3.11.7; must be the same"),
+        (msgspec.structs.replace(OFFER, kernels={"arrays": "2" * 64}),
+         "computes otherwise than this computer: other bits come from arrays"),
     ],
-)
+)  # fmt: skip
 def test_who_is_no_fit_host_is_told_why(there: HostOffer, fault: str | None) -> None:
     assert unfit(there, OFFER) == fault
 
@@ -152,14 +147,11 @@ def test_what_is_none_is_refused(word: str) -> None:
         place_of(word)
 
 
-def test_a_computer_that_is_reached_by_anothers_address_listens_everywhere() -> None:
+def test_addresses_are_bound_and_schemes_are_equal() -> None:
     assert bound(HERE) == HERE
     assert bound("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
     with pytest.raises(AcrcError, match="--listen"):
         bound("no.such.host.invalid")
-
-
-def test_an_address_can_be_written_in_two_ways() -> None:
     assert plain("dask+tls://lab:8786") == plain("tls://lab:8786") == "tls://lab:8786"
     assert plain("dask://127.0.0.1:8786") == "tcp://127.0.0.1:8786"
     with pytest.raises(OptionError, match="must be tls://"):
@@ -249,27 +241,15 @@ def test_what_is_no_message_ends_the_channel_behind_what_came(ends: Ends, data: 
     assert found == [Joined(1.5, "/tmp/acrc-1")]
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    made = Clock()
-    monkeypatch.setattr(host_program, "time", made)
-    return made
-
-
 def process(pid: int, cpu_s: float, queued_s: float | None) -> Glimpse:
     return Glimpse(pid, 1, pid, "S", cpu_s, queued_s)
 
 
-def test_the_load_is_what_processes_did_between_two_answers(clock: Clock) -> None:
+def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(now_s=100.0, monotonic=lambda: clock.now_s)
+    monkeypatch.setattr(host_program, "time", clock)
     meter = LoadMeter()
+    assert meter.load == HostLoad()
     meter.asked()
     clock.now_s += 0.01
     meter.answered([process(1, 5.0, 1.0), process(2, 7.0, None)])
@@ -284,10 +264,6 @@ def test_the_load_is_what_processes_did_between_two_answers(clock: Clock) -> Non
     clock.now_s += 2.0  # asked by nobody: another process has ended and its number is used again
     meter.answered([process(1, 0.5, 0.5), process(2, 12.0, 9.0)])
     assert meter.load == HostLoad(worked=1.5, waited=0.25, answer_s=0.025, slowest_s=0.04)
-
-
-def test_nothing_is_said_of_a_host_that_has_told_nothing() -> None:
-    assert LoadMeter().load == HostLoad()
 
 
 def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:

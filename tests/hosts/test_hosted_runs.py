@@ -41,8 +41,6 @@ def eventually(holds: Callable[[], object]) -> bool:
 
 
 class HostedRun:
-    """A run over hosts that goes on."""
-
     def __init__(self, hosts: Hosts, cluster: TlsCluster, out: Path, *words: str) -> None:
         self.out, self.hosts = out, hosts
         command = [sys.executable, "-P", "-m", "command_line", "run", "--on", ADDRESS, "--out", str(out)]
@@ -57,7 +55,6 @@ class HostedRun:
         )
 
     def under_way(self) -> None:
-        """Wait until robots have recorded some steps."""
         recording, deadline = self.out / "r1/r1.mcap", time.monotonic() + 300
         while not recording.is_file() or recording.stat().st_size < 20_000:
             assert self.process.poll() is None, self.process.communicate()
@@ -70,17 +67,14 @@ class HostedRun:
         return self.process.returncode, errors.strip().splitlines()[-1]
 
     def result(self) -> tuple[str, str]:
-        """Return the digest and standard error."""
         out, errors = self.process.communicate(timeout=300)
         assert self.process.returncode == 0, errors
         return json.loads(out)["digest"], errors
 
     def nothing_left(self) -> bool:
-        """Return whether no process of the run is left on any host beside the worker."""
         return eventually(lambda: all(len(host.processes()) <= 1 for host in self.hosts.each))
 
     def left(self, *words: str) -> list[str]:
-        """Return what `find` finds on the hosts' disks."""
         found: list[str] = []
         for host in self.hosts.each:
             find = host.command(["find", str(host.disk), *words])
@@ -88,7 +82,6 @@ class HostedRun:
         return found
 
     def folders_left(self) -> list[str]:
-        """Return the runs' folders on the hosts' disks."""
         return self.left("-mindepth", "1", "-maxdepth", "1", "-name", "acrc-*")
 
     def secrets_left(self) -> list[str]:
@@ -98,7 +91,6 @@ class HostedRun:
 
 
 def digest_here(out: Path, *words: str) -> str:
-    """Return the digest of the same run on one computer."""
     return str(run_here(out, *words, "--bus", "memory")["digest"])
 
 
@@ -115,7 +107,6 @@ def cluster(hosts: Hosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def acrc(hosts: Hosts, cluster: TlsCluster, *words: object) -> subprocess.CompletedProcess[str]:
-    """Run a command on "here"."""
     command = hosts.here.command([sys.executable, "-P", "-m", "command_line", *map(str, words)])
     return subprocess.run(
         command, cwd=ROOT, env=cluster.environment, capture_output=True, text=True, check=False, timeout=180

@@ -21,6 +21,7 @@ from actors.robot.localisation import (
 )
 from actors.robot.localisation.search import PoseHypothesis, Search
 from actors.robot.sweep import Sweep
+from tests.helpers import sampled
 from tests.localisation.scenes import (
     APARTMENT,
     BEAMS,
@@ -40,7 +41,6 @@ from tests.localisation.scenes import (
     twin_of,
     twins,
 )
-from tests.seeds import sampled
 
 CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
 BOTH = pytest.mark.parametrize("parameters", [CHAPTER, ROBUST], ids=["chapter", "robust"])

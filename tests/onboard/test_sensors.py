@@ -16,6 +16,7 @@ from firmware_bridge.kobuki.wire import Basic, Inertial
 from firmware_bridge.onboard.contradictions import REST, Contradictions, ScanChecks, of_the_room
 from firmware_bridge.onboard.motion_checks import MotionTrack, Moved
 from firmware_bridge.range_sensors.sensor import SensorSweep
+from tests.helpers import in_order
 from tests.kobuki.rig import Room
 from tests.onboard.sensor_cases import (
     FAULTS,
@@ -27,7 +28,6 @@ from tests.onboard.sensor_cases import (
     starts_on,
 )
 from tests.onboard.sensor_rig import SensorRig, Straight
-from tests.parallel import in_order
 
 SPEEDS = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import platform
-import resource
 import shutil
 import subprocess
 import sys
@@ -25,8 +24,8 @@ from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked, folder_name
 from deploy.run.out_folder import claim, make_folder, writing
+from tests.helpers import on_small_disk
 from tests.in_process import acrc
-from tests.small_disk import on_small_disk
 from tests.swarm.command import ACRC, ROOT, processes_of
 
 SPEED = 'must be "max" or a number from 0.01 on, such as 1 or 4'
@@ -132,6 +131,7 @@ def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path
     ("below", "sentence"),
     [
         ("file", f"is a file; {NEW}"),
+        ("file/x/y", "cannot be made: not a directory; choose another place"),
         ("loop/x", f"cannot be used: too many levels of symbolic links; {NEW}"),
         ("x" * 300, f"cannot be used: file name too long; {NEW}"),
     ],
@@ -151,14 +151,6 @@ def test_what_can_be_no_folder_is_refused_before_anything_starts(
         sentence,
         f"{sentence.partition(';')[0].replace('used', 'made')}; choose another place",
     )
-
-
-def test_a_folder_below_a_file_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    done = acrc("run", "--duration", 1, "--bus", "memory", "--out", tmp_path / "file" / "x" / "y")
-    assert (done.returncode, done.stdout, done.stderr) == (
-        1, "", f"acrc: --out: {tmp_path}/file/x/y cannot be made: not a directory; choose another place\n"
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
@@ -186,20 +178,6 @@ def test_a_disk_that_fills_up_in_a_run_is_named(tmp_path: Path) -> None:
     last = done.stderr.splitlines()[-1]
     assert last.startswith("acrc: ") and last.endswith("cannot be written: no space left on device")
     assert processes_of(out) == []
-
-
-@pytest.mark.nightly
-def test_a_file_that_may_not_grow_is_named_with_the_cause(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    done = subprocess.run(
-        [*ACRC, "run", "--duration", "600", "--bus", "memory", "--json", "--out", str(out)],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000)),
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (1, "")
-    file = done.stderr.removeprefix("acrc: ").partition(":")[0]
-    assert done.stderr == f"acrc: {file}: cannot be written: file too large\n"
-    assert Path(file).suffix == ".mcap" and Path(file).is_relative_to(out)
 
 
 def test_a_scratch_folder_is_removed_and_errors_with_another_cause_pass() -> None:
@@ -245,7 +223,6 @@ def test_a_run_names_its_full_scratch_folder_and_not_its_own(tmp_path: Path) -> 
 
 
 def run(out: Path, *words: object) -> dict[str, Any]:
-    """Return the result of `acrc run WORDS… --out OUT`, called in process."""
     done = acrc("run", *words, "--out", out, "--json")
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout)
@@ -253,7 +230,6 @@ def run(out: Path, *words: object) -> dict[str, Any]:
 
 
 def scenario_file(folder: Path) -> Path:
-    """Return a scenario with its own map, robot model and strategy."""
     folder.mkdir()
     for image in (ROOT / "maps").glob("corridor.*"):
         shutil.copy(image, folder)

@@ -32,15 +32,12 @@ STUDY = 'scenario = "scenario.toml"\nstrategies = ["{strategy}"]\nseeds = 1\n'
 
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record one robot for a second."""
     out = tmp_path_factory.mktemp("honest") / "run"
     record(out, REPOSITORY / "scenarios" / "corridor.toml", robots=1, duration=1.0, strategy="none")
     return out
 
 
 class Received:
-    """A folder from elsewhere with a forged run."""
-
     def __init__(self, folder: Path, run: Path) -> None:
         self.folder, self.mark = folder, folder.parent / "mark"
         self.run = shutil.copytree(run, folder / "run")
@@ -48,7 +45,6 @@ class Received:
         self.here.mkdir()
 
     def plant(self, place: str) -> Path:
-        """Write a module that creates the mark."""
         file = self.folder / place
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(EVIL.format(mark=str(self.mark)))
@@ -82,7 +78,6 @@ class Received:
         return warm.run([*map(str, words)], cwd or self.here, env, 100.0, finds_cwd=False)
 
     def refuses(self, *words: object, cwd: Path | None = None) -> str:
-        """Return the error of a command that must not run planted code."""
         done = in_process.acrc(*words, cwd=cwd or self.here)
         assert not self.mark.exists(), "what was planted has run"
         assert done.returncode == 1, done.stderr + done.stdout

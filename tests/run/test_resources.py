@@ -89,7 +89,6 @@ def hoarding(left_kb: int, name: str) -> None:
 
 
 def robot(folder: Path, deed: Deed) -> None:
-    """A robot's process: records, does the deed, and reports its failure."""
     with Recorder(folder / "r2.mcap", 100_000) as recorder:
         failure.hold(folder)
         try:
@@ -100,7 +99,6 @@ def robot(folder: Path, deed: Deed) -> None:
 
 
 def replay(folder: Path, deed: Deed) -> None:
-    """A program that replays, and whose code does the deed."""
     failure.hold(folder)
     try:
         deed()
@@ -188,7 +186,6 @@ def fill(folder: Path, limit: Deed) -> None:
 
 
 def messages(path: Path) -> int:
-    """Return the number of sealed messages in a recording."""
     return sum(isinstance(item, Entry) for item in read_recording(path))
 
 

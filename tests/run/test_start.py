@@ -2,6 +2,8 @@
 
 import io
 import shutil
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -16,6 +18,8 @@ from actors.floor.map_file import load_map
 from actors.messages import Progress
 from actors.processes import kernels
 from actors.processes.launch import Program, launcher
+from actors.processes.silence import Timeout
+from actors.robot import assembly
 from actors.robot.stack import Stack
 from actors.runtime.recording import scans
 from actors.task import visits
@@ -33,7 +37,6 @@ CHAPTER = MAPS.parent / "scenarios" / "chapter.toml"
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty kernel cache, and one module to compile."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits,))
     return tmp_path
@@ -187,3 +190,30 @@ def test_robots_in_memory_compute_the_walls_distances_once(
     run_in_memory(planned, lambda progress: None)
     assert len(in_common(planned)) == 1
     assert shapes.count(before.shape) == 1  # the others are the fingerprint's
+
+
+class SlowAtFirst:
+    __name__ = "slow"
+
+    def __init__(self) -> None:
+        self.compiled = False
+
+    def fingerprint(self) -> bytes:
+        begin = time.process_time()
+        while not self.compiled and time.process_time() < begin + 2.0:
+            pass
+        self.compiled = True
+        return b"the same each time"
+
+
+def test_compiling_does_not_count_for_a_steps_timeout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = SlowAtFirst()
+    planned = plan(
+        load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(tmp_path / "out", isolate=False)
+    )
+    monkeypatch.setattr(assembly, "KERNELS", (*assembly.KERNELS, slow))
+    limited = replace(planned, timeout=Timeout(step_s=1.0))
+    assert run_in_memory(limited, lambda progress: None).simulated_s == 1.0
+    assert slow.compiled

@@ -16,7 +16,7 @@ import pytest
 from actors.runtime.background import Background, BackgroundRecorder
 from actors.runtime.recording import Entry, Note, Recorder, UnwritableError, read_recording
 from actors.runtime.recording import recorder as module
-from tests.small_disk import on_small_disk
+from tests.helpers import on_small_disk
 
 
 class Final(msgspec.Struct):

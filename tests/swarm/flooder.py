@@ -20,7 +20,6 @@ class Floods:
         self._key = topic.key(start.robot) if start.robot == "r2" else None
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Nothing, or far too much."""
         if self._key is not None and view.instant >= WHEN:
             bus = _bus()
             for _ in range(FRAMES):
@@ -29,7 +28,6 @@ class Floods:
 
 
 def _bus() -> ZenohBus:
-    """That of the shell which has called."""
     frame = sys._getframe()
     while not isinstance(frame.f_locals.get("bus"), ZenohBus):
         assert frame.f_back is not None
@@ -40,5 +38,4 @@ def _bus() -> ZenohBus:
 
 
 def transmit(start: Start) -> Behaviour:
-    """Entry `tests.swarm.flooder:transmit`."""
     return Floods(start, TRANSMIT)

@@ -20,7 +20,6 @@ class Intruder:
         self._inner = baseline(start)
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As the baseline."""
         if self._lays and view.instant >= seconds(1):
             self._lays = False
             own = Path.cwd()
@@ -35,7 +34,6 @@ class Intruder:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `tests.swarm.intruder:behaviour`."""
     return Intruder(start)
 
 

@@ -1,27 +1,23 @@
 """Benchmarks of swarms: what they report, never how fast anything is; and the counted cost of a step."""
 
-import cProfile
 import json
 import math
-import signal
 import subprocess
-import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import combinations, repeat
+from itertools import combinations
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
 
-from actors.geometry import Pose, Twist
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.commands import spent
 from benchmarks.swarm import benchmark, beside, budget, counts, profiles
-from benchmarks.swarm.beside import PairedCase, ProjectState, other
+from benchmarks.swarm.beside import PairedCase, other
 from benchmarks.swarm.counts import CountedSteps, StepCounts
 from benchmarks.swarm.over_mesh import Memory, MeshFigures
 from benchmarks.swarm.profiles import Function
@@ -86,15 +82,10 @@ def test_goals_apply_to_the_sizes_that_were_measured() -> None:
     assert benchmark.judged([Mock(spec=benchmark.SwarmFigures, robots=200, mesh=None)]) == []
 
 
-def test_simulated_time_shrinks_with_the_number_of_robots() -> None:
-    task = SwarmTask()
-    assert [task.simulated_s(robots) for robots in (1, 4, 20, 50, 100, 500)] == [60, 60, 40, 16, 8, 2]
-    assert SwarmTask(seconds=90.0, robot_seconds=None).simulated_s(500) == 90.0
-
-
-def test_more_robots_than_the_scenario_has_room_for_start_closer() -> None:
+def test_many_robots_start_closer_and_for_less_time() -> None:
     with planned(150, SwarmTask(seconds=1.0), "zenoh") as plan:
         places = [robot.start[:2] for robot in plan.world.robots]
+    assert [SwarmTask().simulated_s(robots) for robots in (1, 20, 50, 500)] == [60, 40, 16, 2]
     assert len(places) == 150
     assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 0.42 - 1e-9
 
@@ -145,46 +136,6 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
     assert found == {"deeco": 5 + 3 + 2 + 6, "actors/world": 7 + 1 + 2, profiles.NO_ROOM: 1}
 
 
-def test_functions_with_one_label_are_summed() -> None:
-    profile = cProfile.Profile()
-    profile.runcall(lambda: [(Pose(1.0, 2.0, 3.0), Twist(1.0, 2.0, 3.0)) for _ in range(10)])
-    called = profiles.entries(profile)
-    assert [times for (file, _, name), (times, _) in called.items() if file == "<string>"] == [20]
-    rooms = profiles.by_room(called)
-    assert sum(rooms.values()) == pytest.approx(sum(times for times, _ in called.values()))
-
-
-def test_blocks_are_counted_only_inside_the_context() -> None:
-    with profiles.counted_blocks() as count:
-        before = count.blocks
-        kept = [object() for _ in repeat(None, 5000)]
-        assert 5000 <= count.blocks - before < 5100
-    after = count.blocks
-    kept += [object() for _ in repeat(None, 5000)]
-    assert count.blocks == after
-
-
-def test_the_table_of_strace_is_read() -> None:
-    rule = "-------------- ---------\n"
-    text = (
-        f"syscall          calls\n{rule}futex              120\nread                 3\n{rule}total    123\n"
-    )
-    assert counts.read_calls(text) == {"futex": 120.0, "read": 3.0}
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"bus": "tcp"}, "--bus: tcp; must be zenoh or memory"),
-        ({"duration": 2.0}, "--duration: 2; must be at least 3 for budget"),
-        ({"duration": 30.0, "write": True}, "--write: keeps counts in memory"),
-    ],
-)
-def test_wrong_options_of_the_budget_are_refused(options: dict[str, object], sentence: str) -> None:
-    with pytest.raises(OptionError, match=sentence):
-        budget.measure(**options)  # type: ignore[arg-type]
-
-
 ACRC = """#!/bin/sh
 echo "@NAME@ $3 $4 $5 $6 PYTHONPATH=$PYTHONPATH NUMBA_CACHE_DIR=$NUMBA_CACHE_DIR" >>@LOG@
 mkdir -p .venv/bin
@@ -232,20 +183,14 @@ def test_states_run_in_alternating_order(tmp_path: Path) -> None:
     assert found.figures["unlike"] == [] and few["digests_equal"] and many["robots"] == 20
     assert few["times_as_fast"]["wall_s"] == {name: pytest.approx(1.5) for name in ("value", "low", "high")}
     assert found.shown[1] == "digests: equal"
-
-
-def test_differences_of_the_states_are_named(mine: Path, tmp_path: Path) -> None:
-    theirs = clone(tmp_path / "theirs", "theirs", 1.5, "3.13.1", "e")
-    (theirs / "scenarios" / "chapter.toml").write_text('[run]\nseed = 2\nstrategy = "none"\n')
-    found = beside.measure(str(theirs), robots=(4,), bus="memory", pairs=2)
+    clone(tmp_path / "other", "other", 1.5, "3.13.1", "e")
+    (tmp_path / "other" / "scenarios" / "chapter.toml").write_text("[run]\nseed = 2\n")
+    found = beside.measure(str(tmp_path / "other"), robots=(4,), bus="memory", pairs=2)
     assert found.shown[1:] == [
         "digests: different, so the two do different work",
         "Python: Python 3.11.7 here, Python 3.13.1 there; times do not compare",
         "scenario chapter: differs; --scenario FILE has both run the same one",
     ]
-    chapter = mine / "scenarios" / "chapter.toml"
-    again = beside.measure(str(theirs), robots=(4,), bus="memory", pairs=2, seed=7, scenario=chapter)
-    assert len(again.figures["unlike"]) == 1
 
 
 @pytest.fixture
@@ -286,40 +231,17 @@ def test_a_commit_runs_in_a_worktree_that_is_removed(committed: Path, tmp_path: 
     assert not list((tmp_path / "scratch").iterdir()) and "\n" not in git(committed, "worktree", "list")
 
 
-def test_an_interrupted_command_ends_its_children(tmp_path: Path) -> None:
-    def end(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, 0.5)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            spent(["sh", "-c", f"sleep 60 & echo $! >{tmp_path}/pid; wait"])
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    words = Path("/proc") / (tmp_path / "pid").read_text().strip() / "cmdline"
-    until = time.monotonic() + 20.0
-    while words.exists() and words.read_bytes() and time.monotonic() < until:  # a zombie has no command line
-        time.sleep(0.05)
-    assert not words.exists() or not words.read_bytes()
-
-
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("measure", "options", "sentence"),
     [
-        ({}, "COMMIT: is missing; must be as in acrc bench beside HEAD~1"),
-        ({"commit": "HEAD", "bus": "tcp"}, "--bus: tcp; must be zenoh or memory"),
-        ({"commit": "HEAD", "scenario": Path("none.toml")}, "--scenario: none.toml; must be a file"),
-        ({"commit": "HEAD", "navigation": "better"}, "--navigation: better; must be chapter or robust"),
+        (budget.measure, {"bus": "tcp"}, "--bus: tcp; must be zenoh or memory"),
+        (budget.measure, {"duration": 2.0}, "--duration: 2; must be at least 3 for budget"),
+        (budget.measure, {"duration": 30.0, "write": True}, "--write: keeps counts in memory"),
+        (beside.measure, {}, "COMMIT: is missing; must be as in acrc bench beside HEAD~1"),
+        (beside.measure, {"commit": "HEAD", "scenario": Path("none.toml")}, "--scenario: none.toml; must be"),
+        (beside.measure, {"commit": "HEAD", "navigation": "better"}, "--navigation: better; must be chapter"),
     ],
 )
-def test_wrong_options_of_beside_are_refused(options: dict[str, object], sentence: str) -> None:
+def test_wrong_options_are_refused(measure: Any, options: dict[str, object], sentence: str) -> None:
     with pytest.raises(OptionError, match=sentence):
-        beside.measure(**options)  # type: ignore[arg-type]
-
-
-def test_an_answer_without_a_result_is_an_error(mine: Path) -> None:
-    (mine / "acrc").write_text("#!/bin/sh\necho '{}'\n")
-    with pytest.raises(AcrcError, match="no result"):
-        ProjectState("here", mine).run(PairedCase(2, 1.0, "memory"))
+        measure(**options)

@@ -38,7 +38,6 @@ DIGESTS: Final = {
 
 
 def result_of(name: str, out: Path) -> RunResult:
-    """Return the result of this run, made in memory."""
     file, overrides = RUNS[name]
     plan = swarm.plan(load_scenario(file, overrides), RunOptions(out, bus="memory", json=True))
     return swarm.run_in_memory(plan, lambda progress: None)

@@ -38,7 +38,6 @@ def no_avx512() -> Mapping[str, str]:
 
 
 def kernels(out: Path) -> dict[str, dict[str, str]]:
-    """Return the fingerprints of each actor's kernels."""
     notes = {path.stem: read_notes(path)["run"] for path in sorted(out.glob("*/*.mcap"))}
     return {actor: msgspec.json.decode(note, type=RunNote).kernels for actor, note in notes.items()}
 
@@ -107,7 +106,6 @@ def test_one_digest_on_other_pythons_and_on_an_emulated_processor(
 
 
 def other_python(version: str, folder: Path) -> list[str]:
-    """Make an environment with the pinned packages for that Python."""
     python = shutil.which(f"python{version}")
     if python is None or subprocess.run([python, "-c", ""], check=False, capture_output=True).returncode:
         pytest.skip(f"needs Python {version}")

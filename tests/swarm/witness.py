@@ -16,7 +16,6 @@ class Witness:
         self._steps = 0
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Nothing but words, once."""
         self._steps += 1
         robot, step = self._start.robot, view.instant // (until - view.instant)
         if step != GIVES_UP:
@@ -28,7 +27,6 @@ class Witness:
         return Decision(reports=(PlaceReport(robot, 0, view.instant),), route=keys[1:-1])
 
     def outcome(self) -> dict[str, object]:
-        """How many steps it took; an exchange, and two replicas, one of them old."""
         counters = {"activations": self._steps, "published": 1}
         return {
             "deeco": {
@@ -41,7 +39,6 @@ class Witness:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `tests.swarm.witness:behaviour`."""
     return Witness(start)
 
 
@@ -49,10 +46,8 @@ class Liar(Witness):
     """Its node counts halves."""
 
     def outcome(self) -> dict[str, object]:
-        """Not what a node would say."""
         return {"deeco": {"counters": {"activations": 0.5}, "exchanges": {}, "replica_age_ms": {}}}
 
 
 def liar(start: Start) -> Behaviour:
-    """Entry `tests.swarm.witness:liar`."""
     return Liar(start)

@@ -1,13 +1,15 @@
-"""Runs in memory, and independent work on all processors."""
+"""Helpers of several folders: work on all processors, seeds that run nightly, small disks."""
 
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import pytest
 
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -18,6 +20,7 @@ from observation.results.seal import seal
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+_MOUNT = 'size=$1 folder=$2; shift 2; mount -t tmpfs -o size="$size" none "$folder" && exec "$@"'
 
 
 @contextmanager
@@ -43,3 +46,14 @@ def in_order(
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("forkserver")) as pool:
         yield from pool.map(work, tasks)
+
+
+def sampled(seeds: Iterable[int], every_day: Collection[int]) -> Any:
+    """Return the seeds as parameters; those not in `every_day` run nightly."""
+    return [pytest.param(seed, marks=() if seed in every_day else pytest.mark.nightly) for seed in seeds]
+
+
+def on_small_disk(folder: Path, size: str, words: Sequence[str]) -> list[str]:
+    """Return the command that runs `words` with `folder` on a disk of `size`, such as `64k`."""
+    folder.mkdir(exist_ok=True)
+    return ["unshare", "--map-root-user", "--mount", "sh", "-c", _MOUNT, "sh", size, str(folder), *words]
