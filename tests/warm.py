@@ -88,7 +88,6 @@ class Begun:
         return self._process.exitcode  # type: ignore[no-any-return]
 
     def poll(self) -> int | None:
-        """Return `returncode`."""
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
@@ -114,18 +113,13 @@ class Begun:
         return texts[0], texts[1]
 
     def send_signal(self, number: int) -> None:
-        """Send a signal unless it has ended."""
         if self.returncode is None:
             os.kill(self.pid, number)
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
 
-    def terminate(self) -> None:
-        self.send_signal(signal.SIGTERM)
-
     def close(self) -> None:
-        """Close the pipes."""
         self.stdout.close()
         self.stderr.close()
 

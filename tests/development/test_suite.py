@@ -26,8 +26,13 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Suite:
 
     def run(*words: str, code: int = 0) -> tuple[int, list[list[str]]]:
         calls: list[list[str]] = []
+
+        def noted(root: Path, words: list[str]) -> int:
+            calls.append(list(words))
+            return code
+
         monkeypatch.setattr("command_line.development.commands.os.cpu_count", lambda: 1)
-        monkeypatch.setattr(module, "run_pytest", lambda root, words: calls.append(list(words)) or code)
+        monkeypatch.setattr(module, "run_pytest", noted)
         return run_suite(tmp_path, words), calls
 
     return run

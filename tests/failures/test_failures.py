@@ -134,7 +134,6 @@ def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
 
 
 def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.Begun:
-    """A run in memory whose r2 behaves like that after two seconds."""
     words = ("--bus", "memory", "--robots", 2, "--duration", 4, "--timeout", timeout_s)
     return begin("run", "--strategy", f"tests.failures.saboteur:{behaviour}", *words, "--out", out)
 

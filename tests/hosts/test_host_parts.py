@@ -246,7 +246,8 @@ def process(pid: int, cpu_s: float, queued_s: float | None) -> Glimpse:
 
 
 def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = SimpleNamespace(now_s=100.0, monotonic=lambda: clock.now_s)
+    clock = SimpleNamespace(now_s=100.0)
+    clock.monotonic = lambda: clock.now_s
     monkeypatch.setattr(host_program, "time", clock)
     meter = LoadMeter()
     assert meter.load == HostLoad()

@@ -27,7 +27,6 @@ class Doom(msgspec.Struct, frozen=True):
 
 
 def sentence(doom: Doom) -> str:
-    """With which the run ends; "" if it ends well. No process may be left that was not there before."""
     before = process_table.children(os.getpid(), process_table.table())
     overrides = Overrides(strategy=f"tests.failures.saboteur:{doom.behaviour}", robots=2, duration=3)
     options = RunOptions(Path(doom.out), isolate=doom.bus == "isolated")
@@ -45,5 +44,4 @@ def sentence(doom: Doom) -> str:
 
 
 def main() -> None:
-    """Print the sentence for the Doom that the only word holds, as JSON."""
     sys.stdout.write(sentence(msgspec.json.decode(sys.argv[1], type=Doom)))

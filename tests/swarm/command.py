@@ -36,7 +36,6 @@ def run(out: Path, *words: object) -> dict[str, Any]:
 
 
 def begin(*words: object) -> warm.Begun:
-    """`acrc WORDS…`, begun and left alone."""
     return warm.begin([*map(str, words)], ROOT, os.environ, finds_cwd=True)
 
 
