@@ -35,7 +35,6 @@ LONGEST: Final = (
     "onboard/test_standstill.py",
     "experiments/test_campaign.py",
     "navigation/test_goals.py",
-    "documentation/test_site.py",
     "development/test_wheel.py",
 )
 """Files of over 10 s, the longest first: started last, they would keep one worker busy alone."""
