@@ -14,7 +14,7 @@ from actors.geometry import GREATEST_COORDINATE
 from actors.instant import in_seconds
 from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
 from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Speed, StartJam, Step, Wall
-from actors.task.word_limits import TaskLimits, words_fault
+from actors.task.task import TaskLimits, words_fault
 from actors.wording import brief
 
 

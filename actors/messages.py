@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 from actors.board_readings import BoardNote
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.orders import Order
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4

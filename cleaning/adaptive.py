@@ -6,7 +6,7 @@ from numpy.random import Generator
 
 from actors.geometry import Point
 from actors.robot.behaviour import FloorPlan, PlaceMonitor, Positioning
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
 from cleaning.place import LAST_TERM, Assignment, Takeover

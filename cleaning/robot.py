@@ -16,7 +16,7 @@ from actors.robot.behaviour import (
     Positioning,
     TaskList,
 )
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
 from cleaning.place import Assignment, Takeover, since

@@ -9,8 +9,7 @@ source, the same bits. `portable.draws` makes normal and exponential draws of a 
 """
 
 from actors.portable.directions import acos, asin, atan, atan2, hypot
-from actors.portable.exponential import exp, exp10, expm1
-from actors.portable.logarithm import log, log1p, log10
+from actors.portable.logarithm import exp, exp10, expm1, log, log1p, log10
 from actors.portable.trigonometry import cos, cos_sin, sin, tan
 
 __all__ = [

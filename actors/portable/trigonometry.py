@@ -8,7 +8,7 @@ in Sun's fdlibm, k_sin.c and k_cos.c; the coefficients are our own: Chebyshev in
 import math
 from typing import Final
 
-from actors.portable.exponents import MAGIC
+from actors.portable.logarithm import MAGIC
 
 FARTHEST: Final = 1e6
 """Up to here, rad, the stated bounds hold. Beyond, the angle is first taken modulo the float next to 2π,

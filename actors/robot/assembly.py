@@ -16,14 +16,14 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import Start
 from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
-from actors.robot.cost_maps import cell_distance, footprint, inflation, ray_tracing
+from actors.robot.cost_maps import cost_map, ray_tracing
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning import control_cycle, disc_dwa, dwa, local_plan, map_grid
+from actors.robot.local_planning import disc_dwa, dwa, local_plan, map_grid
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
 from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
-from actors.robot.navigation import navfn_potential, potential
+from actors.robot.navigation import potential
 from actors.robot.navigation.floor_plan import ReachableFloor
 from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
@@ -42,15 +42,15 @@ KERNELS: Final = (
         distance,
         flood,
         potential,
-        navfn_potential,
-        cell_distance,
-        inflation,
+        potential,
+        ray_tracing,
+        cost_map,
         ray_tracing,
         map_grid,
-        footprint,
+        ray_tracing,
         local_plan,
         dwa,
-        control_cycle,
+        local_plan,
         disc_dwa,
     ),
     *localisation.KERNELS,

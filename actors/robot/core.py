@@ -24,7 +24,7 @@ from actors.messages import (
     Senses,
     Transmit,
 )
-from actors.robot.behaviour.decision_limits import RobotLimits, fault, outcome_fault
+from actors.robot.behaviour.decisions import RobotLimits, fault, outcome_fault
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.localisation import Localisation

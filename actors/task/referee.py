@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.task.task import TaskProgress
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
 from actors.task.visits import visitors
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport, TaskWords
 from actors.wording import brief
 
 

@@ -41,9 +41,8 @@ from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
-from actors.world.participants import BarrierStanding, Member, Participants
-from actors.world.whereabouts import PoseError, Whereabouts
-from actors.world.world_setup import WorldSetup
+from actors.world.sensing import PoseError, Whereabouts
+from actors.world.world_setup import BarrierStanding, Member, Participants, WorldSetup
 
 _SHOWN: Final = 32
 """Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""

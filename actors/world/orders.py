@@ -31,8 +31,7 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
-from actors.world.participants import BarrierStanding, Member, Participants
-from actors.world.world_setup import TimedOrder
+from actors.world.world_setup import BarrierStanding, Member, Participants, TimedOrder
 
 
 @dataclass(frozen=True)

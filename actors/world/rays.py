@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.bearings import bearing_to, half_width, window
+from actors.floor.flood import bearing_to, half_width, window
 from actors.floor.traversal import Ray, cell_after, free_squares, quadrant, square_at
 from actors.kernels import njit
 from actors.portable import arrays

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from actors.floor.grid import OccupancyGrid
-from actors.floor.map_file import load_map
-from actors.floor.map_header import MapError
+from actors.floor.map_file import MapError, load_map
 from actors.geometry import Pose, wrap
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RangeSensor

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, PlaceMonitor, Start, host
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings

@@ -5,7 +5,7 @@ from collections import deque
 from typing import Final
 
 from actors.messages import Heard, Received
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deploy.control.wire import MapRobot, Waypoint
 from observation.accounting.tracks import STANDARD
 

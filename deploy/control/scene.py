@@ -23,7 +23,7 @@ from actors.orders import (
     Thaw,
     Wall,
 )
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
 from deploy.control.onlooking import Links, SeenRobot

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors import toml_file
-from actors.installation.pins import MINORS, requirements
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError, wrong_value
-from actors.installation.version import COMMIT, software
+from actors.installation.version import COMMIT, MINORS, requirements, software
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import FOLDERS

@@ -26,7 +26,7 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
-from actors.installation import pins
+from actors.installation import version
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.kernels import cache_folder
@@ -241,7 +241,7 @@ def finding(subject: str, check: Callable[..., str], *arguments: object) -> Doct
 
 def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[DoctorFinding]:
     """Check that the extras in the text of constraints.txt are installed as they were tested."""
-    for extra, pinned in pins.sections(constraints, machine.python[1]).items():
+    for extra, pinned in version.sections(constraints, machine.python[1]).items():
         if extra != "build":  # present while building only
             tested = {pin.name: pin.version for pin in pinned}
             yield finding(f"packages {extra}", _extra, machine, tested, extra, extra in needed)
@@ -249,11 +249,11 @@ def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Ite
 
 def _extra(machine: Machine, tested: Mapping[str, str], extra: str, needed: bool) -> str:
     found = {name: machine.version_of(name) for name in tested}
-    missing = [name for name, version in found.items() if version is None]
-    for name, version in found.items():
-        if version not in {None, tested[name]}:
+    missing = [name for name, release in found.items() if release is None]
+    for name, release in found.items():
+        if release not in {None, tested[name]}:
             raise AcrcError(
-                f"{name} is {version}, but was tested as {tested[name]}; remove .venv, and the next "
+                f"{name} is {release}, but was tested as {tested[name]}; remove .venv, and the next "
                 "./acrc makes it anew"
             )
     if not missing:

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from actors.floor import offices
-from actors.floor.map_header import read_header
+from actors.floor.map_file import read_header
 from actors.installation.version import software
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program

@@ -11,8 +11,7 @@ from pydantic import ValidationError
 
 from actors import table_wording, toml_file, wording
 from actors.floor import offices
-from actors.floor.map_file import load_map
-from actors.floor.map_header import read_header
+from actors.floor.map_file import load_map, read_header
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, typed, wrong_value

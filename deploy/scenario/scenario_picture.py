@@ -12,7 +12,7 @@ from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
 from actors.geometry import Point
 from actors.robot_model import RobotModel
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deploy.scenario.scenario_file import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
 from observation.picture import floor_picture, style

@@ -18,7 +18,7 @@ from actors.geometry import Point
 from actors.radio.radio_model import RadioModel, needed_dbm, radio_model, reach
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.stack_tables import presets_of

@@ -20,12 +20,11 @@ from actors.robot.assembly import common_ground, navigator
 from actors.robot.behaviour.goal import GoalStatus
 from actors.robot.cost_maps.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
-from actors.robot.navigation.navfn_potential import IMPASSABLE
 from actors.robot.navigation.planning import ground, narrowest_door
-from actors.robot.navigation.potential import descent, potential
+from actors.robot.navigation.potential import IMPASSABLE, descent, potential
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
 from cleaning.parameters import CleaningParameters

@@ -20,10 +20,10 @@ from actors.robot_model import RobotModel, load_model
 from actors.task.referee import PlaceOutcome, Referee
 from actors.world.body import Bodies, real_floor
 from actors.world.orders import Orders
-from actors.world.participants import Participants
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import drifting
+from actors.world.world_setup import Participants
 from firmware_bridge.beeclick.air import air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import BoardSettings

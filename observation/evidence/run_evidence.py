@@ -22,7 +22,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import Direction, Note, decoded, read_notes, read_recording
 from actors.task.referee import PlaceOutcome
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
 from observation.replay.recorded_orders import GivenOrder

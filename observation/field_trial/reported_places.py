@@ -9,7 +9,7 @@ import msgspec
 
 from actors.instant import Duration, seconds
 from actors.task.referee import PlaceOutcome, Referee, Verdict
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from observation.field_trial.aligned_clocks import AlignedClocks
 from observation.field_trial.recordings import FieldTrial, Moment, RobotLog
 

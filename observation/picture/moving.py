@@ -27,7 +27,7 @@ from actors.orders import Give
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.evidence.run_evidence import Floats, RunEvidence
 from observation.evidence.things_over_time import spans
 from observation.picture import floor_picture, marks, style

@@ -22,7 +22,7 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.runtime.shell import run_digest
 from actors.task.referee import PlaceOutcome
-from actors.world.whereabouts import PoseError
+from actors.world.sensing import PoseError
 from observation.results.outcome import (
     DeecoResult,
     NavigationOutcome,

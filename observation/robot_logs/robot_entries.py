@@ -17,7 +17,7 @@ from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Scan, Senses
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.evidence.run_evidence import taken
 from observation.evidence.things_over_time import FloorThing
 from observation.robot_logs import ros2_log

@@ -12,7 +12,7 @@ import msgspec
 from actors.geometry import Point, Pose
 from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
-from actors.robot.behaviour.decision_log import Deciding
+from actors.robot.behaviour.decisions import Deciding
 from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, View
@@ -344,7 +344,7 @@ def _field_change(commit: Commit, field: str) -> FieldChange:
 
 
 def _decision(commit: Commit) -> KnowledgeDecision | None:
-    """As `actors.robot.behaviour.decision_log` takes it down."""
+    """As `actors.robot.behaviour.decisions` takes it down."""
     before: Any = commit.before
     after: Any = commit.after
     if not (commit.adaptation and isinstance(after, Deciding)):

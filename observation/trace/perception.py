@@ -22,7 +22,7 @@ from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.core import Core, Inputs, Output, read
 from actors.runtime.process_setup import located_model
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deeco.node import Node, looking_on
 from observation.replay.run_recordings import recordings, setup_of
 from observation.trace.knowledge import Tracer, goal_change

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from actors.instant import Duration, Instant, in_seconds
 from actors.runtime.errors import printable
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deeco import Knowledge
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,7 @@ from actors.observer.drawing.places import PlaceState, draw_places
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.observer.glyphs import FATES
 from actors.radio.medium.state import Outcome
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.explanation.explain import Explanation
 from observation.trace.frame_fates import LOSSES, Fates, fate_name
 from observation.trace.rows import Trace

@@ -10,7 +10,7 @@ from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.observer.glyphs import FATES, GREY, WHITE
 from actors.radio.medium.state import Outcome
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.evidence.run_evidence import Deed
 from observation.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
 from observation.trace.rows import Doing, Trace

@@ -12,7 +12,7 @@ from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.evidence.run_evidence import Deed, Route, RunEvidence, taken
 from observation.evidence.run_reader import recorded_run
 from observation.evidence.things_over_time import OrderedChange, Things, ThingsOverTime, ordered

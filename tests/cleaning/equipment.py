@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
 from actors.robot.behaviour import AbortReason, Door, Goal, GoalStatus, Plan
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
 from cleaning.robot import CleaningRobot

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from actors.instant import Instant, seconds
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.robot import CleaningRobot
 from tests.cleaning.equipment import NOW, Notes
 

@@ -8,7 +8,7 @@ import pytest
 from actors.geometry import Point
 from actors.instant import Instant, seconds
 from actors.randomness import generator
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
 from cleaning.adoption import PeerMask
 from cleaning.cleaner import State

@@ -6,7 +6,7 @@ import pytest
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State

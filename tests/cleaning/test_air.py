@@ -21,7 +21,7 @@ from actors.robot.behaviour import (
     TaskList,
     View,
 )
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State

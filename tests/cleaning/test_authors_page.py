@@ -22,7 +22,7 @@ from actors.robot.behaviour import (
     View,
 )
 from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalStatus
-from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from deeco import in_seconds
 from deeco.component import Periodic, processes_of

@@ -8,7 +8,7 @@ import numpy as np
 from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
 from actors.robot.behaviour import Start, host
-from actors.robot.behaviour.decision_log import DecisionLog
+from actors.robot.behaviour.decisions import DecisionLog
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State
 from cleaning.place import Assignment, assignments

@@ -6,7 +6,7 @@ import pytest
 
 from actors.geometry import Point, Pose
 from actors.robot.behaviour import AbortReason
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.parameters import CleaningParameters
 from cleaning.place import RESTART_TERM
 from cleaning.robot import CleaningRobot

@@ -17,7 +17,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.installation.version import release
 from actors.processes import kernels
-from actors.world.whereabouts import PoseError
+from actors.world.sensing import PoseError
 from cleaning.strategies import STRATEGIES
 from command_line import run
 from command_line.development import commands

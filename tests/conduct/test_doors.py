@@ -12,8 +12,8 @@ from actors.messages import AIRED, DRIVE, Aired, Drive, EventCount
 from actors.orders import CloseDoor, Move, OpenDoor
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.whereabouts import PoseError
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.world.sensing import PoseError
 from tests.conduct.theatre import Theatre
 from tests.refusals import refused
 

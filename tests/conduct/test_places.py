@@ -12,8 +12,7 @@ from actors.messages import Senses
 from actors.orders import Freeze, Give, Kill, Obstacle, Order, Restart, Thaw
 from actors.runtime.errors import AcrcError
 from actors.task.referee import Verdict
-from actors.task.task import TaskProgress
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport, TaskWords
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
 from tests.conduct.theatre import Says, Theatre
 from tests.refusals import refused
 

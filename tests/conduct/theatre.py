@@ -33,8 +33,7 @@ from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, rea
 from actors.runtime.recording import Unrecorded
 from actors.runtime.shell import Shell, run_digest
 from actors.task.referee import PlaceOutcome, Referee
-from actors.task.task import Task
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, Task
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup

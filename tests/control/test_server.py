@@ -25,7 +25,7 @@ from actors.observer.glyphs import contrast
 from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
-from actors.task.words import PlaceKey, PlaceReport
+from actors.task.task import PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import page_floor

@@ -9,7 +9,7 @@ import pytest
 from actors.geometry import Point
 from actors.instant import START, Instant, seconds
 from actors.randomness import generator
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import seen_as

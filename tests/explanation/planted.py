@@ -8,7 +8,7 @@ from typing import Self
 
 from actors.geometry import Point
 from actors.robot.behaviour import Behaviour, Navigation, PlaceMonitor, Positioning, Start, host
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deeco import Instant, Knowledge, adaptation, component, ensemble, milliseconds, periodic, role, seconds
 
 WISHES = {3: Point(5.0, 12.5), 6: Point(4.0, 12.0)}

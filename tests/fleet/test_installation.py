@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.installation import pins, version
+from actors.installation import version
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
@@ -429,14 +429,14 @@ def test_a_bundles_program_knows_its_commit(tmp_path: Path, monkeypatch: pytest.
     assert version.software() == "abc+"
 
 
-@pytest.mark.parametrize("minor", pins.MINORS)
+@pytest.mark.parametrize("minor", version.MINORS)
 def test_every_pin_of_a_robot_is_read_with_its_hashes(minor: int) -> None:
     text = (ROOT / "constraints.txt").read_text()
-    found = pins.sections(text, minor)
+    found = version.sections(text, minor)
     names = [pin.name for section in ("build", "base", "hardware") for pin in found[section]]
     assert len(names) == len(set(names)) and {"numba", "setuptools", "pyserial", "cryptography"} <= set(names)
     assert all(pin.hashes for section in found.values() for pin in section)
-    listed = pins.requirements(text, minor, ("build", "base", "hardware"))
+    listed = version.requirements(text, minor, ("build", "base", "hardware"))
     assert len(listed) == len(names) and json.dumps(listed).count("; python") == 0
 
 

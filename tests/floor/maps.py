@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.floor.map_file import load_map
-from actors.floor.map_header import MapError
+from actors.floor.map_file import MapError, load_map
 from actors.geometry import Point
 
 YAML = {

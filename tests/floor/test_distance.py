@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from actors.floor import distance
-from actors.floor.bearings import bearing_to, half_width, window
+from actors.floor.flood import bearing_to, half_width, window
 from actors.floor.grid import Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.sharing import Shared

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.floor.map_file import MapLimits, load_map, map_warnings
-from actors.floor.map_header import MapError
+from actors.floor.map_file import MapError, MapLimits, load_map, map_warnings
 from actors.geometry import Point
 from tests.floor.maps import GREYS, YAML, refusal, written
 

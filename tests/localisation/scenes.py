@@ -14,7 +14,7 @@ from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, larg
 from actors.floor.map_file import load_map
 from actors.geometry import ORIGIN, Point, Pose, wrap
 from actors.messages import NO_ECHO_MM
-from actors.robot.localisation import Amcl, AmclParameters, LikelihoodField, beams, likelihood_field
+from actors.robot.localisation import Amcl, AmclParameters, LikelihoodField, likelihood_field, measurement
 from actors.robot.navigation.planning import Ground, Planner, ground
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model
@@ -25,7 +25,7 @@ CAMERA: Final = load_model("turtlebot2", "kinect")
 APARTMENT: Final = load_map(Path(__file__).parents[2] / "maps" / "apartment.yaml")
 _MARGIN: Final = 1.0
 """How far the map goes on behind the room's walls, m: maps that were made by a robot do."""
-BEAMS: Final = beams.beams(TURTLEBOT.sensor, 60)
+BEAMS: Final = measurement.beams(TURTLEBOT.sensor, 60)
 STEP: Final = 0.1
 """s from one scan to the next."""
 
@@ -148,7 +148,7 @@ def apartment() -> LikelihoodField:
 
 def ends(ranges: NDArray[np.uint16]) -> NDArray[np.float64]:
     """(b, 2): where the beams of a scan end, m, body's frame."""
-    return beams.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
+    return measurement.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
 
 
 def amcl(

@@ -13,8 +13,8 @@ import pytest
 from actors.bounds import ParameterError
 from actors.geometry import Point, Pose, wrap
 from actors.robot.localisation import PRESETS, Amcl, AmclParameters, DeadReckoning, Estimate
+from actors.robot.localisation.amcl import Recovery
 from actors.robot.localisation.motion import parts_of
-from actors.robot.localisation.recovery import Recovery
 from actors.robot.sweep import Sweep
 from tests.localisation.scenes import ROOM, Drive, amcl, blind, error, scan
 

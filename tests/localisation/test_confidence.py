@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Covariance, Pose
 from actors.robot.localisation import LikelihoodField, likelihood_field, lost
-from actors.robot.localisation.confidence import Confidence, sharpened
-from actors.robot.localisation.evidence import AGREES
+from actors.robot.localisation.confidence import AGREES, Confidence, sharpened
 from actors.robot.localisation.lost import LostProbability, odds_of_lost
 from tests.localisation.scenes import BEAMS, FIELD, ROOM, TURTLEBOT, apartment, ends, room, scan
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
-from actors.robot.localisation import PRESETS, LikelihoodField, beams
-from actors.robot.localisation.beams import Beams, Ends
-from actors.robot.localisation.evidence import AGREES, Judgement, explain, judge, worth
+from actors.robot.localisation import PRESETS, LikelihoodField, measurement
+from actors.robot.localisation.confidence import AGREES, Judgement, explain, judge, worth
+from actors.robot.localisation.measurement import Beams, Ends
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, scan_angles
 from tests.localisation.scenes import (
@@ -186,20 +186,20 @@ def beams_twin(
 
 
 def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: NDArray[np.float64] = NO_PEERS) -> Ends:
-    return beams.ends(ranges, BEAMS, pose, peers, 0.45)
+    return measurement.ends(ranges, BEAMS, pose, peers, 0.45)
 
 
 @pytest.mark.parametrize(("model", "view"), [(TURTLEBOT, 360.0), (CAMERA, 58.0)], ids=["all round", "camera"])
 @pytest.mark.parametrize("count", [7, 60])
 def test_beams_lie_at_equal_angles_over_the_whole_view(model: RobotModel, view: float, count: int) -> None:
-    chosen = beams.beams(model.sensor, count)
+    chosen = measurement.beams(model.sensor, count)
     angles = np.unwrap(scan_angles(model.sensor)[chosen.rays])
     spaces = count if view == 360.0 else count - 1
     gaps = np.diff(angles)
     assert len(chosen.rays) == count
     assert gaps == pytest.approx(math.radians(view) / spaces, abs=1.01 * model.sensor.increment)
     few = TURTLEBOT.sensor.model_copy(update={"rays": 12})
-    assert beams.beams(few, 60).rays.tolist() == list(range(12))
+    assert measurement.beams(few, 60).rays.tolist() == list(range(12))
     if view < 360:
         assert chosen.rays[0] == 0 and chosen.rays[-1] == model.sensor.rays - 1
 

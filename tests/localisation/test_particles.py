@@ -13,9 +13,8 @@ from scipy.stats import chi2, norm
 
 from actors.geometry import Pose
 from actors.robot.localisation import PRESETS
-from actors.robot.localisation.histogram import Cluster, heaviest_cluster, histogram
 from actors.robot.localisation.motion import OdometryStep, StepSpread, move, spread, step
-from actors.robot.localisation.resampling import kld_bound, resample
+from actors.robot.localisation.resampling import Cluster, heaviest_cluster, histogram, kld_bound, resample
 
 CHAPTER = PRESETS["chapter"]
 CORRECTED = replace(CHAPTER, odometry_model="diff-corrected")

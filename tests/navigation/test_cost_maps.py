@@ -14,11 +14,16 @@ from actors.bounds import ParameterError
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
-from actors.robot.cost_maps import footprint
-from actors.robot.cost_maps.cell_distance import MOST_REACH, squared_within
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
-from actors.robot.cost_maps.inflation import INSCRIBED, LETHAL, Inflation
-from actors.robot.cost_maps.ray_tracing import stamp, take_in
+from actors.robot.cost_maps import ray_tracing
+from actors.robot.cost_maps.cost_map import (
+    INSCRIBED,
+    LETHAL,
+    LOCAL_MAP_PRESETS,
+    CostMap,
+    CostMapParameters,
+    Inflation,
+)
+from actors.robot.cost_maps.ray_tracing import MOST_REACH, squared_within, stamp, take_in
 from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
 from actors.robot.sweep import Sweep
@@ -244,8 +249,8 @@ def test_the_inscribed_radius_is_that_of_the_padded_outline(radius: float, paddi
     corners = outline(radius, padding)
     sides = zip(corners, corners[1:] + corners[:1], strict=True)
     distances = [(a.conjugate() * b).imag / abs(b - a) for a, b in sides]
-    assert footprint.inscribed(radius, padding) == pytest.approx(min(distances))
-    assert footprint.inscribed(0.18, 0.01) == pytest.approx(0.18626, abs=5e-6), "the chapter's files"
+    assert ray_tracing.inscribed(radius, padding) == pytest.approx(min(distances))
+    assert ray_tracing.inscribed(0.18, 0.01) == pytest.approx(0.18626, abs=5e-6), "the chapter's files"
 
 
 SIDE = 24

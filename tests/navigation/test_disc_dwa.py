@@ -9,7 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.robot.cost_maps.cell_distance import squared_within
+from actors.robot.cost_maps.ray_tracing import squared_within
 from actors.robot.local_planning.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best
 from actors.robot.local_planning.map_grid import wavefront
 

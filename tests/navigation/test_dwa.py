@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.robot.cost_maps.cell_distance import squared_within
-from actors.robot.cost_maps.footprint import outline
-from actors.robot.cost_maps.inflation import Inflation
+from actors.robot.cost_maps.cost_map import Inflation
+from actors.robot.cost_maps.ray_tracing import outline, squared_within
 from actors.robot.local_planning.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
 from actors.robot.local_planning.map_grid import wavefront
 from benchmarks import navigation as original

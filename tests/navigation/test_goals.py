@@ -14,7 +14,7 @@ from actors.instant import Instant
 from actors.randomness import generator
 from actors.robot.behaviour import Decision, GoalStatus, Start, View
 from actors.robot_model import load_model
-from actors.task.words import PlaceGivenUp, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceReport
 from deploy.scenario.scenario_file import Overrides, parse
 from deploy.scenario.tables import Scenario, document
 from tests.recorded_runs import record

@@ -18,8 +18,8 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.robot.assembly import common_ground
 from actors.robot.navigation.navfn import NavfnPlanner, global_costs, static_costs
-from actors.robot.navigation.navfn_potential import IMPASSABLE, UNREACHED, wave, way_down
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, PlanningParameters, ground
+from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from deploy.scenario.stack_tables import stack

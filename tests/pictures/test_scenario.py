@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from actors.installation.repository import REPOSITORY as ROOT
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from deploy.scenario import scenario_picture, survey
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from actors.instant import Instant, seconds
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
-from actors.task.words import PlaceGivenUp
+from actors.task.task import PlaceGivenUp
 
 LETTERS = [f"{letter}{letter}" for letter in "abcdefghijklmnopqrstuvwxyz"]
 WAYS: dict[str, Callable[[], str]] = {

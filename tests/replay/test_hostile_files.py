@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from actors import toml_file
-from actors.floor.map_file import load_map
-from actors.floor.map_header import MapError
+from actors.floor.map_file import MapError, load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
 from actors.runtime import regular_file

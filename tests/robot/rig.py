@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import Drive, Heard, Outgoing, Received, Sent
-from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.goal import GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from actors.robot.core import RobotCore, RobotParts

@@ -25,13 +25,13 @@ from actors.messages import (
     Sent,
     Transmit,
 )
-from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Decision, View
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Output, at, to
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
 from tests.refusals import refused
 from tests.robot.base import model

@@ -20,7 +20,7 @@ from actors.runtime.codec import MESSAGE_LIMIT, UnfitMessageError, encode
 from actors.runtime.core import Address, Inputs, Outlet, Output, at, to
 from actors.runtime.recording import Journal, Recorder, Unrecorded
 from actors.runtime.shell import Shell
-from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 
 ROBOT = "r" * 32
 KEY = DRIVE.key(ROBOT)

@@ -23,7 +23,7 @@ from actors.runtime.processor import (
     parted,
     processor,
 )
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 
 REALS = st.floats(allow_nan=False, allow_infinity=False)

@@ -10,8 +10,7 @@ from pydantic_core import PydanticUndefined
 
 from actors import robot_model
 from actors.floor.drawing import RESOLUTION
-from actors.floor.map_file import MapLimits
-from actors.floor.map_header import KEYS
+from actors.floor.map_file import KEYS, MapLimits
 from actors.floor.offices import PARAMETERS
 from actors.installation.repository import REPOSITORY
 

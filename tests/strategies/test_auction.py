@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from actors.geometry import Point
 from actors.messages import FRAME_DATA_LIMIT
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.cleaner import State
 from cleaning.place import Assignment
 from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid

@@ -11,7 +11,7 @@ from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 from actors.runtime.errors import AcrcError
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.place import Assignment
 from cleaning.strategies.careful import CarefulRobot
 from cleaning.strategies.oracle import behaviour

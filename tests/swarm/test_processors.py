@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from actors.installation.pins import MINORS, requirements
 from actors.installation.repository import REPOSITORY
+from actors.installation.version import MINORS, requirements
 from actors.runtime.process import RunNote
 from actors.runtime.recording import read_notes
 from deploy.fleet.bundle import download

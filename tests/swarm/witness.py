@@ -2,7 +2,7 @@
 
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 GIVES_UP = 30
 """The step in which r1 gives its places up and r2 claims one of its own."""

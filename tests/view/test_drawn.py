@@ -17,7 +17,7 @@ from actors.observer.drawing.layout import APPLICATION
 from actors.radio.medium.state import Outcome
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from cleaning.cleaner import State
 from command_line import look
 from observation.accounting.account import spells

@@ -15,7 +15,7 @@ from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, R
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
-from actors.task.words import PlaceKey, PlaceReport
+from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet
 from observation.recordings.topics import Standing, standing

@@ -18,7 +18,7 @@ from actors.observer import glyphs, viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.glyphs import Colour
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import Deed, Route
 from observation.evidence.things_over_time import FloorThing, OrderedChange

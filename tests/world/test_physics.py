@@ -21,9 +21,8 @@ from actors.task.task import Task
 from actors.world.body import Bodies
 from actors.world.clearance import Shape, disc, gap, placed, wall_gap
 from actors.world.orders import Effects, Orders
-from actors.world.participants import BarrierStanding, Participants
 from actors.world.physics import SUBSTEP, Arena
-from actors.world.world_setup import BodySetup, TimedOrder
+from actors.world.world_setup import BarrierStanding, BodySetup, Participants, TimedOrder
 from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room, room_with_door, towards
 
 MM = 0.001

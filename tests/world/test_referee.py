@@ -15,9 +15,9 @@ from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.task.visits import visitors
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.whereabouts import PoseError, Whereabouts
+from actors.world.sensing import PoseError, Whereabouts
 from actors.world.world_setup import BodySetup
 from tests.refusals import refused
 

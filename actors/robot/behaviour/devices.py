@@ -7,7 +7,7 @@ from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
 from actors.robot.behaviour.plan import Plan
 from actors.robot.behaviour.ports import View
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 
 class RobotPositioning:

@@ -11,7 +11,7 @@ from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal
 from actors.robot.behaviour.plan import Plan
-from actors.task.words import PlaceKey
+from actors.task.task import PlaceKey
 
 
 class Positioning(Protocol):

@@ -16,8 +16,7 @@ from numpy.random import Generator
 from actors.instant import START, Duration, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
 from actors.robot.behaviour import devices
-from actors.robot.behaviour.decision_limits import RobotLimits
-from actors.robot.behaviour.decision_log import SUBJECT, DecisionLog
+from actors.robot.behaviour.decisions import SUBJECT, DecisionLog, RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View

@@ -19,7 +19,7 @@ from actors.messages import Outgoing, RadioEvent
 from actors.robot.behaviour.equipment import FloorPlan
 from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.plan import Plan
-from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 Scalar: TypeAlias = bool | int | float | str
 Setting: TypeAlias = Scalar | tuple[Scalar, ...]

@@ -11,10 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.bearings import bearing_to, half_width, window
+from actors.bounds import ParameterError
+from actors.floor.convex import distance_to_border
+from actors.floor.flood import bearing_to, half_width, window
 from actors.kernels import njit
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
+from actors.portable import cos_sin as portable_cos_sin
 from actors.portable.compiled import cos_sin, hypot
 
 Floats = NDArray[np.float64]
@@ -25,7 +28,7 @@ _ENDED: Final = 2
 """What a cell holds in which a ray of the present scan ends, until the scan is taken in."""
 
 
-def fingerprint() -> bytes:
+def _ray_tracing_fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
     # read-only, as what a message holds: so this compiles the very variant that the robot will call
@@ -206,3 +209,215 @@ def note_arrivals(
         for column in range(marks.shape[1]):
             if marks[row, column] > before[row, column] and stamps[row, column] >= oldest:
                 arrivals[row, column] = instant
+
+
+Costs = NDArray[np.uint8]
+Squares = NDArray[np.int16]
+CORNERS: Final = 16
+"""makeFootprintFromRadius."""
+_NEARLY_ZERO: Final = {4: (1.0, 1.0), 8: (-1.0, 1.0), 12: (-1.0, -1.0)}
+"""Which way the corners behind, left and right of the body are padded along the axis that they lie on: in
+double precision their cosines and sines are not 0, and costmap_2d asks for their signs."""
+
+
+def outline(radius: float, padding: float) -> Floats:
+    """(CORNERS, 2): corners of a disc of `radius`, m, body's frame, counter-clockwise from its front.
+
+    Each coordinate that is not 0 is `padding`, m, farther out (padFootprint).
+    """
+    corners = np.array([portable_cos_sin(corner * math.tau / CORNERS)[:2] for corner in range(CORNERS)])
+    outward = np.sign(corners)
+    outward[0] = 1.0, 0.0
+    for corner, signs in _NEARLY_ZERO.items():
+        outward[corner] = signs
+    padded: Floats = corners * radius + padding * outward
+    return padded
+
+
+def inscribed(radius: float, padding: float) -> float:
+    """Radius of the largest disc within that outline, m (calculateMinAndMaxDistances)."""
+    return distance_to_border(tuple((float(x), float(y)) for x, y in outline(radius, padding)))
+
+
+def _footprint_fingerprint() -> bytes:
+    """What outline and kernel give for fixed inputs: differs where a processor or library computes
+    differently."""
+    corners = outline(3.6, 0.2)
+    row, column = np.indices((40, 40))
+    squared = ((row * 5 + column * column * 3) % 101).astype(np.int16)
+    table = np.maximum(200 - 2 * np.arange(101), 0).astype(np.uint8)
+    table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
+    below = [
+        cost_below(squared, table, x, y, 0.8, 0.6, corners)
+        for x, y in ((12.3, 20.4), (30.1, 8.8), (39.0, 2.0))
+    ]
+    return corners.tobytes() + np.array(below).tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cost_below(
+    squared: Squares, table: Costs, x: float, y: float, c: float, s: float, corners: Floats
+) -> int:
+    """The highest cost below the outline of a body at (x, y), with its heading's cosine and sine.
+
+    -1 if that meets a mark or leaves the window. `squared`: (rows, columns), squared distance to what is
+    marked; `table`: cost by that. `corners`: (n, 2), cells, in the body's frame
+    (CostmapModel::footprintCost).
+    """
+    rows, columns = squared.shape
+    highest = 0
+    last = corners.shape[0] - 1
+    right = x + (corners[last, 0] * c - corners[last, 1] * s)
+    up = y + (corners[last, 0] * s + corners[last, 1] * c)
+    if not (0.0 <= right < columns and 0.0 <= up < rows):
+        return -1
+    for corner in range(corners.shape[0]):
+        next_right = x + (corners[corner, 0] * c - corners[corner, 1] * s)
+        next_up = y + (corners[corner, 0] * s + corners[corner, 1] * c)
+        if not (0.0 <= next_right < columns and 0.0 <= next_up < rows):
+            return -1
+        cost = _along(squared, table, int(right), int(up), int(next_right), int(next_up))
+        if cost < 0:
+            return -1
+        highest = max(highest, cost)
+        right, up = next_right, next_up
+    return highest
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _along(squared: Squares, table: Costs, column: int, row: int, last_column: int, last_row: int) -> int:
+    """The highest cost along a line of cells, -1 if one is marked.
+
+    Bresenham, "Algorithm for computer control of a digital plotter", IBM Systems Journal 4(1), 1965; half of
+    the longer axis is carried at first (base_local_planner/line_iterator.h).
+    """
+    right, up = abs(last_column - column), abs(last_row - row)
+    east, north = (1 if last_column >= column else -1), (1 if last_row >= row else -1)
+    length, aside = max(right, up), min(right, up)
+    carried = length // 2
+    highest = 0
+    for _ in range(length + 1):
+        if squared[row, column] == 0:
+            return -1
+        highest = max(highest, int(table[squared[row, column]]))
+        carried += aside
+        over = carried >= length
+        if over:
+            carried -= length
+        if over or right >= up:
+            column += east
+        if over or right < up:
+            row += north
+    return highest
+
+
+MOST_REACH: Final = 126
+"""Cells; 2 (reach + 1)² must fit into int16."""
+
+
+def squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
+    """Squared distance from every cell to the nearest marked one, cells², at most (reach + 1)²; exact.
+
+    `marks`: (rows, columns), 0 where nothing is marked; the result has that shape. `reach`: 1 to MOST_REACH.
+    """
+    assert 1 <= reach <= MOST_REACH
+    squared: NDArray[np.int16] = _squared_within(marks, reach)
+    return squared
+
+
+def check_reach(what: str, reach: float, cell: float) -> None:
+    """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
+    if reach > MOST_REACH * cell:
+        raise ParameterError(what, reach, f"at most {MOST_REACH} cells of {cell:g} m")
+
+
+def _cell_distance_fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 30))
+    marks = ((row * 7 + column * column * 3) % 61 == 0).astype(np.uint8)
+    squared, arrivals = squared_within(marks, 9), (column * 7 % 5).astype(np.int64)
+    gaps: NDArray[np.float64] = half_gaps(squared, arrivals, 3, np.array([17.6, 16.4, 0.0]), 1.5, 4.0)
+    return squared.tobytes() + gaps.tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _along_columns(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
+    """How many rows each cell is from the nearest marked one of its column, at most reach + 1."""
+    away = np.empty(marks.shape, np.int16)
+    far, one, zero = np.int16(reach + 1), np.int16(1), np.int16(0)
+    before = np.full(marks.shape[1], far, np.int16)
+    for row in range(marks.shape[0]):
+        here, marked = away[row], marks[row]
+        for column in range(marks.shape[1]):
+            more = np.int16(before[column] + one)
+            more = min(far, more)
+            here[column] = zero if marked[column] else more
+        before = here
+    for row in range(marks.shape[0] - 2, -1, -1):
+        here = away[row]
+        for column in range(marks.shape[1]):
+            more = np.int16(before[column] + one)
+            here[column] = min(here[column], more)
+        before = here
+    return away
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
+    rows, columns = marks.shape
+    away = _along_columns(marks, reach)
+    # one row with as many columns on both sides as a cell looks at: nothing is marked in them
+    height = np.full(columns + 2 * reach, np.int16((reach + 1) * (reach + 1)), np.int16)
+    squared = np.empty((rows, columns), np.int16)
+    for row in range(rows):
+        own, best = height[reach : reach + columns], squared[row]
+        own[:] = away[row] * away[row]
+        best[:] = own
+        for aside in range(1, reach + 1):
+            more = np.int16(aside * aside)
+            left, right = height[reach - aside :], height[reach + aside :]
+            for column in range(columns):
+                near = np.int16(min(left[column], right[column]) + more)
+                best[column] = min(best[column], near)
+    return squared
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def half_gaps(
+    squared: NDArray[np.int16],
+    arrivals: NDArray[np.int64],
+    since: int,
+    body: NDArray[np.float64],
+    room: float,
+    farthest: float,
+) -> NDArray[np.float64]:
+    """Return half of the gap to each moving mark where that is below `farthest`.
+
+    (k, 3): the unit vector to the mark, and that half. The other half is left to what moves: two robots by
+    this rule stop before they meet, wherever they go. `squared`: 0 in marked cells, of which those with
+    `arrivals` from `since` on move. `body`: x and y. `room`: distance that the centre has to keep from marks.
+    All lengths in cells.
+    """
+    reach = room + 2.0 * farthest
+    bottom, top = max(int(body[1] - reach), 0), min(int(body[1] + reach) + 1, squared.shape[0])
+    left, right = max(int(body[0] - reach), 0), min(int(body[0] + reach) + 1, squared.shape[1])
+    bounds = np.empty((max(top - bottom, 0) * max(right - left, 0), 3))
+    count = 0
+    for row in range(bottom, top):
+        for column in range(left, right):
+            if squared[row, column] > 0 or arrivals[row, column] < since:
+                continue
+            x, y = column + 0.5 - body[0], row + 0.5 - body[1]
+            apart = math.sqrt(x * x + y * y)
+            half = max(apart - room, 0.0) / 2.0
+            if apart > 0.0 and half < farthest:
+                bounds[count, 0], bounds[count, 1], bounds[count, 2] = x / apart, y / apart, half
+                count += 1
+    return bounds[:count].copy()
+
+
+def fingerprint() -> bytes:
+    """Return the results of all kernels of this module for fixed inputs, concatenated."""
+    return b"".join(
+        part() for part in (_ray_tracing_fingerprint, _footprint_fingerprint, _cell_distance_fingerprint)
+    )

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
 from actors.portable import atan2, cos_sin, hypot
-from actors.robot.cost_maps.cell_distance import half_gaps
 from actors.robot.cost_maps.cost_map import CostMap
+from actors.robot.cost_maps.ray_tracing import half_gaps
 from actors.robot.local_planning.disc_dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.map_grid import bearing, cut, detour, free_goal, wavefront

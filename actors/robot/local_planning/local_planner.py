@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.control_cycle import chosen
 from actors.robot.local_planning.dwa import CRITICS, CheapestVelocity
 from actors.robot.local_planning.dwa_parameters import DwaParameters
+from actors.robot.local_planning.local_plan import chosen
 from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
 from actors.robot_model import DriveParameters
 from deeco.knowledge import made

@@ -2,28 +2,23 @@
 
 from typing import Final
 
-from actors.robot.localisation import (
-    beams,
-    confidence,
-    evidence,
-    histogram,
-    line_of_sight,
-    measurement,
-    motion,
-    resampling,
-)
+from actors.robot.localisation import confidence, measurement, motion, resampling
 from actors.robot.localisation.amcl import Amcl
-from actors.robot.localisation.dead_reckoning import DeadReckoning
-from actors.robot.localisation.estimate import Estimate, Localisation
 from actors.robot.localisation.likelihood_field import LikelihoodField, likelihood_field
-from actors.robot.localisation.parameters import PRESETS, AmclParameters
+from actors.robot.localisation.parameters import (
+    PRESETS,
+    AmclParameters,
+    DeadReckoning,
+    Estimate,
+    Localisation,
+)
 
 KERNELS: Final = (
-    beams,
-    line_of_sight,
-    evidence,
+    measurement,
+    measurement,
     confidence,
-    histogram,
+    confidence,
+    resampling,
     measurement,
     motion,
     resampling,

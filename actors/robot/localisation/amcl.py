@@ -7,6 +7,7 @@ one to the next.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,23 +17,76 @@ from numpy.typing import NDArray
 from actors.geometry import ORIGIN, Point, Pose, between, wrap
 from actors.portable import arrays
 from actors.portable.draws import normals
-from actors.robot.localisation.beams import beams, ends
-from actors.robot.localisation.confidence import Confidence
-from actors.robot.localisation.estimate import Estimate
-from actors.robot.localisation.evidence import Judgement, judge
-from actors.robot.localisation.filter_counts import FilterCounts
-from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
+from actors.robot.localisation.confidence import Confidence, Judgement, judge
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.locating import Locating
 from actors.robot.localisation.lost import LostProbability
-from actors.robot.localisation.measurement import Cloud, Measurement
+from actors.robot.localisation.measurement import Cloud, Measurement, beams, ends
 from actors.robot.localisation.motion import around, move, parts_of, spread, step
-from actors.robot.localisation.parameters import AmclParameters
-from actors.robot.localisation.recovery import Recovery
-from actors.robot.localisation.resampling import resample
+from actors.robot.localisation.parameters import AmclParameters, Estimate, Locating
+from actors.robot.localisation.resampling import Cluster, Histogram, heaviest_cluster, histogram, resample
 from actors.robot.localisation.search import Search
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
+
+
+class Recovery:
+    """The averages w_slow and w_fast of "Probabilistic Robotics", 2005, table 8.3.
+
+    They are kept of the fit, which lies in 0 to 1, and not of the likelihood of a whole scan, which changes
+    with the number of its beams. They begin at 1, so that a filter that begins at the wrong place finds out.
+    As in the book, and unlike ros-planning/navigation, pf.c, they live on after new poses were tried: where
+    both begin anew at a bad fit, the robot is never looked for again.
+    """
+
+    def __init__(self, parameters: AmclParameters) -> None:
+        self._parameters = parameters
+        self._slow = 1.0
+        self._fast = 1.0
+
+    def injection(self, fit: float) -> float:
+        """How likely a particle is to be a new pose, after a scan of that fit; 0 where recovery is off."""
+        parameters = self._parameters
+        if not parameters.recovers:
+            return 0.0
+        self._slow += parameters.recovery_slow * (fit - self._slow)
+        self._fast += parameters.recovery_fast * (fit - self._fast)
+        if self._slow <= 0.0:  # after hundreds of scans that fit nowhere at all
+            return 1.0
+        return max(0.0, 1.0 - self._fast / self._slow)
+
+
+@dataclass
+class FilterCounts:
+    """Of one run, so far."""
+
+    updates: int = 0
+    """Scans that counted."""
+    blind: int = 0
+    """Those of them without any beam to believe."""
+    resamplings: int = 0
+    particles: int = 0
+    """Sum over the scans that counted."""
+    injected: int = 0
+    """New poses tried."""
+    lost: int = 0
+    """Scans that counted after which the robot was more likely lost than not."""
+    found: int = 0
+    """How often the search found it somewhere else."""
+    beams_used: int = 0
+    beams_masked: int = 0
+    """Dropped as they ended at a masked peer."""
+    beams_strange: int = 0
+    """Dropped as they ended at what is not on the map."""
+    beams_skipped: int = 0
+    """Dropped as few particles agreed with them."""
+
+    def outcome(self) -> dict[str, object]:
+        """By name; of the particles the mean."""
+        counted: dict[str, object] = dict(vars(self))
+        del counted["particles"]
+        counted["mean_particles"] = round(self.particles / self.updates, 1) if self.updates else 0.0
+        return counted
+
 
 _TOGETHER: Final = 0.9
 """The particles are together while the estimate's cluster has so much of their weight,"""

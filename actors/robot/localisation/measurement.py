@@ -6,16 +6,19 @@ skipping of beams that few particles agree with (its pull request 238).
 """
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.geometry import Pose
 from actors.kernels import njit
+from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
-from actors.portable.compiled import cos, exp, sin
+from actors.portable.compiled import cos, cos_sin, exp, hypot, sin
 from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
 from actors.robot.localisation.parameters import AmclParameters
+from actors.robot_model import RangeSensor, scan_angles
 
 
 class Cloud(NamedTuple):
@@ -78,7 +81,7 @@ def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParame
     return hit + parameters.z_rand / range_max
 
 
-def fingerprint() -> bytes:
+def _measurement_fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     field = specimen()
     p = 0.5 * arrays.exp(-np.arange(256.0) / 50) + 0.1
@@ -196,3 +199,174 @@ def _normalise(cloud: Cloud) -> None:
         total += cloud.weights[i]
     for i in range(cloud.size):
         cloud.weights[i] /= total
+
+
+AGREEING: Final = 0
+"""The beam ends at a wall of the map."""
+SHORT: Final = 1
+"""It ends in the open, in sight: there is something that is not on the map."""
+BEYOND: Final = 2
+"""It has passed a wall of the map: no thing in the room makes a beam longer."""
+
+
+def _line_of_sight_fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    grid = specimen().grid
+    ends = [(0.1 * x, 0.13 * x) for x in range(-9, 40)]
+    return bytes(sight(*grid, 0.3, 1.0, 1.0, x, y) for x, y in ends)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def placed(x: float, y: float, c: float, s: float, forward: float, left: float) -> tuple[float, float]:
+    """Where in the map frame a point of the body's frame is, m; (x, y): the body's place, c and s: cosine and
+    sine of its heading."""
+    return x + c * forward - s * left, y + s * forward + c * left
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def level_at(levels: NDArray[np.uint8], frame: NDArray[np.float64], x: float, y: float) -> int:
+    """The level of the cell that holds a point, m; beyond the edge that of the ring around the map."""
+    column = min(max((x - frame[0]) / frame[2], 0.0), levels.shape[1] - 1.0)
+    row = min(max((y - frame[1]) / frame[2], 0.0), levels.shape[0] - 1.0)
+    return int(levels[int(row), int(column)])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def sight(
+    levels: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    step: float,
+    margin: float,
+    eye_x: float,
+    eye_y: float,
+    end_x: float,
+    end_y: float,
+) -> int:
+    """How a beam from the eye to its end goes with the map: AGREEING if its end is within `margin` of a wall,
+    else BEYOND if a wall lies before it, else SHORT. `step`: metres per level.
+
+    The line is followed in leaps as long as the distance to the nearest wall (Hart, "Sphere tracing", The
+    Visual Computer 12, 1996). That needs no more than the levels, which lie in the cache anyway;
+    `actors.floor.traversal` would need squares for four quadrants, and knows of nothing short of a wall.
+    """
+    if step * level_at(levels, frame, end_x, end_y) <= margin:
+        return AGREEING
+    length = hypot(end_x - eye_x, end_y - eye_y)
+    gone = 0.0
+    while gone < length:
+        share = gone / length
+        level = level_at(levels, frame, eye_x + share * (end_x - eye_x), eye_y + share * (end_y - eye_y))
+        if level == 0:
+            return BEYOND
+        gone += max(step * level - frame[2], 0.5 * frame[2])
+    return SHORT
+
+
+_NO_ECHO: Final = NO_ECHO_MM
+
+
+class Beams(NamedTuple):
+    """A choice of a sensor's rays."""
+
+    rays: NDArray[np.int64]
+    """(b,): which of the scan."""
+    directions: NDArray[np.float64]
+    """(b, 2): unit vectors in the body's frame."""
+    mount: NDArray[np.float64]
+    """(2,): where they begin in the body's frame, m."""
+    reach: float
+    """The sensor's range_max, m: what is not nearer counts as no echo."""
+
+
+class Ends(NamedTuple):
+    """Where the beams of a scan end that have an echo and are to be believed."""
+
+    points: NDArray[np.float64]
+    """(k, 2), m, body's frame."""
+    masked: int
+    """So many ended at a masked peer."""
+
+
+def beams(sensor: RangeSensor, count: int) -> Beams:
+    """`count` rays at equal angles over the sensor's view; all of them if it has no more."""
+    count = min(count, sensor.rays)
+    spaces = count if sensor.full_circle else max(count - 1, 1)
+    angles = np.arange(count) * (math.radians(sensor.field_of_view_deg) / spaces)
+    rays = np.minimum(np.rint(angles / sensor.increment).astype(np.int64), sensor.rays - 1)
+    directions = scan_angles(sensor)[rays]
+    return Beams(
+        rays,
+        np.column_stack((arrays.cos(directions), arrays.sin(directions))),
+        np.array([sensor.x, sensor.y]),
+        sensor.range_max,
+    )
+
+
+def ends(
+    ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: NDArray[np.float64], radius: float
+) -> Ends:
+    """The ends of the beams with an echo, but for those within `radius`, m, of a peer.
+
+    `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: the robot's there, as far as known.
+    """
+    return Ends(*_ends(ranges_mm, *beams, *pose, peers, radius))
+
+
+def _beams_fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    angles = np.linspace(-3.0, 3.0, 30)
+    ranges = np.frombuffer((2000 + 900 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")  # read-only
+    chosen = Beams(
+        np.arange(0, 30, 3),
+        np.column_stack((arrays.cos(angles[::3]), arrays.sin(angles[::3]))),
+        np.array([-0.1, 0.0]),
+        2.7,
+    )
+    peers = np.array([[2.0, 3.0]])
+    return ends(ranges, chosen, Pose(1.0, 2.0, 0.5), peers, 0.9).points.tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _ends(
+    ranges_mm: NDArray[np.uint16],
+    rays: NDArray[np.int64],
+    directions: NDArray[np.float64],
+    mount: NDArray[np.float64],
+    reach: float,
+    x: float,
+    y: float,
+    heading: float,
+    peers: NDArray[np.float64],
+    radius: float,
+) -> tuple[NDArray[np.float64], int]:
+    points = np.empty((rays.size, 2))
+    kept = masked = 0
+    c, s = cos_sin(heading)
+    for beam in range(rays.size):
+        millimetres = ranges_mm[rays[beam]]
+        length = 0.001 * millimetres
+        if millimetres == _NO_ECHO or length >= reach:
+            continue
+        forward = mount[0] + length * directions[beam, 0]
+        left = mount[1] + length * directions[beam, 1]
+        if _near(peers, *placed(x, y, c, s, forward, left), radius):
+            masked += 1
+        else:
+            points[kept, 0], points[kept, 1] = forward, left
+            kept += 1
+    return points[:kept], masked
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _near(points: NDArray[np.float64], x: float, y: float, radius: float) -> bool:
+    for i in range(points.shape[0]):  # noqa: SIM110 - numba knows no any() of a generator
+        if hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
+            return True
+    return False
+
+
+def fingerprint() -> bytes:
+    """Return the results of all kernels of this module for fixed inputs, concatenated."""
+    return b"".join(
+        part() for part in (_measurement_fingerprint, _line_of_sight_fingerprint, _beams_fingerprint)
+    )

@@ -1,11 +1,16 @@
 """Every number of the particle filter, and the sets of them that have a name."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Literal, get_args
+from typing import Final, Literal, Protocol, get_args
+
+import msgspec
 
 from actors.bounds import ParameterError, check
+from actors.geometry import CERTAIN, Covariance, Point, Pose
+from actors.robot.localisation.resampling import Cluster
+from actors.robot.sweep import Sweep
 
 OdometryModel = Literal["diff", "diff-corrected"]
 Weighting = Literal["cubes", "product"]
@@ -148,3 +153,91 @@ PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
     {"chapter": AmclParameters(), "robust": _ROBUST}
 )
 """`chapter`: what the chapter's robots ran. `robust`: what keeps track among other robots best."""
+
+
+class Estimate(msgspec.Struct, frozen=True, gc=False):
+    """Where the robot holds itself to be, and how far it trusts that."""
+
+    pose: Pose
+    covariance: Covariance
+    located: bool = True
+    """False while the robot does not know where it is: it should stand."""
+    lost: float = 0.0
+    """Probability that the robot is somewhere else altogether."""
+
+
+class Localisation(Protocol):
+    """Keeps track of the robot's pose in the map frame."""
+
+    def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
+        """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
+
+    def mask(self, peers: Sequence[Point]) -> None:
+        """From now on, believe no beam that ends at one of these points of the map frame, m.
+
+        They replace the former ones; without any, all beams are believed.
+        """
+
+    def relocalise(self) -> None:
+        """Forget where the robot is, and look for it all over the map."""
+
+    def outcome(self) -> dict[str, object]:
+        """What can be said about the whole run, JSON-able, by subject."""
+
+
+_IN_A_ROW: Final = 5
+"""So many scans have to say so on end; own choices, as all below."""
+_REACH: Final = 3.0
+"""No farther from where it last was than so many standard deviations, for rooms are alike, ..."""
+_TOGETHER: Final = 0.95
+"""So much of the particles' weight is in one cluster, ..."""
+_APART: Final = 0.15
+"""... which lies within so much of its mean on the root of the mean square, m, ..."""
+_TURNED: Final = 0.1
+"""... and rad, ..."""
+_FIT: Final = 0.85
+"""... and such a share of the beams end where the map has something."""
+
+
+class Locating:
+    """Counts the scans that agree, all made while the robot stands."""
+
+    def __init__(self, doubt: float) -> None:
+        """`doubt`: standard deviation of what was known, m."""
+        self._reach = _REACH * doubt
+        self._agreed = 0
+        self.believed: Point | None = None
+        """Where it held itself to be at first; to be set."""
+
+    def take(self, cluster: Cluster, fit: float) -> bool:
+        """What came of one more scan; True once the robot is located."""
+        pose, covariance, weight = cluster
+        near = self.believed is not None and self.believed.distance_to(pose.point) <= self._reach
+        narrow = covariance[0] + covariance[4] <= _APART * _APART and covariance[8] <= _TURNED * _TURNED
+        agrees = near and narrow and weight >= _TOGETHER and fit >= _FIT
+        self._agreed = self._agreed + 1 if agrees else 0
+        return self._agreed >= _IN_A_ROW
+
+
+class DeadReckoning:
+    """The pose at switch-on, moved as the odometry says: as exact as that."""
+
+    def __init__(self, start: Pose, doubt: float | None = None) -> None:
+        """`doubt`: as for Amcl; it never ends, for nothing here finds out where the robot is."""
+        self._start = start
+        self._located = doubt is None
+
+    def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
+        """The odometry's pose in the frame of the start pose; the covariance is 0, for it knows no better."""
+        lost = 0.0 if self._located else 1.0
+        return Estimate(self._start.compose(here), CERTAIN, self._located, lost)
+
+    def mask(self, peers: Sequence[Point]) -> None:
+        """Without effect, as no beam is believed."""
+
+    def relocalise(self) -> None:
+        """Without effect: nothing here could find out where the robot is."""
+
+    def outcome(self) -> dict[str, object]:
+        """Nothing to say."""
+        return {}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
-from actors.robot.localisation.evidence import PoseFit, explain, worth
+from actors.robot.localisation.confidence import PoseFit, explain, worth
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.motion import around

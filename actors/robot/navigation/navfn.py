@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.floor.sharing import Shared
 from actors.geometry import Point
-from actors.robot.cost_maps import footprint
-from actors.robot.cost_maps.cell_distance import check_reach, squared_within
-from actors.robot.cost_maps.inflation import INSCRIBED, Inflation
-from actors.robot.navigation.navfn_potential import IMPASSABLE, UNREACHED, wave, way_down
+from actors.robot.cost_maps import ray_tracing
+from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
+from actors.robot.cost_maps.ray_tracing import check_reach, squared_within
 from actors.robot.navigation.planning import HIGHEST, PlanningParameters, around, strangers
+from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
 
 _NO_INFORMATION: Final = 255
 """Cost of a cell of which the map says nothing, where nothing is near (costmap_2d)."""
@@ -49,7 +49,7 @@ def global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParamet
 
 
 def _global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> GlobalCosts:
-    within = footprint.inscribed(radius + parameters.allowance, parameters.padding)
+    within = ray_tracing.inscribed(radius + parameters.allowance, parameters.padding)
     inflation = Inflation(within, parameters.inflation_radius, parameters.scaling)
     farthest = max(inflation.radius, within)
     check_reach("planner: the reach of what is marked", farthest, plan.resolution)

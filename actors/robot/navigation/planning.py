@@ -16,9 +16,8 @@ from actors.floor.distance import squared_distance
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.sharing import Shared
 from actors.geometry import Point
-from actors.robot.cost_maps.cell_distance import check_reach, squared_within
-from actors.robot.cost_maps.footprint import inscribed
-from actors.robot.cost_maps.inflation import INSCRIBED, Inflation
+from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
+from actors.robot.cost_maps.ray_tracing import check_reach, inscribed, squared_within
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
 
