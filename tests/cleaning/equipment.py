@@ -1,7 +1,8 @@
-"""A robot's equipment as the tests play it, and robots to go with it."""
+"""Fakes of a robot's equipment, and stories of robots whose messages come late, again or never."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
@@ -10,7 +11,10 @@ from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
 from cleaning.robot import CleaningRobot
+from deeco import Knowledge
+from deeco.knowledge import seen_as
 
+Role = TypeVar("Role", bound=Knowledge)
 NOW = Instant(seconds(100))
 SOMEWHERE = Point(77.0, 7.0)
 """Where random places are."""
@@ -18,8 +22,6 @@ SOMEWHERE = Point(77.0, 7.0)
 
 @dataclass
 class Base:
-    """Positioning, as the test has it."""
-
     pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
     moving: bool = False
     covariance: Covariance = CERTAIN
@@ -134,6 +136,13 @@ class Floor:
         return 1 + sum(door.middle.x < point.x for door in self.doors)
 
 
+def published(robot: CleaningRobot, role: type[Role]) -> Role:
+    """Return what the robot publishes of itself."""
+    made = seen_as(robot, role)
+    assert isinstance(made, role)
+    return made
+
+
 def assignment(x: float, index: int = 0, owner: str = "r1", term: int = 0) -> Assignment:
     return Assignment(owner, index, Point(x, 0.0), term)
 
@@ -143,7 +152,6 @@ def route(*xs: float, owner: str = "r1") -> tuple[Assignment, ...]:
 
 
 def plain(*xs: float) -> CleaningRobot:
-    """Robot r1 at the origin, with places at these x."""
     return CleaningRobot(id="r1", position=Point(0.0, 0.0), route=route(*xs))
 
 
@@ -153,3 +161,61 @@ def adaptive(robot: str, at: float, *xs: float) -> AdaptiveCleaningRobot:
     return AdaptiveCleaningRobot(
         id=robot, position=Point(at, 0.0), route=mine, destination=mine[0] if mine else None
     )
+
+
+Robot = TypeVar("Robot", bound=CleaningRobot)
+
+
+class Act(NamedTuple):
+    """What happens next, to which robot, with which number to choose from what there is."""
+
+    what: str
+    robot: int
+    number: int
+
+
+class Story(Generic[Robot]):
+    """Robots, everything that they ever published, and the places; an act `x` is done by a method `_x`."""
+
+    def __init__(self, robots: list[Robot]) -> None:
+        self.notes = Notes()
+        self.robots = robots
+        self.places = [assignment.key for robot in robots for assignment in robot.route]
+        self.published: list[Any] = []
+        self.now = NOW
+
+    def act(self, act: Act) -> None:
+        index = act.robot % len(self.robots)
+        one: Callable[[Robot, int], Robot] = getattr(self, f"_{act.what}")
+        self.robots[index] = one(self.robots[index], act.number)
+        self.now = Instant(self.now + seconds(1))
+
+    def play(self, acts: Iterable[Act]) -> Self:
+        """Do them one after the other; no place may be lost after any."""
+        for act in acts:
+            self.act(act)
+            self.check()
+        return self
+
+    def message(self, robot: Robot, number: int) -> Any:
+        """Return any message that another robot ever sent, the newest first; None if there is none."""
+        others = [role for role in reversed(self.published) if role.id != robot.id]
+        return others[number % len(others)] if others else None
+
+    def open_places(self) -> list[PlaceKey]:
+        """Return the places that no robot has visited or given up."""
+        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
+        return [key for key in self.places if key not in over]
+
+    def held(self) -> list[PlaceKey]:
+        return [assignment.key for robot in self.robots for assignment in robot.route]
+
+    def check(self) -> None:
+        assert {*self.open_places()} <= {*self.held()}, "no place is lost"
+        for robot in self.robots:
+            assert len({assignment.key for assignment in robot.route}) == len(robot.route), "no place twice"
+            assert robot.destination is None or robot.destination in robot.route
+
+    def check_held_once(self) -> None:
+        held = self.held()
+        assert all(held.count(key) == 1 for key in self.open_places())

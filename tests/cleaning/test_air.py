@@ -1,27 +1,36 @@
-"""Cleaning robots by radio: their packets fit one or two frames, and nodes exchange destinations."""
+"""Packets of cleaning robots, nodes that exchange destinations, and docs/authors.md."""
 
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.random import Generator
 
+from actors import robot as robots
 from actors.geometry import Point, Pose
+from actors.installation.repository import REPOSITORY
 from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT, Heard, Outgoing
 from actors.randomness import generator
 from actors.robot.behaviour import (
     Behaviour,
+    Decision,
+    Door,
     ExchangeSettings,
     FloorPlan,
+    Goal,
     Navigation,
     PlaceMonitor,
+    Plan,
     Positioning,
     Start,
     TaskList,
     View,
 )
-from actors.task.task import PlaceKey
+from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalStatus
+from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
@@ -29,13 +38,15 @@ from cleaning.parameters import AdaptationParameters
 from cleaning.place import RESTART_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
-from deeco import Knowledge, seconds
+from deeco import Knowledge, in_seconds, seconds
+from deeco.component import Periodic, processes_of
 from deeco.node import Node
 from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook
 from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
 from tests.deeco.air import Air, everywhere
+from tests.recorded_runs import record
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
 
@@ -97,14 +108,8 @@ def packet(robot: AdaptiveCleaningRobot) -> bytes:
 
 def robot(adopted: int, destination: Assignment | None = LONGEST) -> AdaptiveCleaningRobot:
     takeovers = tuple(Takeover("r500", 999 - number, 2000) for number in range(adopted))
-    return AdaptiveCleaningRobot(
-        id="r500",
-        position=LONGEST.point,
-        state=State.BLOCKED,
-        destination=destination,
-        former=destination if adopted else None,
-        adopted=takeovers,
-    )
+    made = AdaptiveCleaningRobot(id="r500", position=LONGEST.point, state=State.BLOCKED, adopted=takeovers)
+    return replace(made, destination=destination, former=destination if adopted else None)
 
 
 def test_with_nothing_adopted_one_frame() -> None:
@@ -159,3 +164,51 @@ def test_what_the_scenario_says_of_relaying_reaches_the_node(rssi_dbm: float, re
     listener.advance(View(second, still, False, None, heard), Instant(3_000_000))
     model = listener.outcome()["deeco"]  # type: ignore[attr-defined]
     assert (model["counters"]["packets"], model["counters"]["relayed"]) == (1, relays)
+
+
+PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
+
+
+def said() -> set[str]:
+    """Every name in backticks, without the blocks of code."""
+    text = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
+    return {word for quoted in re.findall(r"`([^`]+)`", text) for word in re.findall(r"\w+", quoted)}
+
+
+@pytest.mark.parametrize("port", [Positioning, Navigation, PlaceMonitor, FloorPlan, Plan, Door])
+def test_every_name_of_a_port_is_on_the_page(port: type) -> None:
+    names = {
+        name for name in (*vars(port), *getattr(port, "__annotations__", ())) if not name.startswith("_")
+    }
+    assert names and names - said() == set()
+
+
+def test_every_field_and_every_public_name_is_on_the_page() -> None:
+    wanted = {one.name for kind in (Start, Decision, ExchangeSettings) for one in fields(kind)}
+    wanted |= {one for kind in (PlaceKey, PlaceReport, PlaceGivenUp) for one in kind.__struct_fields__}
+    wanted |= {"PlaceReport", "PlaceGivenUp", *View._fields, *Goal._fields, *robots.behaviour.__all__}
+    wanted |= {one.name for kind in (GoalStatus, AbortReason, GoalPhase) for one in kind}
+    assert wanted - {GoalOrder.__name__, "BehaviourError"} - said() == set()
+
+
+def test_the_clocks_are_those_of_the_processes() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) (ms|s) \| (\d) \|$", PAGE, re.MULTILINE)
+    told = {
+        name: (int(every) / (1000 if unit == "ms" else 1), int(order)) for name, every, unit, order in rows
+    }
+    true = {
+        process.name: (in_seconds(process.schedule.every), process.schedule.order)
+        for process in processes_of(AdaptiveCleaningRobot)
+        if isinstance(process.schedule, Periodic)
+    }
+    assert told == true
+
+
+def test_a_behaviour_without_the_component_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert f"at most {REASON_LIMIT} characters" in PAGE
+    text = re.findall(r"^```python\n(# my_study/in_order.py\n.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
+    (tmp_path / "authors_in_order.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    result = record(tmp_path / "out", robots=1, duration=45.0, strategy="authors_in_order:behaviour")
+    assert result.places_done == result.places_claimed > 0
+    assert result.places_lost == 0

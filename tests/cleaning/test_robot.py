@@ -1,16 +1,36 @@
-"""Stories of the adapted layer: one robot, its places, and navigation."""
+"""Cleaning robots: places and navigation, detection of being blocked, and the ensembles of two robots."""
 
+from collections import Counter
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from actors.geometry import Point, Pose
+from actors.instant import Instant, seconds
+from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
 from actors.task.task import PlaceKey
-from cleaning.parameters import CleaningParameters
-from cleaning.place import RESTART_TERM
+from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
+from cleaning.cleaner import Cleaner, State
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.place import RESTART_TERM, Takeover
 from cleaning.robot import CleaningRobot
-from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Tasks, Ways, assignment, plain
+from tests.cleaning.equipment import (
+    NOW,
+    SOMEWHERE,
+    Base,
+    Floor,
+    Notes,
+    Tasks,
+    Ways,
+    adaptive,
+    assignment,
+    plain,
+    published,
+    route,
+)
 
 
 def keys(*places: int) -> list[PlaceKey]:
@@ -53,11 +73,8 @@ def test_places_that_it_is_given_come_last_in_its_route_and_once() -> None:
     assert robot.take_on(tasks) is robot
     tasks.places += (Point(3.0, 0.0),)
     assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
-
-
-def test_a_robot_that_was_restarted_holds_them_by_a_later_word() -> None:
     robot = plain().take_on(Tasks((Point(8.0, 0.0),), at_start=0, epoch=2))
-    assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),)
+    assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),), "restarted: by a later word"
 
 
 @pytest.mark.parametrize(("retry", "orders"), [(True, 3), (False, 2)])
@@ -117,6 +134,13 @@ def test_a_place_to_which_there_is_no_way_is_given_up_after_so_many_attempts(att
     ways, notes = Ways(), Notes()
     robot = replace(plain(5.0), parameters=CleaningParameters(no_plan_attempts=attempts))
     robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
+    if attempts == 3:  # another reason begins the count anew
+        for reason in (AbortReason.NO_PLAN, AbortReason.BLOCKED):
+            ways.abort(reason)
+            robot = robot.drive(ways, notes, NOW)
+        assert robot.no_plans == 0
+        ways.orders.clear()
+        ways.orders.append(Point(5.0, 0.0))
     for _ in range(5):
         if ways.goal is not None:
             ways.abort(AbortReason.NO_PLAN)
@@ -127,11 +151,261 @@ def test_a_place_to_which_there_is_no_way_is_given_up_after_so_many_attempts(att
     assert sum(order is not None for order in ways.orders) == (attempts or 6)
 
 
-def test_other_reasons_than_no_plan_do_not_count() -> None:
-    ways, notes = Ways(), Notes()
-    robot = replace(plain(5.0), parameters=CleaningParameters(no_plan_attempts=2))
-    robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
-    for reason in (AbortReason.NO_PLAN, AbortReason.BLOCKED, AbortReason.NO_PLAN):
-        ways.abort(reason)
-        robot = robot.drive(ways, notes, NOW)
-    assert notes.gone == [] and robot.no_plans == 1
+NEAR, FAR = adaptive("r2", 3.0), adaptive("r3", 30.0)
+
+
+MASKING = replace(adaptive("r1", 0.0), parameters=AdaptationParameters(peer_mask=True))
+
+
+def test_peers_within_the_distance_are_noted_the_newest_word_of_each() -> None:
+    mask, robot = PeerMask(6.5), MASKING
+    assert mask.membership(NEAR, robot) and not mask.membership(FAR, robot)
+    robot = mask.at_member(NEAR, robot, NOW)
+    later = replace(NEAR, position=Point(2.5, 0.0))
+    robot = mask.at_member(later, mask.at_member(FAR, robot, NOW), Instant(NOW + seconds(1)))
+    assert robot.peers == (
+        HeardPeer("r3", FAR.position, NOW),
+        HeardPeer("r2", Point(2.5, 0.0), Instant(NOW + seconds(1))),
+    )
+
+
+def test_the_localiser_is_told_and_old_word_is_forgotten() -> None:
+    base = Base()
+    robot = PeerMask(6.5).at_member(NEAR, MASKING, NOW)
+    robot = robot.disregard_peers(base, Instant(NOW + seconds(3)))
+    assert base.peers == [NEAR.position] and robot.peers
+    robot = robot.disregard_peers(base, Instant(NOW + seconds(3.5)))
+    assert base.peers == [] and robot.peers == ()
+    base = Base()
+    adaptive("r1", 0.0).disregard_peers(base, NOW)
+    assert base.peers is None, "without the mask"
+
+
+RNG = generator(5, "behaviour", "r1", 0)
+WHOLE = AdaptationParameters()
+
+
+def checked(robot: AdaptiveCleaningRobot, times: int, notes: Notes | None = None) -> AdaptiveCleaningRobot:
+    for _ in range(times):
+        robot = robot.detect_blocked().auto_unblock(Floor(), RNG, notes or Notes(), NOW)
+    return robot
+
+
+def stuck(parameters: AdaptationParameters = WHOLE, *xs: float) -> AdaptiveCleaningRobot:
+    robot = replace(adaptive("r1", 0.0, *(xs or (5.0, 9.0))), parameters=parameters)
+    robot = checked(robot, 1 + parameters.still_checks + parameters.blocked_checks)
+    assert robot.is_blocked() and robot.blocked_for == parameters.blocked_checks
+    return robot
+
+
+def test_it_is_blocked_at_the_fourth_still_second_after_the_first_look() -> None:
+    states = [checked(adaptive("r1", 0.0, 5.0), seconds).state for seconds in range(7)]
+    assert states == [State.FREE] * 5 + [State.BLOCKED] * 2
+    assert checked(adaptive("r1", 0.0, 5.0).sent_to(SOMEWHERE), 5).is_blocked(), "on its way to any point"
+
+
+def test_a_centimetre_per_second_is_moving() -> None:
+    robot = adaptive("r1", 0.0, 5.0)
+    for check in range(9):
+        robot = replace(robot, position=Point(0.0101 * check, 0.0)).detect_blocked()
+    assert robot.state is State.FREE and robot.still_for == 0
+    for check in range(9):
+        robot = replace(robot, position=Point(0.1 + 0.0099 * check, 0.0)).detect_blocked()
+    assert robot.state is State.BLOCKED
+
+
+def test_who_has_arrived_or_wants_nowhere_is_not_blocked() -> None:
+    assert checked(adaptive("r1", 4.6, 5.0), 9).state is State.FREE
+    idle = replace(adaptive("r1", 0.0), state=State.BLOCKED, still_for=9, blocked_for=3)
+    assert idle.detect_blocked().state is State.FREE
+
+
+def test_after_seven_blocked_seconds_it_turns_to_a_place_of_its_queue() -> None:
+    turned = checked(stuck(), 1)
+    assert turned.attempt == 1 and turned.destination in turned.route and turned.waypoint is None
+    assert (turned.state, turned.blocked_for, turned.still_for) == (State.FREE, 0, 0)
+    states = [checked(stuck(), seconds).state for seconds in range(1, 6)]
+    assert states == [State.FREE] * 4 + [State.BLOCKED], "watched from the beginning"
+
+
+def test_every_place_of_the_queue_is_as_likely_the_present_one_too() -> None:
+    chosen = Counter(checked(stuck(WHOLE, 5.0, 7.0, 9.0), 1).destination for _ in range(300))
+    assert len(chosen) == 3 and min(chosen.values()) > 70  # 100 ± 8 each
+
+
+def test_by_the_code_it_mostly_turns_to_any_point_and_is_blocked_again_within_a_second() -> None:
+    turned = checked(stuck(ReleasedParameters()), 1)
+    assert (turned.state, checked(turned, 1).state) == (State.FREE, State.BLOCKED)
+    turns = Counter(checked(stuck(ReleasedParameters()), 1).waypoint for _ in range(300))
+    assert turns[SOMEWHERE] == pytest.approx(200, abs=30)  # 2 in 3, ± 8
+    assert set(turns) == {SOMEWHERE, None}
+
+
+@pytest.mark.parametrize("unblock", Unblock)
+def test_an_empty_route_is_no_crash(unblock: Unblock) -> None:
+    robot = replace(
+        adaptive("r1", 0.0).sent_to(Point(5.0, 5.0)), parameters=AdaptationParameters(unblock=unblock)
+    )
+    turned = checked(checked(robot, 10), 1)
+    there = {Unblock.FLOOR: SOMEWHERE, Unblock.QUEUE: Point(5.0, 5.0)}[unblock]
+    assert (turned.waypoint, turned.attempt, turned.state) == (there, 2, State.FREE)
+
+
+def test_it_gives_a_place_up_after_so_many_attempts_and_goes_on_with_the_next() -> None:
+    notes = Notes()
+    robot = replace(adaptive("r1", 0.0, 5.0), parameters=AdaptationParameters(attempts=3))
+    robot = checked(robot, 40, notes)
+    assert notes.gone == [
+        (PlaceKey("r1", 0), "blocked on the way to it, 3 times without visiting any place meanwhile")
+    ]
+    assert (robot.route, robot.destination, robot.state) == ((), None, State.FREE)
+
+
+def test_visiting_any_place_is_progress() -> None:
+    notes = Notes()
+    robot = replace(stuck(AdaptationParameters(attempts=2)), destination=assignment(5.0))
+    robot = checked(robot, 1, notes)
+    assert len(robot.tried) == 1
+    robot = replace(robot, position=Point(9.0, 0.0)).set_destination(notes, NOW)
+    assert robot.tried == () and notes.visits == [PlaceKey("r1", 1)]
+
+
+seen = partial(published, role=Cleaner)
+P = AdaptationParameters()
+ADOPTION = DestinationAdoption(P.adoption_distance, P.adoption_checks, P.adoption_backoff)
+REMOVE = AdoptedDestinationRemove(exchange=True)
+
+
+def blocked(robot: str, at: float, *xs: float) -> AdaptiveCleaningRobot:
+    return replace(adaptive(robot, at, *xs), state=State.BLOCKED, blocked_for=1)
+
+
+def adopts(member: AdaptiveCleaningRobot, peer: Cleaner, now: Instant = NOW) -> AdaptiveCleaningRobot:
+    return ADOPTION.at_member(peer, member, now) if ADOPTION.membership(peer, seen(member)) else member
+
+
+def removes(
+    member: AdaptiveCleaningRobot, peer: Cleaner, ensemble: AdoptedDestinationRemove = REMOVE
+) -> AdaptiveCleaningRobot:
+    return ensemble.at_member(peer, member, NOW) if ensemble.membership(peer, member) else member
+
+
+R1, R2 = blocked("r1", 0.0, 5.0, 6.0), blocked("r2", 1.0, -5.0, -6.0)
+
+
+def test_two_blocked_robots_exchange_their_destinations() -> None:
+    r1, r2 = adopts(R1, seen(R2)), adopts(R2, seen(R1))
+    assert r1.destination == assignment(-5.0, owner="r2", term=1) == r1.route[-1]
+    assert r2.destination == assignment(5.0, owner="r1", term=1) == r2.route[-1]
+    assert r1.adopted == (Takeover("r2", 0, 1),) and r1.former == assignment(5.0)
+    r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
+    assert (
+        r1.route == (assignment(6.0, 1), assignment(-5.0, owner="r2", term=1))
+        and r1.destination == r1.route[-1]
+    )
+    assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1)) and r2.destination == r2.route[-1]
+
+
+@pytest.mark.parametrize(
+    ("far", "state"), [(1.499, State.FREE), (1.501, State.BLOCKED), (1.499, State.BLOCKED)]
+)
+def test_both_must_be_blocked_and_near(far: float, state: State) -> None:
+    peer = replace(seen(R2), position=Point(far, 0.0), state=state)
+    expected = state is State.BLOCKED and far < 1.5
+    assert ADOPTION.membership(peer, seen(R1)) is ADOPTION.membership(seen(R1), peer) is expected
+    assert adopts(replace(R1, blocked_for=0), seen(R2)).destination == R1.destination
+
+
+def test_it_adopts_once_in_ten_seconds() -> None:
+    r1 = adopts(R1, seen(R2))
+    again = replace(r1, state=State.BLOCKED, blocked_for=1)
+    other = seen(replace(R2, destination=assignment(-6.0, 1, "r2")))
+    assert adopts(again, other, Instant(NOW + seconds(9.9))) == again
+    assert adopts(again, other, Instant(NOW + seconds(10))).destination == assignment(-6.0, 1, "r2", 1)
+
+
+def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
+    r1 = adopts(replace(R1, still_for=9, blocked_for=4), seen(R2))
+    assert (r1.state, r1.blocked_for, r1.still_for) == (State.FREE, 0, 0)
+    code = replace(R1, parameters=ReleasedParameters(), still_for=9, blocked_for=4)
+    r1 = adopts(code, seen(R2))
+    assert (r1.state, r1.blocked_for, r1.still_for) == (State.BLOCKED, 0, 9)
+
+
+def test_who_is_late_gets_the_others_destination_in_exchange_all_the_same() -> None:
+    r1 = adopts(R1, seen(R2))
+    r2 = adopts(R2, seen(r1))
+    assert r2 == R2, "r1 shows r2's own destination by now, and is not blocked any more"
+    r2 = removes(r2, seen(r1))
+    assert r2.destination == assignment(5.0, term=1) and r2.former is None
+    assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1))
+    assert removes(r1, seen(r2)).route == (
+        assignment(6.0, 1),
+        assignment(-5.0, owner="r2", term=1),
+    )
+
+
+def test_what_the_other_left_is_taken_from_nobody_else() -> None:
+    r1 = adopts(R1, seen(R2))
+    third = replace(
+        adaptive("r3", 0.0), route=route(-5.0, owner="r2"), destination=assignment(3.0, owner="r3")
+    )
+    third = replace(third, route=(*third.route, assignment(3.0, owner="r3")))
+    assert removes(third, seen(r1)).route == (assignment(3.0, owner="r3"),)
+    elsewhere = replace(seen(r1), destination=assignment(6.0, 1))
+    assert removes(R2, elsewhere).destination == assignment(-6.0, 1, "r2")
+
+
+def test_who_is_done_makes_way_for_who_is_blocked_near_by() -> None:
+    ensemble, idle = MakingWay(1.5), adaptive("r2", 1.0)
+    assert ensemble.membership(seen(R1), idle)
+    assert ensemble.at_member(seen(R1), idle, Floor()).waypoint == SOMEWHERE
+    for peer, member in (
+        (replace(seen(R1), state=State.FREE), idle),
+        (replace(seen(R1), position=Point(-0.6, 0.0)), idle),
+        (seen(R1), R2),
+        (seen(R1), idle.sent_to(SOMEWHERE)),
+    ):
+        assert not ensemble.membership(peer, member)
+
+
+def test_a_place_that_goes_there_and_back_is_not_lost() -> None:
+    """There, what was adopted once takes a place off everybody's route for ever, its adopter's too."""
+    r1, r2 = adopts(R1, seen(R2)), adopts(R2, seen(R1))
+    r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
+    r1 = replace(r1, state=State.BLOCKED, blocked_for=1, adopted_at=None)
+    r1 = adopts(r1, replace(seen(r2), state=State.BLOCKED))
+    assert r1.destination == assignment(5.0, term=2), "r1 takes back what was its own"
+    r2 = removes(r2, seen(r1))
+    for _ in range(3):
+        r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
+    assert r1.holds(PlaceKey("r1", 0)) and not r2.holds(PlaceKey("r1", 0))
+
+
+def test_what_it_has_cleaned_or_given_up_itself_is_not_adopted() -> None:
+    for destination in (None, R1.destination, replace(R1.route[1], term=5)):
+        assert adopts(R1, replace(seen(R2), destination=destination)) == R1
+    notes = Notes()
+    r1 = replace(R1, position=Point(5.0, 0.0)).set_destination(notes, NOW)
+    r1 = replace(r1, position=Point(0.0, 0.0))
+    assert adopts(r1, replace(seen(R2), destination=assignment(5.0, term=1))) == r1
+    gone = R1.given_up(R1.route[0], "the door is shut", notes, NOW)
+    gone = replace(gone, state=State.BLOCKED, blocked_for=1)
+    assert adopts(gone, replace(seen(R2), destination=assignment(5.0, term=1))) == gone
+
+
+def test_the_later_word_counts_and_of_two_the_greater_id() -> None:
+    r3 = replace(seen(adaptive("r3", 0.0)), adopted=(Takeover("r1", 0, 2),))
+    mine = {term: replace(R2, route=(assignment(5.0, term=term),), destination=None) for term in (1, 2, 3)}
+    assert [bool(mine[term].taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
+    other = replace(mine[2], id="r4")
+    assert not other.taken_by(r3)
+
+
+def test_a_term_that_nobody_can_come_to_is_not_adopted_and_breaks_nothing() -> None:
+    """From the air: one more than the greatest number of 64 bits has no form to be published in."""
+    r1 = seen(R2)
+    for term in (2**63 - 1, 2**64 - 1):
+        assert adopts(R1, replace(r1, destination=assignment(-5.0, owner="r2", term=term))) == R1
+    taken = adopts(R1, replace(r1, destination=assignment(-5.0, owner="r2", term=2**63 - 2)))
+    assert taken.destination is not None and taken.destination.term == 2**63 - 1

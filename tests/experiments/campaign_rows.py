@@ -14,7 +14,6 @@ Cell = tuple[str, int]
 
 
 def runs() -> dict[Cell, dict[int, JudgedRun]]:
-    """Runs by cell and seed."""
     found: dict[Cell, dict[int, JudgedRun]] = {}
     with ROWS.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -32,7 +31,6 @@ def runs() -> dict[Cell, dict[int, JudgedRun]]:
 
 
 def study(primary: tuple[tuple[str, str], ...], seeds: int) -> Study:
-    """The study of the rows with these comparisons declared."""
     cells = runs()
     strategies = tuple(dict.fromkeys(strategy for strategy, _ in cells))
     places = tuple(dict.fromkeys(count for _, count in cells))
@@ -40,7 +38,6 @@ def study(primary: tuple[tuple[str, str], ...], seeds: int) -> Study:
 
 
 def samples(primary: tuple[tuple[str, str], ...]) -> list[PairedSample]:
-    """The declared comparisons, in the order of a campaign."""
     found = runs()
     return [
         PairedSample(

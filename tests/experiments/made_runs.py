@@ -33,7 +33,6 @@ def trials(
 
 
 def study(one: str = "one", other: str = "other", **words: object) -> Study:
-    """One that compares two strategies, the first with the second."""
     made = Study("made", "/nowhere.toml", (one, other), 20, primary=((one, other),))
     return msgspec.structs.replace(made, **words)
 

@@ -57,7 +57,6 @@ import sys
 from cleaning.strategies.none import behaviour as honest
 from msgspec.structs import replace
 
-
 def world():
     frame = sys._getframe()
     while frame is not None:
@@ -65,8 +64,6 @@ def world():
             if hasattr(shell.core, "_task"):
                 return shell.core
         frame = frame.f_back
-    return None
-
 
 class Cheat:
     def __init__(self, start):
@@ -80,18 +77,14 @@ class Cheat:
             core._task.outcome = lambda present: {"places": tuple(map(settled, say(present)["places"]))}
         return self.honest.advance(view, until)
 
-
 def settled(one):
     return replace(one, reached_at=0, reached_by=one.owner, reported_at=1, reported_by=one.owner)
 
-
-def quiet(start):
-    return Cheat(start)
+quiet = Cheat
 '''
 
 
 def own_scenario(folder: Path) -> str:
-    """A scenario in a folder of the user's, beside modules of the user's."""
     (folder / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     return str(folder / "s.toml")
 
@@ -109,14 +102,6 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
     progress = carry_out(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
     assert (progress.done, progress.failed, progress.total) == (6, 0, 6)
     return kept
-
-
-def test_every_strategy_runs_with_every_variant_and_all_time_is_attributed(done: Store) -> None:
-    records = list(done.records())
-    assert [record.strategy for record in records] == ["none", "chapter", "cheat:quiet"] * 2
-    for record in records:
-        assert record.time is not None
-        assert [round(sum(each.values()), 6) for each in record.time.robots.values()] == [3.0, 3.0]
 
 
 def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_path: Path) -> None:
@@ -138,7 +123,8 @@ def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -
     table = parquet.read_table(binary).to_pylist()
     assert [row["vary.deeco.publish"] for row in table] == [1.0] * 3 + [2.0] * 3
     for row, record in zip(table, done.records(), strict=True):
-        assert record.result is not None
+        assert record.result is not None and record.time is not None
+        assert [round(sum(each.values()), 6) for each in record.time.robots.values()] == [3.0, 3.0]
         assert (row["strategy"], row["seed"], row["failure"]) == (record.strategy, 1, None)
         assert (row["digest"], row["commit"]) == (record.result.digest, record.result.origin.commit)
         assert row["places_total"] == record.result.places_total
@@ -165,12 +151,6 @@ def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, 
     assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
 
 
-def test_a_campaign_without_any_run_leaves_empty_tables(tmp_path: Path) -> None:
-    kept = store.create(tmp_path / "out", Study("s", "s.toml", ("none",), 1))
-    binary, text = results_table.write(kept)
-    assert binary.exists() and text.read_text() == "\n"
-
-
 def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> None:
     honest, _, caught = done.checks()
     assert honest.agrees and honest.failure is None and honest.differs == ()
@@ -182,13 +162,9 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> N
     assert protection(done)[1].startswith("3 of 6 runs were repeated as processes (3 isolated): 2 gave the")
     (sentence,) = differing(done)
     assert sentence.startswith("cheat:quiet with seed 1 is another run over Zenoh than in memory: ")
-
-
-def test_compare_and_report_name_it_first(done: Store) -> None:
     ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
     assert ran.returncode == 1
-    assert ran.stdout.splitlines()[0] == IN_MEMORY
-    assert f"acrc: {differing(done)[0]}" in ran.stderr
+    assert ran.stdout.splitlines()[0] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
     with charts.applied():
         page = compose(read([done.folder]))
     assert IN_MEMORY in page.asked
@@ -196,29 +172,20 @@ def test_compare_and_report_name_it_first(done: Store) -> None:
     assert "nothing that this campaign shows can be trusted" in page.found[0]
 
 
-def test_another_digest_over_zenoh_and_a_failed_repetition_are_told(tmp_path: Path, done: Store) -> None:
-    kept = store.create(tmp_path / "out", msgspec.structs.replace(done.study, strategies=("none",)))
-    trial = next(kept.study.trials())
-    keep(kept.path(trial), done.record(trial))
-    check = done.check(trial)
-    keep(kept.check_path(trial), msgspec.structs.replace(check, over_zenoh="other"))
-    (said,) = differing(kept)
-    assert said.startswith("none with seed 1 is another run over Zenoh than in memory: digest ")
-    assert check.in_memory in said
-    keep(kept.check_path(trial), msgspec.structs.replace(check, over_zenoh="", failure="no router"))
-    assert differing(kept) == ["none with seed 1 came to its end in memory, but not over Zenoh: no router"]
-
-
-def test_every_nth_trial_of_each_strategy_is_repeated(plain: RunResult, tmp_path: Path) -> None:
+def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
     kept = store.create(tmp_path / "out", Study("s", str(CORRIDOR), ("none", "chapter"), 5))
+    assert results_table.write(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
         keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
     chosen = [pending.trial for pending in kept.unchecked(2)]
     assert sorted((trial.strategy, trial.seed) for trial in chosen) == [
         (strategy, seed) for strategy in ("chapter", "none") for seed in (1, 3, 5)
     ]
-    kept.check_path(chosen[0]).write_text("{}")
+    failed = CheckRecord(chosen[0].strategy, chosen[0].seed, {}, "d", 31.5, failure="no router")
+    keep(kept.check_path(chosen[0]), failed)
     assert [pending.trial for pending in kept.unchecked(2)] == chosen[1:]
+    name = f"{failed.strategy} with seed {failed.seed}"
+    assert differing(kept) == [f"{name} came to its end in memory, but not over Zenoh: no router"]
 
 
 @pytest.mark.timeout(240)
@@ -255,15 +222,13 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
     assert fine.failure is None and folder.pending() == []
 
 
-def test_runs_coincide_until_the_first_second_in_which_a_robot_is_elsewhere(done: Store) -> None:
+def test_how_long_runs_coincide(done: Store) -> None:
     assert all(len(record.trace) == 3 * DIGITS for record in done.records())
     assert {seconds for one in coincidences(done.records()) for seconds in one.seconds} == {3}
     assert coincide_s("a" * 24, "a" * 16 + "b" * 8) == 2
     assert coincide_s("a" * 24, "a" * 16) == 2
     assert coincide_s("", "a" * 8) == 0
 
-
-def test_what_coincides_is_told_in_a_sentence() -> None:
     def record(strategy: str, seed: int, same: int) -> TrialRecord:
         trace = "a" * DIGITS * same + strategy[0] * DIGITS * (10 - same)
         return TrialRecord(strategy, seed, {}, trace=trace)
@@ -275,9 +240,7 @@ def test_what_coincides_is_told_in_a_sentence() -> None:
         "one and two: the first 8 s of 2 of 4 pairs coincide (least 4 s, median 7 s, most 10 s)",
         "    1 from beginning to end, so they tell no difference: seeds 2",
     ]
-    floors = [
-        msgspec.structs.replace(one, variant={"floor": name}) for one in records[:8] for name in "abcde"
-    ]
+    floors = [msgspec.structs.replace(one, variant={"floor": n}) for one in records[:8] for n in "abcde"]
     floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
     assert told(coincidences(floors)) == [
         "one and two, in 5 combinations: 19 pairs coincide at first (least 4 s, median 6 s, most 10 s)",
@@ -325,30 +288,14 @@ def test_tuning_has_seeds_that_no_test_has_and_every_variant_has_every_value() -
 
 
 @pytest.mark.parametrize(
-    "record",
-    [
-        TrialRecord("none", 3, {"robots.count": 4}, failure="it rained"),
-        CheckRecord("none", 1, {"robots.count": 4}, "d", 31.5, failure="no router"),
-    ],
-)
-def test_a_record_survives_its_file(record: TrialRecord | CheckRecord, plain: RunResult) -> None:
-    assert msgspec.json.decode(msgspec.json.encode(record), type=type(record)) == record
-    whole = TrialRecord("none", 1, {"robots.count": 4}, plain)
-    assert msgspec.json.decode(msgspec.json.encode(whole), type=TrialRecord) == whole
-
-
-@pytest.mark.parametrize(
     ("content", "why"),
     [
         (b"[" * 100_000, "its process has left no record of a trial: "),
-        (b'{"strategy": 3}', "its process has left no record of a trial: "),
         (b'{"strategy":"x","seed":9,"variant":{}}', "its process has left a record with neither result nor"),
         (None, "it died"),
     ],
 )
-def test_what_a_process_leaves_is_a_record_or_a_failure(
-    content: bytes | None, why: str, plain: RunResult
-) -> None:
+def test_what_a_process_leaves_is_a_record(content: bytes | None, why: str, plain: RunResult) -> None:
     record = received(content, Trial("none", 1, (("robots.count", 2),)), "it died")
     assert record.failure is not None and record.failure.startswith(why)
     assert (record.strategy, record.seed, record.variant) == ("none", 1, {"robots.count": 2})

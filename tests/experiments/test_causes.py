@@ -1,17 +1,36 @@
-"""Causes of lost time: planted ones are named, none is invented; and pairs that stand head-on come apart."""
+"""Causes of lost time: on tracks made by hand, in planted and in quiet situations."""
 
+import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.instant import seconds
+from actors.orders import CloseDoor
 from actors.randomness import generator
-from observation.accounting.account import account
+from actors.runtime.recording import RecordingError
+from command_line.app import app
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from observation.accounting.account import account, decision_events, diagnosis_score
+from observation.accounting.classify import CAUSES, Classified, blocking_events, classify, deadlocks
 from observation.accounting.time_spent import Cause, DeadlockCount, TimeSpent
+from observation.accounting.tracks import STANDARD, Said, Tracks
+from observation.accounting.true_floor import TrueFloor
+from observation.evidence.run_evidence import SaidDecision
 from observation.evidence.run_reader import read_run
+from observation.replay.recorded_orders import GivenOrder
+from observation.results.outcome import GivenGoal
+from tests.experiments import situations
 from tests.experiments.situations import NECKS, PLANTED, Plant, Robot, Situation, quiet
 from tests.helpers import in_memory, in_order
 
@@ -111,3 +130,179 @@ def test_robots_that_back_off_come_apart(full: bool, record_property: Record) ->
     free = list(in_order(comes_apart, situations, None if full else 1))
     record_property("came apart", f"{sum(free)} of {len(free)}")
     assert all(free)
+
+
+STEP = 100_000
+STEPS = 300
+GOAL = (GivenGoal(0, 9.0, 3.0),)
+WANTS = Said(goals=GOAL)
+BACK = Said(goals=(GivenGoal(0, 1.0, 0.5),))
+WEST = Said(goals=(GivenGoal(0, 0.4, 3.0),))
+IDLE = Said()
+SLEEPS = Said(goals=())
+
+
+def floor(*orders: GivenOrder) -> TrueFloor:
+    """10 m by 6 m; a wall at x = 5 with a door of 0.8 m around y = 3."""
+    cells = np.full((120, 200), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    cells[:52, 100:102] = OCCUPIED
+    cells[68:, 100:102] = OCCUPIED
+    return TrueFloor(OccupancyGrid(cells, 0.05), 0.177, orders)
+
+
+def at(x: float, y: float) -> NDArray[np.float64]:
+    return np.tile([x, y, 0.0], (STEPS, 1))
+
+
+def driving(x: float, y: float) -> NDArray[np.float64]:
+    return np.column_stack([x + 0.008 * np.arange(STEPS), np.full(STEPS, y), np.zeros(STEPS)])
+
+
+def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) -> Tracks:
+    together = np.stack(true, axis=1)
+    always = np.ones(together.shape[:2], np.bool_)
+    names = tuple(f"r{number}" for number in range(1, len(true) + 1))
+    said = together if held is None else held
+    return Tracks(names, STEP, together, said, together, always, always.copy())
+
+
+def classified(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> Classified:
+    """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
+    for robot, one in enumerate(said):
+        of.busy[:, robot] &= one is not IDLE
+    return classify(of, dict(zip(of.robots, said, strict=True)), floor(*orders))
+
+
+def causes(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> list[set[Cause]]:
+    found = classified(of, *said, orders=orders).causes
+    return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
+
+
+@pytest.mark.parametrize(
+    ("there", "who", "cause"),
+    [
+        ((2.3, 1.3), BACK, Cause.DEADLOCK),
+        ((2.43, 1.0), WANTS, Cause.DEADLOCK),
+        ((2.3, 1.3), IDLE, Cause.DONE_IN_WAY),
+        ((2.8, 1.6), SLEEPS, Cause.STRATEGY_IDLE),
+        ((3.3, 1.9), BACK, Cause.DEADLOCK),
+        ((3.3, 1.9), WANTS, Cause.NO_PROGRESS),
+        ((3.3, 1.0), IDLE, Cause.NO_PROGRESS),
+        ((1.2, 0.5), IDLE, Cause.NO_PROGRESS),
+        ((4.0, 2.5), IDLE, Cause.DONE_IN_WAY),
+        ((4.8, 3.0), IDLE, Cause.NO_PROGRESS),
+    ],
+)
+def test_who_waits_for_the_first_robot(there: tuple[float, float], who: Said, cause: Cause) -> None:
+    assert causes(tracks(at(2.0, 1.0), at(*there)), WANTS, who)[0] == {cause}
+
+
+def test_a_queue_before_one_that_gets_on_waits_at_the_door() -> None:
+    found = classified(tracks(driving(4.6, 3.0), at(3.9, 3.0)), WANTS, WANTS)
+    assert CAUSES[found.causes[0, 1]] is Cause.DOOR and CAUSES[found.causes[0, 0]] is Cause.DRIVING
+
+
+def test_a_door_closes_once_nobody_stands_in_it() -> None:
+    leaves = driving(5.0, 3.0)
+    stages = floor(GivenOrder(10, CloseDoor(5.0, 3.0))).stages(np.stack([leaves, at(2.0, 1.0)], axis=1))
+    assert [one.begin for one in stages if len(one.leaves)] == pytest.approx([30], abs=5)
+
+
+def test_what_comes_first_decides() -> None:
+    away = at(2.0, 2.5)
+    lost = tracks(at(2.0, 1.0), at(2.4, 1.0), held=np.stack([away, at(2.4, 1.0)], axis=1))
+    assert causes(lost, WANTS, WANTS)[0] == {Cause.LOST}
+    assert causes(lost, IDLE, WANTS)[0] == {Cause.IDLE}
+    off = tracks(at(2.0, 1.0), at(2.4, 1.0))
+    off.stepping[100:, 0] = False
+    assert causes(off, WANTS, WANTS) == [{Cause.DEADLOCK, Cause.OFF}, {Cause.DEADLOCK, Cause.NO_PROGRESS}]
+    in_wall = tracks(at(2.0, 1.0), held=np.stack([at(2.0, 0.01)], axis=1))
+    assert causes(in_wall, WANTS) == [{Cause.NO_PLAN}]
+    planless = Said(goals=GOAL, planless=((0, STEPS * STEP),))
+    assert causes(tracks(at(2.0, 1.0)), planless) == [{Cause.NO_PLAN}]
+    assert causes(tracks(driving(2.0, 1.0)), WANTS) == [{Cause.DRIVING}]
+    apart = tracks(at(4.6, 1.0), at(5.5, 1.0))
+    assert causes(apart, WANTS, WANTS) == [{Cause.NO_PROGRESS}] * 2, "with a wall between them"
+
+
+def test_a_blocking_has_instants_robots_place_and_cause() -> None:
+    one = driving(1.0, 3.0)
+    one[100:200] = one[100]
+    other = at(0.0, 3.0)
+    other[:, 0] = 2 * one[100, 0] + 1.3 - one[:, 0]
+    other[200:, 1] += 0.02 * np.arange(100)
+    pair = tracks(one, other)
+    (event,) = blocking_events(pair, classified(pair, WANTS, WEST), STANDARD)
+    assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.DEADLOCK.value)
+    assert event.begin_s == pytest.approx(9.0, abs=0.5) and event.end_s == pytest.approx(20.6, abs=0.7)
+    assert not event.at_end
+
+
+def test_pairs_in_a_deadlock_are_counted_and_whether_they_come_free() -> None:
+    one, other = at(2.0, 1.0), at(2.4, 1.0)
+    other[200:, 0] += 0.02 * np.arange(100)
+    for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
+        assert deadlocks(pair, classified(pair, WANTS, WANTS), STANDARD) == DeadlockCount(1, free)
+
+
+def test_the_diagnosis_is_scored_by_time() -> None:
+    one = driving(1.0, 1.0)
+    one[100:200] = one[100]
+    pair = tracks(one, at(4.0, 1.0))
+    spells = ((seconds(1), seconds(2)), (seconds(15), seconds(20)))
+    said = {"r1": Said(goals=GOAL, blocked=spells), "r2": IDLE}
+    found = classify(pair, said, floor())
+    score = diagnosis_score(pair, said, found)
+    assert score is not None and (score.spells, score.noticed, score.false_alarms) == (1, 1, 1)
+    assert score.precision == pytest.approx(5 / 6, abs=0.01)
+    assert score.recall == pytest.approx(0.45, abs=0.01) and score.delay_s == pytest.approx(6.2, abs=0.2)
+    assert diagnosis_score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
+
+
+def decision(at_s: float, new: tuple[float, float] | None) -> SaidDecision:
+    return SaidDecision(seconds(at_s), "A.unblock", "turns elsewhere", "r1", 0, (9.0, 3.0), new)
+
+
+@pytest.mark.parametrize(
+    ("moves_from", "again_from", "new", "outcome", "free"),
+    [
+        (220, STEPS, (9.0, 3.0), "free", 2.0),
+        (220, 250, (9.0, 3.0), "blocked again", 2.0),
+        (STEPS, STEPS, (9.0, 3.0), "end", None),
+        (220, STEPS, (2.0, 2.0), "visited", 2.0),
+    ],
+)
+def test_what_came_of_a_decision(
+    moves_from: int, again_from: int, new: tuple[float, float], outcome: str, free: float | None
+) -> None:
+    one = at(2.0, 1.0)
+    one[moves_from:again_from, 1] += 0.02 * np.arange(again_from - moves_from)
+    one[again_from:] = one[again_from - 1]
+    pair = tracks(one, at(2.9, 1.6))
+    pair.busy[:, 1] = False
+    said = {"r1": Said(goals=GOAL, decisions=(decision(20.0, new),)), "r2": IDLE}
+    (event,) = decision_events(pair, said, classify(pair, said, floor()), STANDARD)
+    assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
+    assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
+
+
+def test_a_decision_is_overtaken_by_the_next_one() -> None:
+    still = tracks(at(2.0, 1.0), at(3.0, 1.0))
+    both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
+    said = {"r1": Said(goals=GOAL, decisions=both), "r2": IDLE}
+    found = decision_events(still, said, classify(still, said, floor()), STANDARD)
+    assert [one.outcome for one in found] == ["overtaken", "end"]
+
+
+def test_the_time_of_a_run_adds_up_to_the_microsecond(tmp_path: Path) -> None:
+    scenario = replace(situations.head_on_floor(1), duration=4.1).scenario()
+    swarm.run(scenario, RunOptions(tmp_path / "out", bus="memory", json=True))
+    for each in account(tmp_path / "out").robots.values():
+        assert sum(round(lasted * 1e6) for lasted in each.values()) == 4_100_000
+    told = CliRunner().invoke(app, ["causes", str(tmp_path / "out"), "--json"])
+    assert json.loads(told.output)["robots"]["r1"]["deadlock"] == 4.1
+    assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "out")]).output
+    with pytest.raises(RecordingError, match="no run's folder"):
+        account(tmp_path)

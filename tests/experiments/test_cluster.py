@@ -61,20 +61,15 @@ def configure(folder: Path, authority: Path, certificate: Path, key: Path) -> Pa
     return folder
 
 
-def free_port() -> int:
-    """A port of this computer that nobody has."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
-
-
 class Cluster:
     """A scheduler and two workers, each a process of its own, with TLS."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._folder = folder
         self._environment = os.environ | {"DASK_CONFIG": str(make_key(folder / "keys"))}
-        self.port = free_port()
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = int(free.getsockname()[1])
         self._stack = stack
         place = ("--protocol", "tls", "--host", "127.0.0.1", "--port", str(self.port))
         self._begin("scheduler", "dask_scheduler", *place)
@@ -137,97 +132,63 @@ def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp
         assert digest == swarm.run_in_memory(alone, lambda progress: None).digest
 
 
-@pytest.mark.parametrize("address", ["tls://nowhere", "ucx://127.0.0.1:8786"])
-def test_a_wrong_address_is_one_sentence(address: str) -> None:
-    with pytest.raises(OptionError) as caught:
-        check(address)
-    assert str(caught.value) == (
-        f"--on: {address}; must be the address of a scheduler, such as tls://192.168.1.5:8786"
-    )
-
-
 def test_without_a_configuration_of_dask_the_missing_key_is_named() -> None:
-    with dask.config.set({"distributed.comm.tls.ca-file": None}), pytest.raises(ClusterError) as caught:
+    missing = pytest.raises(ClusterError, match=r"there is no distributed\.comm\.tls\.ca-file in Dask's con")
+    with dask.config.set({"distributed.comm.tls.ca-file": None}), missing:
         security("tls://127.0.0.1:1", 1.0)
-    assert str(caught.value) == (
-        "--on tls://127.0.0.1:1: there is no distributed.comm.tls.ca-file in Dask's configuration; must "
-        "name a file in PEM (docs/clusters.md)"
-    )
 
 
 def test_without_tls_a_cluster_is_one_of_this_computer() -> None:
     for address in ("tls://cluster.example-1.org:8786", "tcp://[::1]:8786", "tcp://localhost:1"):
         check(address)
-    for address in (
-        "tcp://0.0.0.0:8786",
-        "tcp://10.0.0.1:1",
-        "tcp://[fe80::1]:1",
-        "tcp://127.0.0.1.evil.org:1",
-    ):
+    for address in ("tls://nowhere", "ucx://127.0.0.1:8786"):
+        with pytest.raises(OptionError, match="must be the address of a scheduler, such"):
+            check(address)
+    for address in ("tcp://0.0.0.0:8786", "tcp://10.0.0.1:1", "tcp://[fe80::1]:1", "tcp://127.0.0.1.a.org:1"):
         assert not is_safe(address)
         with pytest.raises(OptionError, match="must be tls:// anywhere but on this computer"):
             check(address)
 
 
 def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_computer() -> None:
-    client = SimpleNamespace(
-        scheduler_info=lambda n_workers: {
-            "address": "tcp://127.0.0.1:8786",
-            "workers": {"tcp://127.0.0.1:4": {}, "tcp://192.168.1.5:8786": {}},
-        }
-    )
-    with pytest.raises(ClusterError) as caught:
-        refuse_open(client, "tcp://127.0.0.1:8786")  # type: ignore[arg-type]
-    assert str(caught.value) == (
-        "--on tcp://127.0.0.1:8786: listens at tcp://192.168.1.5:8786 without TLS, and runs whatever comes "
-        "from whoever reaches it; must have TLS, or listen at 127.0.0.1 (docs/clusters.md)"
-    )
+    address, workers = "tcp://127.0.0.1:8786", ("tcp://127.0.0.1:4", "tcp://192.168.1.5:8786")
+    told = {"address": address, "workers": {key: {"id": 1} for key in workers}}
+    client: Any = SimpleNamespace(scheduler_info=lambda n_workers: told)
+    with pytest.raises(ClusterError, match=r"listens at tcp://192\.168\.1\.5:8786 without TLS, and runs"):
+        refuse_open(client, address)
 
 
-class Server:
-    """Has TLS as a scheduler has it: asks for a certificate, and speaks first."""
-
-    def __init__(self, keys: Path | None) -> None:
-        self._context = None
-        if keys is not None:
-            self._context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=keys / "cluster.pem")
-            self._context.load_cert_chain(keys / "cluster.pem", keys / "cluster.key")
-            self._context.verify_mode = ssl.CERT_REQUIRED
-        self._socket = socket.create_server(("127.0.0.1", 0))
-        self.address = f"tls://127.0.0.1:{self._socket.getsockname()[1]}"
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        try:
-            plain, _ = self._socket.accept()
-        except OSError:  # closed before anybody came
-            return
-        with plain, suppress(OSError):
-            if self._context is None:
+def serve(listener: socket.socket, keys: Path | None) -> None:
+    """Have TLS as a scheduler has it, which asks for a certificate and speaks first; or none."""
+    with suppress(OSError):
+        plain, _ = listener.accept()
+        with plain:
+            if keys is None:
                 plain.sendall(b"\0" * 16)
                 plain.recv(1)
                 return
-            with self._context.wrap_socket(plain, server_side=True) as encrypted:
+            context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=keys / "cluster.pem")
+            context.load_cert_chain(keys / "cluster.pem", keys / "cluster.key")
+            context.verify_mode = ssl.CERT_REQUIRED
+            with context.wrap_socket(plain, server_side=True) as encrypted:
                 encrypted.sendall(b"hello")
-
-    def close(self) -> None:
-        self._socket.shutdown(socket.SHUT_RDWR)
-        self._thread.join(10.0)
-        self._socket.close()
 
 
 def reason(keys: Path, server: Path | None) -> str:
     """Why a client with these keys does not come to a scheduler with those; empty if it does."""
-    there = Server(server)
-    try:
-        tls = yaml.safe_load((keys / "cluster.yaml").read_text())["distributed"]["comm"]["tls"]
-        with dask.config.set({f"distributed.comm.tls.{name}": value for name, value in tls.items()}):
-            security(there.address, 10.0)
-    except ClusterError as error:
-        return str(error).removeprefix(f"--on {there.address}: ")
-    finally:
-        there.close()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve, args=(listener, server), daemon=True)
+        thread.start()
+        address = f"tls://127.0.0.1:{listener.getsockname()[1]}"
+        try:
+            tls = yaml.safe_load((keys / "cluster.yaml").read_text())["distributed"]["comm"]["tls"]
+            with dask.config.set({f"distributed.comm.tls.{name}": value for name, value in tls.items()}):
+                security(address, 10.0)
+        except ClusterError as error:
+            return str(error).removeprefix(f"--on {address}: ")
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            thread.join(10.0)
     return ""
 
 
@@ -237,8 +198,9 @@ def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> Non
     signed = f"must be signed by the ca-file {own / 'cluster.pem'}, and valid now {page}"
     refused = f"the scheduler does not accept the certificate {own / 'cluster.pem'}, or has no TLS"
     assert reason(own, own) == ""
-    assert reason(own, other) == (
-        f"the scheduler's certificate is not accepted: self-signed certificate; {signed}"
+    assert (
+        reason(own, other)
+        == f"the scheduler's certificate is not accepted: self-signed certificate; {signed}"
     )
     assert reason(own, None) == f"{refused}: wrong version number {page}"
     mixed = tmp_path / "mixed"  # takes the scheduler's word, and has another key of its own

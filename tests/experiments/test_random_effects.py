@@ -20,7 +20,6 @@ Floats = NDArray[np.float64]
 def drawn(
     rng: np.random.Generator, cells: int, seeds: int, between: float, of_seeds: float, rest: float
 ) -> tuple[Floats, list[int], list[int]]:
-    """Differences with mean 3 of every seed in every cell."""
     table = 3.0 + between * rng.normal(size=(cells, 1)) + of_seeds * rng.normal(size=(1, seeds))
     table = table + rest * rng.normal(size=(cells, seeds))
     places = np.indices(table.shape).reshape(2, -1).tolist()
@@ -108,7 +107,6 @@ STUDY = Study("s", "/s.toml", ("a", "b"), 1, primary=(("a", "b"),), factors=(FLO
 
 
 def campaign(plain: RunResult, study: Study = STUDY) -> list[TrialRecord]:
-    """Strategy a does more places than b by GAINS."""
     return [
         TrialRecord(
             trial.strategy, trial.seed, dict(trial.variant),

@@ -1,16 +1,23 @@
-"""Statistics against published values, and against what they promise about error and power."""
+"""Statistics against published values, other libraries and simulation; estimates of a real campaign."""
 
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
+from lifelines import KaplanMeierFitter
+from lifelines.utils import restricted_mean_survival_time
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import norm
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
+from experiments.comparison.comparison import estimate, scores
+from experiments.comparison.family import verdicts
+from experiments.comparison.metrics import named
 from experiments.statistics.paired_tests import (
     Effect,
-    SequentialPlan,
     a12,
     a12_bounds,
     a12_interval,
@@ -27,6 +34,7 @@ from experiments.statistics.paired_tests import (
     signed_rank,
 )
 from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean, restricted_means
+from tests.experiments import campaign_rows
 
 Floats = NDArray[np.float64]
 # Hamilton depression scale factors before and after tranquilizer: Hollander & Wolfe, "Nonparametric
@@ -51,10 +59,6 @@ def test_a12_is_the_share_of_pairs_won_ties_counted_half() -> None:
 
 
 DIFFERENCES = np.array(BEFORE) - np.array(AFTER)
-
-
-def test_the_signed_rank_test_against_a_published_value() -> None:
-    assert tuple(signed_rank(DIFFERENCES)) == (9, 1, 0.0390625)
 
 
 def flipped(differences: Floats, sizes: Floats, *, two_sided: bool = True) -> float:
@@ -85,22 +89,20 @@ def test_tests_of_pairs_are_exact_with_ties_and_without_differences(seed: int) -
 
 def test_few_pairs_that_differ_prove_nothing() -> None:
     """Four of forty pairs, all for one side: the normal approximation would have 0.046."""
-    four = np.array([1.0] * 4 + [0.0] * 36)
-    assert signed_rank(four) == (4, 1, 2 / 2**4)
+    assert tuple(signed_rank(DIFFERENCES)) == (9, 1, 0.0390625), "published, and of R"
+    assert signed_rank(np.array([1.0] * 4 + [0.0] * 36)) == (4, 1, 2 / 2**4)
     assert signed_rank(np.zeros(3)) == mean_test(np.zeros(3)) == (0, 0, 1.0)
     assert [fewest_differing(tests) for tests in (1, 2, 3, 6)] == [6, 7, 7, 8]
+    # tests that cannot decide share nothing
+    assert decidable([6, 5]) == [True, False] and decidable([6, 7]) == [False, True]
+    assert decidable([7, 7]) == [True, True] and decidable([]) == []
 
 
-def test_tests_that_cannot_decide_share_nothing() -> None:
-    """Six differing pairs are enough for one test alone; of two, the other would need seven."""
-    assert decidable([6, 5]) == [True, False]
-    assert decidable([6, 7]) == [False, True]
-    assert decidable([7, 7]) == [True, True]
-    assert decidable([]) == []
-
-
-def test_holm_against_r() -> None:
-    """In R: p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")."""
+def test_holm_and_intervals_against_r() -> None:
+    """In R: p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm"); t.test(before - after)."""
+    found = stats.ttest_1samp(DIFFERENCES, 0.0).confidence_interval(0.95)
+    assert mean_interval(DIFFERENCES) == pytest.approx((DIFFERENCES.mean(), found.low, found.high))
+    assert np.isnan(mean_interval([3.0]).low)
     assert holm((0.01, 0.04, 0.03, 0.005)) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm(()) == []
 
@@ -112,8 +114,7 @@ def test_kaplan_and_meier_against_published_values() -> None:
     assert (curve.share_at(5.9), curve.share_at(6), curve.share_at(40)) == pytest.approx(
         (1, 0.857, 0.448), abs=5e-4
     )
-    assert (curve.low <= curve.shares).all()
-    assert (curve.shares <= curve.high).all()
+    assert ((curve.low <= curve.shares) & (curve.shares <= curve.high)).all()
 
 
 def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
@@ -137,10 +138,7 @@ def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
 
 
 def test_sequential_bounds_against_published_values() -> None:
-    """Lan and DeMets' spending function close to O'Brien and Fleming's, five looks, two-sided 5 %.
-
-    As in Jennison and Turnbull, "Group Sequential Methods", 2000, and the R packages ldbounds and gsDesign.
-    """
+    """Lan and DeMets' spending near O'Brien and Fleming's, two-sided 5 %: Jennison and Turnbull, 2000."""
     rule = plan([20, 40, 60, 80, 100])
     bounds = [float(norm.isf(p / 2)) for p in rule.thresholds]
     assert bounds == pytest.approx([4.8769, 3.3569, 2.6803, 2.2898, 2.0310], abs=2e-3)
@@ -162,34 +160,6 @@ def test_the_power_is_that_of_the_test_itself() -> None:
     spread = (2 * (1 - effect.correlation)) ** 0.5
     told = sum(signed_rank(rng.normal(effect.shift, spread, 20)).p <= 0.025 for _ in range(400))
     assert told / 400 == pytest.approx(power(effect, 20), abs=0.08)
-
-
-def looked(differences: Floats, rule: SequentialPlan) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Which campaigns, (runs, pairs), a look decided, and at how many pairs each ended."""
-    p = [
-        stats.wilcoxon(differences[:, :look], axis=1, method="exact" if look <= 50 else "approx").pvalue
-        for look in rule.looks
-    ]
-    decides = np.less_equal(np.array(p).T, np.array(rule.thresholds))
-    decided = np.asarray(decides.any(axis=1), np.bool_)
-    first = np.array(rule.looks, np.int64)[decides.argmax(axis=1)]
-    return decided, np.where(decided, first, rule.looks[-1])
-
-
-def test_looking_again_and_again_claims_too_much_in_no_more_than_five_of_a_hundred() -> None:
-    """1000 comparisons of a strategy with itself: 5 % and three standard errors at most."""
-    rng, rule = np.random.default_rng(1), plan(list(range(10, 61, 10)))
-    decided, _ = looked(rng.normal(size=(1000, 60)) - rng.normal(size=(1000, 60)), rule)
-    assert decided.sum() <= 68
-
-
-def test_a_large_effect_is_seen_early() -> None:
-    """Power 90 % at A12 = 0.71 with fewer than 50 pairs on average, 60 at most."""
-    rng, rule = np.random.default_rng(2), plan(list(range(10, 61, 10)))
-    shifted = rng.normal(Effect().shift, 1, (1000, 60)) - rng.normal(size=(1000, 60))
-    decided, ended = looked(shifted, rule)
-    assert decided.mean() >= 0.9
-    assert ended.mean() < 50
 
 
 def test_an_interval_of_a12_holds_at_its_edge() -> None:
@@ -216,8 +186,76 @@ def test_the_most_that_a_share_may_be_holds_for_every_share() -> None:
             assert stats.binom.pmf(np.arange(of + 1), of, share)[bounds < share].sum() <= 0.05 + 1e-9
 
 
-def test_the_interval_of_a_mean_is_student_s() -> None:
-    """In R: t.test(before - after)."""
-    found = stats.ttest_1samp(DIFFERENCES, 0.0).confidence_interval(0.95)
-    assert mean_interval(DIFFERENCES) == pytest.approx((DIFFERENCES.mean(), found.low, found.high))
-    assert np.isnan(mean_interval([3.0]).low)
+PRIMARY = (("chapter", "none"), ("auction", "chapter"))
+ROWS = pd.read_csv(campaign_rows.ROWS)
+FACTOR = f"vary.{campaign_rows.FACTOR}"
+SAMPLES = campaign_rows.samples(PRIMARY)
+VERDICTS = verdicts(SAMPLES, campaign_rows.study(PRIMARY, 40))
+
+
+def side(strategy: str, places: int) -> pd.DataFrame:
+    chosen = ROWS[(ROWS.strategy == strategy) & (ROWS[FACTOR] == places)]
+    return chosen.set_index("seed").sort_index()
+
+
+def paired(place: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    sample = SAMPLES[place]
+    ((_, places),) = sample.variant
+    return side(sample.one, places), side(sample.other, places)
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
+    one, other = paired(place)
+    found = estimate(SAMPLES[place], "places")
+    assert found is not None and found.ones is not None and found.difference is not None
+    gains = one.places_done - other.places_done
+    assert (found.ones, found.others) == pytest.approx((one.places_done.mean(), other.places_done.mean()))
+    assert (found.better, found.worse) == ((gains > 0).sum(), (gains < 0).sum())
+    bounds = DescrStatsW(gains).tconfint_mean()
+    assert found.difference == pytest.approx((gains.mean(), *bounds))
+    u = stats.mannwhitneyu(one.places_done, other.places_done).statistic
+    assert found.effect.value == pytest.approx(u / len(one) / len(other), abs=1e-14)
+    columns = {"contacts": "contacts", "radio": "radio_bytes_per_robot_s", "driven": "driven_m"}
+    for name, column in columns.items():
+        cost = estimate(SAMPLES[place], name)
+        assert cost is not None and cost.difference is not None
+        assert cost.difference.value == pytest.approx((one[column] - other[column]).mean())
+        assert cost.effect.value == pytest.approx(
+            1 - stats.mannwhitneyu(one[column], other[column]).statistic / len(one) / len(other)
+        )
+
+
+@pytest.mark.parametrize("strategy", ["none", "chapter", "auction"])
+@pytest.mark.parametrize("places", [2, 6])
+def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, places: int) -> None:
+    rows = side(strategy, places)
+    curve = KaplanMeierFitter().fit(rows.settled_s.fillna(rows.simulated_s), rows.settled_s.notna())
+    runs = [
+        Completion(length if np.isnan(at) else at, not np.isnan(at))
+        for at, length in zip(rows.settled_s, rows.simulated_s, strict=True)
+    ]
+    until = float(ROWS.simulated_s.max())
+    area = restricted_mean_survival_time(curve, t=until)
+    assert restricted_mean(runs, until).value == pytest.approx(area)
+    sample = next(one for one in SAMPLES if one.variant[0][1] == places and strategy in one[:2])
+    found = estimate(sample, "settled")
+    assert found is not None
+    assert (found.ones if sample.one == strategy else found.others) == pytest.approx(area)
+
+
+def test_holm_s_correction_is_that_of_statsmodels() -> None:
+    tested = [step for one in VERDICTS for step in one.steps if step.tested]
+    adjusted = multipletests([step.test.p for step in tested], method="holm")[1]
+    assert [step.adjusted for step in tested] == pytest.approx(adjusted)
+    assert len(tested) >= 3
+
+
+def test_equivalence_is_near_to_that_of_two_t_tests() -> None:
+    """The same null hypothesis and another test: near to one another for 40 pairs."""
+    for verdict in VERDICTS:
+        for step in verdict.steps:
+            found = scores(named(step.metric), step.sample.pairs)
+            if step.happened and step.margin is not None and found.gains.std() > 0:
+                p, *_ = ttost_paired(found.ones, found.others, -step.margin, step.margin)
+                assert step.equivalence_p == pytest.approx(p, abs=0.1)

@@ -110,9 +110,7 @@ def more_places(found: Sequence[PairVerdict]) -> bool:
 
 
 @pytest.mark.parametrize("share", [0.6, 0.71, 0.8])
-def test_normal_effects_are_found_as_often_as_promised(
-    share: float, full: bool, record_property: Record
-) -> None:
+def test_power_for_normal_effects(share: float, full: bool, record_property: Record) -> None:
     campaigns, rng = 300 if full else 40, np.random.default_rng(2)
     study = Study("normal", "", ("one", "other"), CAP, primary=(("one", "other"),))
     for pairs in (10, 20, 40):
@@ -139,9 +137,7 @@ def test_a_pilot_promises_what_other_seeds_deliver(full: bool, record_property: 
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.3, 0.6])
-def test_intervals_of_a12_cover_the_truth_of_normal_values(
-    correlation: float, full: bool, record_property: Record
-) -> None:
+def test_intervals_of_a12_normal_values(correlation: float, full: bool, record_property: Record) -> None:
     draws, rng = 4000 if full else 1000, np.random.default_rng(4)
     covered = {}
     for pairs in PAIRS:

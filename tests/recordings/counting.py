@@ -22,7 +22,6 @@ class Counting:
         self.counts: Counter[str] = Counter(goals=0)
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As the other behaviour; r2 also pauses and goes on."""
         decision: Decision = self.hosted.advance(view, until)
         self.counts["steps"] += 1
         self.counts["goals"] += isinstance(decision.goal, Point)
@@ -35,10 +34,8 @@ class Counting:
         return decision
 
     def outcome(self) -> Mapping[str, object]:
-        """What was counted, beside what the other behaviour says."""
         return {**self.hosted.outcome(), "counted": dict(self.counts), "robot": self.robot}
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `tests.recordings.counting:behaviour`."""
     return Counting(start)

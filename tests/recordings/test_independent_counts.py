@@ -59,8 +59,6 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True)
 class Counted:
-    """A recorded run, what it says of itself, and its messages."""
-
     result: RunResult
     time: TimeSpent
     truths: Sequence[Truth]
@@ -141,6 +139,7 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
     assert len(done) > 3
     assert (result.places_total, result.places_done) == (len(run.places), len(done))
     assert (result.places_claimed, result.places_given_up) == (len(when), len(given_up))
+    assert named("places").value(judged(result)) == len(done)  # type: ignore[union-attr]
     assert result.last_reached_s == max(when.values())
     assert (result.completion_s, result.settled_s) == (None, None), "places are left"
     for robot, part in result.per_robot.items():
@@ -156,7 +155,6 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
 
 
 def costs(run: Counted) -> dict[str, float | None]:
-    """Those of the report."""
     case = Case("here", "auction", 3, run.result, time=run.time)
     return {cost.says: cost.of(case) for cost in COSTS}
 
@@ -206,9 +204,8 @@ def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
     assert frames["frames_sent"] == len(sent) > 50
     assert frames["bytes_sent"] == sum(size + 9 for size in sent.values())
     assert frames["copies_heard"] == sum(row["copy"] == "heard" for row in rows_of)
-    # what the last step brought is told to nobody any more, nor what came while a robot was off or frozen
-    told = {"Sent": frames["frames_sent"], "Heard": frames["copies_heard"]}
-    for name, most in told.items():
+    # messages of the last step, and those to a robot that is off or frozen, are not delivered
+    for name, most in (("Sent", frames["frames_sent"]), ("Heard", frames["copies_heard"])):
         assert 0.9 * most <= kinds[name] <= most
     assert kinds[AccessFailure.__name__] <= frames["frames_access_failure"]
     assert kinds[Overflow.__name__] <= frames["frames_overflowed"]
@@ -216,6 +213,7 @@ def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
         assert frames[name] == sum(own[name] for own in result.frames_by_robot.values())
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
     assert quantities.octets(result) == result.radio_bytes_per_robot_s
+    assert named("radio").value(judged(result)) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
     assert quantities.airtime_percent(result) == pytest.approx(100 * air / (4 * LENGTH))
     heard = Counter(robot for robot, event in run.received if isinstance(event, Heard))
@@ -241,6 +239,10 @@ def test_ways_and_errors_are_those_of_the_true_and_estimated_poses(run: Counted)
         assert found.rmse == pytest.approx(np.sqrt(np.mean(np.square(errors[robot]))))
         assert found.lost_share == pytest.approx(np.mean(np.array(errors[robot]) > 1.0))
     assert run.result.driven_m == pytest.approx(sum(way.values()), rel=0.02)
+    made = judged(run.result)
+    assert named("driven").value(made) == run.result.driven_m  # type: ignore[union-attr]
+    assert named("contacts").value(made) == run.result.contacts  # type: ignore[union-attr]
+    assert (made.settled_s, made.completion_s, made.simulated_s) == (None, None, LENGTH)
     assert run.result.simulated_s == LENGTH == len(run.truths) * STEP
     assert len(run.tables["poses"]) == 4 * len(run.truths)
     row = next(row for row in run.tables["poses"] if (row["robot"], row["step"]) == ("r1", 100))
@@ -293,18 +295,3 @@ def test_decisions_and_costs_are_those_of_the_tables(run: Counted) -> None:
     assert found["age of what robots know of one another, s"] == run.result.deeco.replica_age_mean_s
     freed = [one.blocked_s + one.free_after_s for one in run.time.decisions if one.free_after_s is not None]
     assert found["from blocked to free, s"] == (pytest.approx(np.mean(freed)) if freed else None)
-
-
-def test_metrics_of_comparisons_are_those_counts(run: Counted) -> None:
-    made, when, there = judged(run.result), reported(run), reached(run)
-    done = sum(there.get(key, math.inf) <= at for key, at in when.items())
-    counted = {
-        "places": done,
-        "contacts": run.result.contacts,
-        "radio": run.result.frames["bytes_sent"] / 4 / LENGTH,
-        "driven": run.result.driven_m,
-    }
-    for name, value in counted.items():
-        metric = named(name)
-        assert metric.value(made) == pytest.approx(value, abs=1e-3)  # type: ignore[union-attr]
-    assert (made.settled_s, made.completion_s, made.simulated_s) == (None, None, LENGTH)

@@ -48,18 +48,14 @@ def received(step: int, rng: np.random.Generator) -> bytes:
 
 
 def payloads() -> Iterator[bytes]:
-    """Of every kind, sound and none at all, small and large."""
     rng = np.random.default_rng(3)
-    for step in range(30):
-        yield senses(step, wall(640, rng))
+    for step in range(200):
+        rays, rough = int(rng.integers(0, 700)), int(rng.choice([1, 3, 30, 300, 3000, 40_000]))
+        ranges = (np.cumsum(rng.integers(-rough, rough + 1, rays)) % 65536).astype("<u2").tobytes()
+        yield from (senses(step), senses(step, ranges), senses(step, wall(360, rng), wall(640, rng)))
         yield received(step, rng)
-        yield senses(step)
-        yield senses(step, wall(360, rng), wall(360, rng))
-        yield senses(step, rng.bytes(1280))
     for size in (0, 1, 127, 128, 129, 1000, 60_000, 200_000):
-        yield rng.bytes(size)
-        yield bytes(size)
-        yield b"\xc5" * size
+        yield from (rng.bytes(size), bytes(size), b"\xc5" * size)
         for length in (size // 2 + 1 & ~1, size - 4 & ~1, size):
             yield b"\x04" + b"\xc5" + (length & 0xFFFF).to_bytes(2) + rng.bytes(max(size - 4, 0))
     for constant in (0, 1, 0x7FFF, 0x8000, NO_ECHO_MM):
@@ -77,20 +73,7 @@ def test_every_byte_comes_back() -> None:
     assert ways == {MESSAGES, SCANNED, DEFLATED}
 
 
-def test_scans_of_any_shape_come_back() -> None:
-    rng, buffers = np.random.default_rng(4), ScanBuffers()
-    for _ in range(500):
-        rays, rough = int(rng.integers(0, 700)), int(rng.choice([1, 3, 30, 300, 3000, 40_000]))
-        ranges = (np.cumsum(rng.integers(-rough, rough + 1, rays)) % 65536).astype("<u2").tobytes()
-        packed = buffers.packed(ranges)
-        if packed is not None:
-            assert len(packed) <= len(ranges) and buffers.unpacked(packed, rays) == ranges
-        else:
-            assert rough > 300 or rays < 40
-
-
 def written(path: Path) -> list[bytes]:
-    """A recording of large messages, sealed step by step; what it has been given."""
     rng, given = np.random.default_rng(6), []
     with Recorder(path, 100_000) as recorder:
         for step in range(12):
@@ -111,9 +94,7 @@ def read(path: Path) -> list[bytes | None]:
     seed=some.integers(0, 999),
 )
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_after_a_power_cut_readers_end_at_the_last_good_seal(
-    tmp_path: Path, kind: str, at: float, seed: int
-) -> None:
+def test_readers_after_a_power_cut(tmp_path: Path, kind: str, at: float, seed: int) -> None:
     path, bad = tmp_path / "r1.mcap", tmp_path / "bad.mcap"
     path.unlink(missing_ok=True)
     steps, whole = written(path), path.read_bytes()
@@ -148,7 +129,6 @@ def test_lies_about_packed_scans_are_refused() -> None:
     at = 2 + int.from_bytes(data[:2])
     size, count = int.from_bytes(data[at + 1 : at + 3]), data[at + 3 : at + 5]
     lies = {
-        "nothing": b"",
         "no place": data[:1],
         "a place behind its end": b"\xff\xff" + data[2:],
         "a place where nothing is": (at + 1).to_bytes(2) + data[2:],
@@ -162,22 +142,16 @@ def test_lies_about_packed_scans_are_refused() -> None:
         "other bits to the end": data[: at + 5] + b"\x00" * (size - 2),
     }
     assert count == (640).to_bytes(2)
+    rng, buffers = np.random.default_rng(9), ScanBuffers()
+    for _ in range(1000):
+        noise = rng.bytes(int(rng.integers(0, 60))) + rng.choice([b"", b"\xfe" * 40, b"\x7f" * 40])
+        with suppress(ValueError):
+            assert len(buffers.unpacked(noise, int(rng.integers(0, 60)))) < 2 * 60
+    with pytest.raises(ValueError, match="which is more than may be"):
+        buffers.unpacked(bytes(LARGEST + 1), 1)
     for name, lie in lies.items():
         with pytest.raises(FAULTS):
             pytest.fail(f"{name}: {len(MessageUnpacker().unpacked(SCANNED, lie))} bytes")
-
-
-def test_hostile_bits_end_the_kernel() -> None:
-    rng, buffers = np.random.default_rng(9), ScanBuffers()
-    for _ in range(1000):
-        data = rng.bytes(int(rng.integers(0, 60))) + rng.choice([b"", b"\xfe" * 40, b"\x7f" * 40])
-        try:
-            ranges = buffers.unpacked(data, int(rng.integers(0, 60)))
-        except ValueError:
-            continue
-        assert len(ranges) < 2 * 60
-    with pytest.raises(ValueError, match="which is more than may be"):
-        buffers.unpacked(bytes(LARGEST + 1), 1)
 
 
 def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
@@ -197,7 +171,6 @@ def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
 
 
 def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
-    """Each is small enough; what lies unsealed is bounded by what it comes to."""
     path, deflate = tmp_path / "r1.mcap", zlib.compressobj(9, zlib.DEFLATED, -15)
     with path.open("wb") as file:
         writer = Writer(
@@ -216,19 +189,3 @@ def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 5 * LARGEST_RECORD
     finally:
         tracemalloc.stop()
-
-
-def test_a_file_of_another_version_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "r1.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE, use_chunking=False)
-        writer.start(profile="acrc", library="acrc")
-        channel = writer.register_channel(SENSES, "acrc-tomorrow", 0, {"direction": "in"})
-        writer.add_message(channel, 0, b"\x04\x92\x01", 0, 0)
-        writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(RecordingError) as caught:
-        list(Reading(path, strict=True))
-    assert str(caught.value) == (
-        f"{path}: damaged before its first step; read up to there: a message is encoded as "
-        "'acrc-tomorrow', which this version does not read"
-    )

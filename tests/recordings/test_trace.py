@@ -36,6 +36,7 @@ def test_changes_lead_from_what_it_began_with_to_what_it_knew_last(trace: Trace)
     for change in trace.changes:
         assert change.changed and set(change.fields) == {root(one.path) for one in change.changed}
         assert change.step == change.instant // 100_000
+        assert (change.read is None) is (change.peer == "") is change.by.startswith("AdaptiveCleaningRobot.")
         for field, one in change.fields.items():
             assert last.get(field, one.before) == one.before != one.after or one.direction or one.is_place
             last[field] = one.after
@@ -58,17 +59,6 @@ def test_an_adoption_names_its_replica_and_frame(recorded_run: Path, trace: Trac
     arrival = read.arrival
     assert (arrival.step, arrival.instant, arrival.sender, arrival.rssi_dbm, arrival.lqi) in frames
     assert ("r1", read.heard) in {(one.peer, one.heard) for one in trace.news}
-
-
-def test_processes_use_no_replica_and_no_peer(trace: Trace) -> None:
-    for change in trace.changes:
-        assert (change.read is None) is (change.peer == "") is change.by.startswith("AdaptiveCleaningRobot.")
-
-
-@pytest.mark.parametrize("name", ["r9", "world"])
-def test_what_is_no_robot_has_no_trace(recorded_run: Path, name: str) -> None:
-    (found,) = traces(recorded_run, [name], permit=INSTALLED, isolate=False)
-    assert found == Traced(name, fault=f"{name}: is no robot")
 
 
 def test_differences_are_as_deep_as_both_sides_go() -> None:
@@ -99,8 +89,6 @@ def test_a_point_is_found_wherever_it_came_into_knowledge_and_where_it_went() ->
 
 
 class Counting:
-    """Asks for traces and counts what had to be replayed."""
-
     def __init__(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self._out, self.replayed = out, list[str]()
 
@@ -123,9 +111,7 @@ def counting(recorded_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return Counting(tmp_path / "run", monkeypatch)
 
 
-def test_a_robot_is_replayed_once_for_all_who_look(
-    counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_is_replayed(counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = counting.of("r2").whole()
     assert counting.of("r2").whole().changes == first.changes and counting.replayed == ["r2"]
     assert counting.of("r2", Permit(trust=True)).parts and counting.replayed == ["r2", "r2"]
@@ -136,7 +122,8 @@ def test_a_robot_is_replayed_once_for_all_who_look(
         file.write_bytes(damaged)
         assert keeping.kept(recording) is None
     counting.of("r2")
-    assert counting.replayed == ["r2"] * 3 and file.read_bytes() == kept
+    assert counting.of("world") == Traced("world", fault="world: is no robot")
+    assert counting.replayed == [*["r2"] * 3, "world"] and file.read_bytes() == kept
     with monkeypatch.context() as patch:
         patch.setattr(keeping, "VERSION", 0)
         assert keeping.kept(recording) is None
@@ -148,9 +135,7 @@ def test_a_robot_is_replayed_once_for_all_who_look(
     assert not file.exists()
 
 
-def test_a_trace_is_bounded_however_small_its_file(
-    counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_trace_is_bounded(counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = tmp_path / "run" / "r2" / "r2.mcap"
     monkeypatch.setattr(keeping, "MOST_BYTES", 1_000_000)
     bomb = zlib.compress(bytes(2_000_000))

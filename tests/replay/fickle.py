@@ -26,7 +26,6 @@ class Fickle:
         self._said = False
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Nothing but words, once."""
         if self._said or view.instant < seconds(1):
             return Decision()
         self._said = True
@@ -35,5 +34,4 @@ class Fickle:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `tests.replay.fickle:behaviour`."""
     return Fickle(start)

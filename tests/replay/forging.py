@@ -37,5 +37,4 @@ def forge(path: Path, change: Change) -> None:
 
 
 def with_payload(entry: Entry, payload: bytes) -> Entry:
-    """The entry with other bytes."""
     return entry._replace(payload=payload, sha256=hashlib.sha256(payload).digest())

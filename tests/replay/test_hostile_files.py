@@ -4,13 +4,11 @@ import os
 import shutil
 import time
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from actors import toml_file
-from actors.floor.map_file import MapError, load_map
+from actors.floor.map_file import load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
 from actors.runtime import regular_file
@@ -19,7 +17,6 @@ from actors.runtime.errors import AcrcError, printable
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
 from deploy.scenario.scenario_file import load_scenario
-from deploy.scenario.stack_tables import stack
 from experiments.campaign import results_table, store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study
@@ -36,30 +33,22 @@ TOMLS = {
     "an open text": 'a = """' + "\\" * 900_000,
     "unknown keys": "[deeco]\n" + "".join(f"k{number} = 1\n" for number in range(30_000)),
     "places of a wrong type": "[[robot]]\nplaces = [" + "3, " * 100_000 + "]",
+    "a key of many parts": 'a = """\na.b\n""" # ' + "a." * 50 + "\n\n" + "b." * 32 + "b = 1",
 }
 
 
-@pytest.mark.parametrize("name", TOMLS)
-def test_toml_that_is_made_to_hurt(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", [*TOMLS, "a map whose YAML refers to itself"])
+def test_text_that_is_made_to_hurt(tmp_path: Path, name: str) -> None:
     path = tmp_path / "file.toml"
-    path.write_text(TOMLS[name])
-    for reader in (load_scenario, load_fleet, lambda path: load_model(str(path))):
+    bombs = "".join(f"  - &b{n} [{', '.join([f'*b{n - 1}'] * 9)}]\n" for n in range(1, 12))
+    head = "resolution: 0.05\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    path.write_text(TOMLS.get(name, f"{head}origin: [0, 0, 0]\nimage:\n  - &b0 [1]\n{bombs}"))
+    for reader in (load_scenario, load_fleet, load_map, lambda path: load_model(str(path))):
         began = time.process_time()
         with pytest.raises(AcrcError) as caught:
             reader(path)
         assert time.process_time() - began < SECONDS
         assert "\n" not in str(caught.value) and len(str(caught.value)) < 500
-
-
-def test_a_key_of_too_many_parts_is_named() -> None:
-    with pytest.raises(ValueError) as caught:
-        toml_file.loads('a = """\na.b\n""" # ' + "a." * 50 + "\n\n" + "b." * 32 + "b = 1")
-    assert str(caught.value) == "line 5 has a key of more than 32 parts"
-    assert toml_file.loads('a.b = "' + "c." * 100 + '" # ' + "d." * 100) == {"a": {"b": "c." * 100}}
-    with pytest.raises(AcrcError) as too_long:
-        stack({"localisation": {"a" * 5000: 1}})
-    assert str(too_long.value).startswith(f"localisation.{'a' * 60}… is not known; ")
-    assert len(str(too_long.value)) < 1000
 
 
 def test_zero_characters_and_links_to_themselves_are_refused(tmp_path: Path) -> None:
@@ -76,16 +65,6 @@ def test_zero_characters_and_links_to_themselves_are_refused(tmp_path: Path) -> 
     (robot / "r1.mcap").symlink_to(robot / "r1.mcap")
     with pytest.raises(AcrcError, match=r"r1\.mcap: a link, and a recording never is"):
         collect([tmp_path / "runs"])
-
-
-def test_a_map_whose_yaml_refers_to_itself(tmp_path: Path) -> None:
-    path = tmp_path / "map.yaml"
-    bombs = "".join(f"  - &b{n} [{', '.join([f'*b{n - 1}'] * 9)}]\n" for n in range(1, 12))
-    head = "resolution: 0.05\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
-    path.write_text(f"{head}origin: [0, 0, 0]\nimage:\n  - &b0 [1]\n{bombs}")
-    with pytest.raises(MapError) as caught:
-        load_map(path)
-    assert len(str(caught.value)) < 500
 
 
 def test_a_folder_in_the_place_of_the_routers_socket(tmp_path: Path) -> None:
@@ -118,7 +97,6 @@ SECRET = "content of a file in the home folder\n"
 
 @pytest.fixture
 def victim(tmp_path: Path) -> Path:
-    """A file of the user to which links lead."""
     file = tmp_path / "home" / ".profile"
     file.parent.mkdir()
     file.write_text(SECRET)
@@ -142,10 +120,7 @@ def test_outputs_replace_links_and_are_not_written_through_them(copy: Path, vict
     shutil.rmtree(copy / "tables")
     (copy / "tables").symlink_to(victim.parent)
     done = acrc("export", copy)
-    assert (done.returncode, done.stderr) == (
-        1,
-        f"acrc: {copy / 'tables'}: cannot be written: is a link, through which nothing is written\n",
-    )
+    assert done.stderr.startswith(f"acrc: {copy / 'tables'}: cannot be written: is a link, through which")
     assert [path.name for path in victim.parent.iterdir()] == [victim.name]
 
 
@@ -183,57 +158,29 @@ def _huge(path: Path) -> None:
 
 
 READ = (
-    ("scenario.toml", ("run", "{out}/scenario.toml", "--out", "{to}", "--bus", "memory")),
-    ("scenario.toml", ("replay", "{out}")),
-    ("map/map.yaml", ("run", "{out}/scenario.toml", "--out", "{to}", "--bus", "memory")),
-    ("map/map.png", ("run", "{out}/scenario.toml", "--out", "{to}", "--bus", "memory")),
-    ("r1/map.yaml", ("replay", "{out}", "--robot", "r1", "--to", "1")),
-    ("r1/r1.mcap", ("record", "check", "{out}")),
-    ("map/map.yaml", ("causes", "{out}")),
-    ("run.json", ("report", "{out}")),
+    ("scenario.toml", "run {out}/scenario.toml --out {to} --bus memory"),
+    ("scenario.toml", "replay {out}"),
+    ("map/map.png", "run {out}/scenario.toml --out {to} --bus memory"),
+    ("r1/map.yaml", "replay {out} --robot r1 --to 1"),
+    ("r1/r1.mcap", "record check {out}"),
+    ("map/map.yaml", "causes {out}"),
+    ("run.json", "report {out}"),
 )
 """Files of a run, and commands that read them."""
 
 
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("plant", [_pipe, _device, _huge])
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize(("name", "words"), READ)
-def test_pipes_devices_and_huge_files_are_refused_in_one_sentence(
-    copy: Path, tmp_path: Path, plant: Callable[[Path], None], name: str, words: tuple[str, ...]
-) -> None:
-    plant(copy / name)
-    done = acrc(*(word.format(out=copy, to=tmp_path / "to") for word in words))
-    assert done.returncode == 1, done.stdout
-    assert done.stderr.startswith("acrc: ")
-    (last,) = done.stderr.splitlines()[-1:]
-    assert str(copy) in last or "/dev/zero" in last, last
-
-
-@pytest.mark.parametrize(
-    ("plant", "scenario", "floor"),
-    [
-        (_pipe, "cannot be read: is no regular file", "the map cannot be read: is no regular file."),
-        (
-            _huge,
-            "may have at most 1000000 bytes, but has more",
-            "the map cannot be read: has more than 65536",
-        ),
-    ],
-)
-def test_the_error_names_what_is_wrong_with_a_file(
-    tmp_path: Path, plant: Callable[[Path], None], scenario: str, floor: str
-) -> None:
-    path = tmp_path / "file"
-    path.touch()
-    plant(path)
-    with pytest.raises(AcrcError) as caught:
-        load_scenario(path)
-    assert str(caught.value) == f"{path}: the scenario file {scenario}"
-    with pytest.raises(AcrcError) as caught:
-        load_map(path)
-    assert str(caught.value).startswith(f"{path}: {floor}")
-    with pytest.raises(OSError, match=r"is no regular file|has more than 64000000 bytes"):
-        regular_file.content(path)
+def test_pipes_devices_and_huge_files_are_refused(copy: Path, tmp_path: Path, name: str, words: str) -> None:
+    for plant in (_pipe, _device, _huge):
+        plant(copy / name)
+        done = acrc(*words.format(out=copy, to=tmp_path / "to").split())
+        assert done.returncode == 1 and done.stderr.startswith("acrc: "), done.stdout
+        (last,) = done.stderr.splitlines()[-1:]
+        assert str(copy) in last or "/dev/zero" in last, last
+    for reader in (load_scenario, load_map):
+        with pytest.raises(AcrcError, match="has more"):
+            reader(copy / name)
 
 
 def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, victim: Path) -> None:
@@ -251,6 +198,5 @@ def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, 
     assert table.stat().st_size > 100 and not table.is_symlink()
     shutil.rmtree(kept.folder / "trials")
     (kept.folder / "trials").symlink_to(victim.parent)
-    with pytest.raises(AcrcError) as caught:
+    with pytest.raises(AcrcError, match="trials: is a link, through which nothing is written"):
         store.create(kept.folder, kept.study)
-    assert str(caught.value) == f"{kept.folder}/trials: is a link, through which nothing is written"

@@ -18,7 +18,6 @@ def scenario(text: str, overrides: Overrides = AS_IT_IS, head: str = MAP) -> Sce
 
 
 def fault(text: str, overrides: Overrides = AS_IT_IS, head: str = MAP) -> str:
-    """The sentence that refuses the text."""
     try:
         parse(head + text, FILE, overrides)
     except AcrcError as error:

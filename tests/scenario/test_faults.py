@@ -1,17 +1,13 @@
 """Faults of a scenario file: each is one sentence that names the key, its value and what it must be."""
 
-import tracemalloc
 from pathlib import Path
 
 import pytest
 
-from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
-from actors.radio.propagation.walls import MATERIALS
 from actors.runtime.errors import AcrcError
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.scenario.tables import Scenario
-from tests.scenario.faults import MAP, fault
+from tests.scenario.faults import fault
 
 POSES = "[x, y, heading] in m, m and rad"
 STEP = "but must be a multiple of the 10 ms physics sub-step, from 10 to 100"
@@ -21,12 +17,10 @@ SETTING = (
     " 1000 of these"
 )
 WITHIN = "but coordinates must be within ±100000"
-MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 ACTIONS = "kill, freeze, thaw, restart, move, jam, lose, obstacle, give, close, open"
 AREA = '[[area]]\nname = "Office1"\nx = [11.5, 13.5]\ny = [1, 7]\n'
 OFFICES = f'{AREA}[[area]]\nname = "Office2"\nx = [16.5, 18.25]\ny = [1, 7]\n'
-PATH = "but must be the path of a folder, relative to the scenario file"
 TABLE = "but must be a table [strategy] with the strategy's settings; its name stands in run.strategy"
 
 VALUES = {
@@ -34,83 +28,39 @@ VALUES = {
     "run.step_ms = 50.0": f"run.step_ms is 50.0, {STEP}",
     "run.seed = -1": "run.seed is -1, but must be a whole number from 0 to 9223372036854775807",
     "run.strategy = 3": 'run.strategy is 3, but must be the name of a strategy, such as "none"',
-    "run.modules = 3": f"run.modules is 3, {PATH}",
-    "run = 3": "run is 3, but must be a table [run]",
-    "robots.count = 0": f"robots.count is 0, but {WHOLE_COUNT}",
     'robots.odometry = "gps"': 'robots.odometry is "gps", but must be "exact", "stage" or "kobuki"',
-    "robots.start = 3": f"robots.start is 3, but must be a list of poses {POSES}, at most 500",
     "robots.start = [[1, 2, 3], [1, 2]]": f"robots.start[1] is [1, 2], but must be a pose {POSES}",
-    "robots.start = [[1, 'two', 3]]": f'robots.start[0] is [1, "two", 3], but must be a pose {POSES}',
     "robots.start = [[1, 2, -1e6]]": f"robots.start[0] heading is -1000000.0, {WITHIN} rad",
     "[[robot]]\nid = 'r1'\nplaces = [[1, 2], [-3e5, 2]]": f"robot[0].places[1] x is -300000.0, {WITHIN} m",
-    "[[robot]]\nmodel = 'x'": 'robot[0].id is missing, but must be the id of a robot, such as "r2"',
-    "[[robot]]\nid = 'r1'\nplaces = [[3]]": "robot[0].places[0] is [3], but must be a point [x, y] in m",
     'places.preset = "x"': 'places.preset is "x", but must be "golden", "areas", "free" or "listed"',
     "radio.preset = 2020-01-01":
         'radio.preset is 2020-01-01, but must be the name of a radio preset, such as "chapter"',
-    "radio.channel = 27":
-        "radio.channel is 27, but must be an IEEE 802.15.4 channel, a whole number from 11 to 26",
-    "radio.walls = 'cheese'": f'radio.walls is "cheese", {MATERIAL}',
-    "radio.shadowing_db = -1": "radio.shadowing_db is -1, but must be a number of dB from 0 to 30",
-    "radio.correlation_distance = 0":
-        "radio.correlation_distance is 0, but must be a number of metres from 0.1 to 1000",
-    "uncertainty.map_error = -1": "uncertainty.map_error is -1, but must be a number of metres from 0 to 0.5",
-    "uncertainty.glass = 2": "uncertainty.glass is 2, but must be a share from 0 to 1",
-    "uncertainty.furniture = 1.5": "uncertainty.furniture is 1.5, but must be a whole number from 0 to 1000",
-    "uncertainty.drift = inf": "uncertainty.drift is Infinity, but must be a number from 0 to 1000",
-    "[[wall]]\nx = [1, 2]\ny = [1, 2]": f"wall[0].material is missing, {MATERIAL}",
     "[[wall]]\nmaterial = 'glass'\nx = [2, 1]\ny = [1, 2]": f"wall[0].x is [2, 1], {SPAN}",
     "[wall]\nx = 1": 'wall is {"x": 1}, but must be written as tables [[wall]]',
     "[[wifi]]\nat = [1, 2]\nchannel = 14\nduty = 0.5":
         "wifi[0].channel is 14, but must be a Wi-Fi channel, a whole number from 1 to 13",
-    "[[wifi]]\nat = [1, 2]\nchannel = 1\nduty = 1":
-        "wifi[0].duty is 1, but must be a number above 0 and below 1",
-    "[[wifi]]\nat = 1\nchannel = 1\nduty = 0.1": "wifi[0].at is 1, but must be a point [x, y] in m",
-    "[[wifi]]\nat = [1, 2]\nchannel = 1\nduty = 0.1\npower_dbm = 99":
-        "wifi[0].power_dbm is 99, but must be a number of dBm from -60 to 30",
-    "[[event]]\nkill = 'r1'":
-        "event[0].at is missing, but must be a number of seconds from 0 to below the duration",
     "[[event]]\nat = 1\njam = [1]": "event[0].jam is [1], but must be a point [x, y] in m",
-    "[[event]]\nat = 1\njam = [1, 2]\nradius = 0\nduration = 1":
-        "event[0].radius is 0, but must be a number of metres above 0, at most 1000",
-    "event = [3]": "event[0] is 3, but must be a table [[event]]",
     "strategy = 'none'": f'strategy is "none", {TABLE}',
     "strategy.lease = [[1]]": f"strategy.lease is [[1]], {SETTING}",
-    "strategy.lease = inf": f"strategy.lease is Infinity, {SETTING}",
-    "strategy.lease = 1979-05-27": f"strategy.lease is 1979-05-27, {SETTING}",
     "strategy.lease.long = 1": f'strategy.lease is {{"long": 1}}, {SETTING}',
-    "strategy.lease = 9223372036854775808": f"strategy.lease is 9223372036854775808, {SETTING}",
-    "deeco.publish = true": "deeco.publish is true, but must be a number of seconds from 0.001 to 1000000",
     "deeco.relay = 1": "deeco.relay is 1, but must be true or false",
-    "deeco.hop_limit = 16": "deeco.hop_limit is 16, but must be a whole number from 1 to 15",
-    "deeco.relay_delay = -1": "deeco.relay_delay is -1, but must be a number of seconds from 0 to 1000000",
-    "deeco.relay_below = '-80'": 'deeco.relay_below is "-80", but must be a number of dBm from -90 to 0',
     '[[area]]\nname = ""\nx = [1, 2]\ny = [1, 2]': 'area[0].name is "", but must be a name such as "hall"',
-    '[[area]]\nname = "a"\nx = [1, 2]': f"area[0].y is missing, {SPAN}",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [2, 2]': f"area[0].y is [2, 2], {SPAN}",
-    '[[area]]\nname = "a"\nx = [1, "b"]\ny = [1, 2]': f'area[0].x is [1, "b"], {SPAN}',
-    '[[area]]\nname = "a"\nx = [1, 1e6]\ny = [1, 2]': f"area[0].x is 1000000.0, {WITHIN} m",
     "robots.areas = []": 'robots.areas is [], but must be a list of names of areas, such as ["hall"]',
     f"{AREA}[places]\nareas = ['Office1', 2]":
         'places.areas[1] is 2, but must be the name of an area, such as "hall"',
-    "localisation = 3": "localisation is 3, but must be a table of a preset and of parameters",
-    "localisation.beams = []": "localisation.beams is [], but must be a whole number of 64 bits",
     'navigation.preset = "best"': 'navigation.preset is "best", but must be "chapter" or "robust"',
-    "dwa.sim_time = 0": "dwa.sim_time is 0, but must be above 0",
     "local_map.size = 0.1": "local_map.size is 0.1, but must be 4 to 400 cells of 0.05 m",
 }  # fmt: skip
 """Wrong values, one or more for each kind of check, and the sentence behind the name of the file."""
 KEYS = {
     "run.sed = 1": "run.sed is not known; did you mean run.seed?",
     "[robot_s]": "robot_s is not known; did you mean robots?",
-    "run.xyz = 1": "run.xyz is not known; run may hold duration, step_ms, seed, key, strategy, modules",
     "xyz = 1":
         "xyz is not known; known are map, run, strategy, deeco, localisation, navigation, planner, local_map,"
         " dwa, robots, places, radio, uncertainty, area, robot, event, wall, wifi",
-    '[[event]]\nat = 1\nkil = "r1"': "event[0].kil is not known; did you mean event[0].kill?",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [1, 2]\nz = 0':
         "area[0].z is not known; area[0] may hold name, x, y",
-    "dwa.sim_tim = 2": "dwa.sim_tim is not known; did you mean dwa.sim_time?",
 }  # fmt: skip
 TOGETHER = {
     '[[robot]]\nid = "r4"\n[[robot]]\nid = "r5"':
@@ -190,23 +140,11 @@ def test_a_missing_map_several_maps_and_text_that_is_not_toml() -> None:
     )
 
 
-@pytest.mark.parametrize("table", ["", "[deeco]\n", "[strategy]\n", "[[area]]\n"])
-def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
-    content = toml_file.loads(MAP + table + "".join(f"k{number} = [[]]\n" for number in range(20_000)))
-    tracemalloc.start()
-    with pytest.raises(AcrcError, match=r"k0|area"):
-        table_wording.checked(content, Scenario)
-    assert tracemalloc.get_traced_memory()[1] < 1_000_000
-    tracemalloc.stop()
-
-
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (Overrides(robots="four"), f"--robots: four; {WHOLE_COUNT}"),
         (Overrides(robots="3.5"), f"--robots: 3.5; {WHOLE_COUNT}"),
         (Overrides(navigation="fast"), '--navigation: fast; must be "chapter" or "robust"'),
-        (Overrides(seed="-1"), "--seed: -1; must be a whole number from 0 to 9223372036854775807"),
         (Overrides(duration="inf"), "--duration: inf; must be a number of seconds above 0, at most 1000000"),
         (Overrides(step="15"), f"--step: 15; {STEP.removeprefix('but ')}"),
         (Overrides(strategy=""), "--strategy: ''; must be the name of a strategy, such as \"none\""),
@@ -230,15 +168,14 @@ def test_an_option_replaces_a_wrong_value_but_is_checked_with_the_rest() -> None
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
-    none, binary, huge = tmp_path / "none.toml", tmp_path / "binary.toml", tmp_path / "huge.toml"
+    binary, huge = tmp_path / "binary.toml", tmp_path / "huge.toml"
     binary.write_bytes(b"map = '\xff'")
     huge.write_bytes(b"#" * 1_000_001)
     for path, sentence in (
-        (none, "the scenario file cannot be read: No such file or directory"),
+        (tmp_path / "none.toml", "the scenario file cannot be read: No such file or directory"),
         (tmp_path, "the scenario file cannot be read: Is a directory"),
         (binary, "byte 7 of the scenario file is not UTF-8"),
         (huge, "the scenario file may have at most 1000000 bytes, but has more"),
     ):
-        with pytest.raises(AcrcError) as caught:
+        with pytest.raises(AcrcError, match=f"^{path}: {sentence}$"):
             load_scenario(path)
-        assert str(caught.value) == f"{path}: {sentence}"

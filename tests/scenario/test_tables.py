@@ -1,15 +1,17 @@
-"""Tables of adaptation, radio, localisation and navigation: what actors are told of them."""
+"""Tables of a scenario: what actors are told of them, and the text that a run writes of them."""
 
 import re
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
 
 from actors import toml_file
 from actors.floor.map_file import load_map
 from actors.floor.placement import Area
-from actors.geometry import Point, Pose
 from actors.installation.repository import REPOSITORY
 from actors.instant import milliseconds, seconds
 from actors.radio.propagation.interferers import WifiParameters
@@ -17,7 +19,7 @@ from actors.radio.propagation.walls import WallPatch
 from actors.randomness import generator
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.behaviour.ports import ExchangeSettings, Start
+from actors.robot.behaviour.ports import ExchangeSettings
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
 from actors.robot.localisation import PRESETS
@@ -27,9 +29,9 @@ from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import parse
+from deploy.scenario.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario.stack_tables import adaptation, stack
-from deploy.scenario.tables import to_toml
+from deploy.scenario.tables import Scenario, to_toml
 from tests.navigation.course import DWA, LOCAL_MAPS
 from tests.scenario.faults import scenario
 
@@ -109,9 +111,6 @@ def test_every_key_of_adaptation() -> None:
         exchange=ExchangeSettings(milliseconds(500), True, 15, seconds(0), -81.5, seconds(10)),
         areas=(Area("hall", 11.5, 1.0, 13.5, 7.0),),
     )
-
-
-def test_defaults_of_adaptation() -> None:
     assert adapted("") == Adaptation()
     assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), 0.0, seconds(30))
 
@@ -119,19 +118,8 @@ def test_defaults_of_adaptation() -> None:
 def test_the_behaviour_is_told() -> None:
     floor_plan = load_map(REPOSITORY / "maps" / "corridor.yaml")
     model = load_model("turtlebot2", "chapter")
-    robot = assembly.RobotSetup(
-        "r1",
-        0,
-        0,
-        7,
-        100_000,
-        1,
-        (12.0, 5.0, 0.0),
-        (),
-        "x:y",
-        model="turtlebot2",
-        adaptation=adapted(ADAPTATION),
-    )
+    fixed = ("r1", 0, 0, 7, 100_000, 1, (12.0, 5.0, 0.0), (), "x:y")
+    robot = assembly.RobotSetup(*fixed, model="turtlebot2", adaptation=adapted(ADAPTATION))
     start = assembly.start(robot, model, assembly.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
@@ -142,17 +130,6 @@ def test_the_behaviour_is_told() -> None:
     assert start.generator.random() == twin.random()  # the floor draws from the behaviour's own stream
 
 
-def test_what_a_behaviour_is_told_cannot_be_changed() -> None:
-    start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
-    assert (dict(start.settings), start.exchange) == ({}, ExchangeSettings())
-    with pytest.raises(TypeError):
-        start.settings["lease"] = 1  # type: ignore[index]
-    with pytest.raises(FrozenInstanceError):
-        start.exchange.relay = True  # type: ignore[misc]
-    with pytest.raises(LookupError, match="without a floor plan"):
-        start.floor.random_place()
-
-
 def test_the_radio_is_told_what_the_tables_say() -> None:
     told = resolve(scenario(AIR)).radio
     assert (told.preset, told.channel, told.walls) == ("beeclick", 15, "concrete")
@@ -160,20 +137,11 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
     assert told.patches == (WallPatch("glass", (11.0, 14.0), (0.0, 7.0)),)
     assert told.wifi == (WifiParameters(15.0, 12.0, 6, 0.3),)
     assert Path(told.map).name == "corridor.yaml"
-
-
-def test_the_tables_read_back_from_the_text_of_a_settled_scenario() -> None:
-    settled = resolve(scenario(AIR)).scenario
-    text = to_toml(settled)
-    assert resolve(parse(text, Path("settled.toml"))).radio == resolve(scenario(AIR)).radio
-
-
-def test_a_wall_where_there_is_none_is_refused() -> None:
-    with pytest.raises(AcrcError) as caught:
-        resolve(scenario('[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'))
-    assert str(caught.value) == (
-        "wall[0] spans x 12 to 12.5 and y 5 to 5.5 m, where nothing is occupied, but must hold a wall"
-    )
+    text = to_toml(resolve(scenario(AIR)).scenario)
+    assert resolve(parse(text, Path("settled.toml"))).radio == told
+    wall = '[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'
+    with pytest.raises(AcrcError, match="where nothing is occupied, but must hold a wall"):
+        resolve(scenario(wall))
 
 
 def test_every_table_of_the_stack() -> None:
@@ -189,6 +157,7 @@ def test_every_table_of_the_stack() -> None:
 
 def test_a_file_that_names_no_preset_gets_robust() -> None:
     assert stacked("") == Stack()
+    assert stacked('localisation.preset = "odometry"').localisation is None
     assert stacked('navigation.preset = "robust"\nlocalisation.preset = "robust"') == Stack()
 
 
@@ -202,46 +171,151 @@ def test_who_names_improved_is_told_the_keys_that_drive_as_it_did() -> None:
     assert found.local_map == LOCAL_MAPS["disc"] and found.dwa == DWA["disc"]
 
 
-def test_without_localisation_the_odometry_is_trusted() -> None:
-    assert stacked('localisation.preset = "odometry"').localisation is None
+STACK_FAULTS = {
+    "[local-map]": "local-map is not known; did you mean local_map?",
+    'localisation = { preset = "odometry", beams = 60 }': "localisation.beams is set, but must be left",
+    "navigation.replanning = -1": "navigation.replanning is -1, but must be a number of seconds",
+    "navigation.recoveries = -1": "navigation.recoveries is -1, but must be at least 0",
+    "navigation.preset = 'chapter'\nplanner.cell = 0.1": "planner.cell is 0.1, but must be left",
+    "navigation.preset = 'chapter'\ndwa.escape = 0.1": "dwa.escape is 0.1, but must be left out",
+    "dwa.granularity = 0.0001\ndwa.sim_time = 3": "dwa.sim_time is 3, but must be such that a traj",
+}
 
 
-@pytest.mark.parametrize(
-    ("text", "fault"),
-    [
-        ("[local-map]", "local-map is not known; did you mean local_map?"),
-        ("localisation.particles = 7", "localisation.particles is not known; did you mean localisation.m"),
-        ("localisation.beams = 60.0", "localisation.beams is 60.0, but must be a whole number"),
-        ("localisation.beam_skip = 1", "localisation.beam_skip is 1, but must be true or false"),
-        ("localisation.alpha1 = nan", "localisation.alpha1 is NaN, but must be a finite number"),
-        (
-            'localisation.weighting = "sum"',
-            'localisation.weighting is "sum", but must be "cubes" or "product"',
-        ),
-        (
-            'localisation = { preset = "odometry", beams = 60 }',
-            'localisation.beams is set, but must be left out where the preset is "odometry", '
-            "which has no parameters",
-        ),
-        ("navigation.replanning = -1", "navigation.replanning is -1, but must be a number of seconds"),
-        ("navigation.recoveries = -1", "navigation.recoveries is -1, but must be at least 0"),
-        (
-            "navigation.preset = 'chapter'\nplanner.cell = 0.1",
-            'planner.cell is 0.1, but must be left out where planner.method is "navfn", '
-            "which does not use it",
-        ),
-        (
-            "navigation.preset = 'chapter'\ndwa.escape = 0.1",
-            'dwa.escape is 0.1, but must be left out where dwa.rules is "indigo", which does not use it',
-        ),
-        (
-            "dwa.granularity = 0.0001\ndwa.sim_time = 3",
-            "dwa.sim_time is 3, but must be such that a trajectory has at most 10000 points at the highest "
-            "speeds",
-        ),
-    ],
-)
-def test_faults_of_the_stack(text: str, fault: str) -> None:
+@pytest.mark.parametrize("text", STACK_FAULTS)
+def test_faults_of_the_stack(text: str) -> None:
     with pytest.raises(AcrcError) as raised:
         stacked(text)
-    assert str(raised.value).startswith(fault)
+    assert str(raised.value).startswith(STACK_FAULTS[text])
+
+
+texts = some.text(some.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=8)
+finite = some.floats(allow_nan=False, allow_infinity=False)
+coordinates = some.floats(-1e5, 1e5, allow_nan=False)
+points = some.tuples(coordinates, coordinates)
+poses = some.tuples(coordinates, coordinates, coordinates)
+
+
+def maybe(value: some.SearchStrategy[Any]) -> some.SearchStrategy[Any]:
+    return some.none() | value
+
+
+def tables(**fields: some.SearchStrategy[Any]) -> some.SearchStrategy[dict[str, Any]]:
+    """A table in which what may be absent is absent or there."""
+    filled = some.fixed_dictionaries(fields)
+    return filled.map(lambda table: {name: value for name, value in table.items() if value is not None})
+
+
+NAMES = ["hall", 'the "lab"', "C:\\"]
+names = some.lists(some.sampled_from(NAMES), min_size=1, unique=True)
+spans = some.tuples(coordinates, coordinates).map(sorted).filter(lambda span: span[0] < span[1])
+scenarios = some.fixed_dictionaries(
+    {
+        "map": some.from_regex(r"/[a-z\"\\\x7f]{1,9}", fullmatch=True),
+        "run": tables(
+            duration=some.floats(1.0, 1e6),
+            step_ms=some.integers(1, 10).map(lambda n: 10 * n),
+            strategy=texts,
+            modules=some.just("/a/b"),
+        ),
+        "strategy": some.dictionaries(
+            some.text(some.characters(codec="utf-8"), max_size=8),
+            some.booleans() | some.integers(-(2**63), 2**63 - 1) | finite | texts,
+            max_size=4,
+        ),
+        "deeco": tables(
+            publish=some.floats(0.001, 1e6),
+            relay=some.booleans(),
+            hop_limit=some.integers(1, 15),
+            relay_below=some.floats(-90, 0),
+        ),
+        "robots": tables(
+            count=some.just(3),
+            model=some.just("x"),
+            sensor=maybe(texts),
+            start=some.lists(poses, max_size=3),
+            areas=maybe(names),
+        ),
+        "places": tables(preset=maybe(some.sampled_from(["areas", "golden"])), areas=maybe(names)),
+        "area": some.tuples(*(tables(name=some.just(name), x=spans, y=spans) for name in NAMES)),
+        "robot": some.lists(
+            tables(
+                id=some.sampled_from(["r1", "r2", "r3"]),
+                odometry=maybe(some.just("kobuki")),
+                start=maybe(poses),
+                places=maybe(some.lists(points, max_size=3)),
+            ),
+            max_size=3,
+            unique_by=lambda table: str(table["id"]),
+        ),
+        "event": some.lists(
+            some.one_of(
+                tables(at=some.floats(0.0, 0.5), obstacle=points, radius=some.floats(0.001, 10)),
+                tables(at=some.floats(0.0, 0.5), close=points),
+                tables(
+                    at=some.floats(0.0, 0.5),
+                    give=some.sampled_from(["r1", "r3"]),
+                    places=some.lists(points, min_size=1, max_size=3),
+                ),
+            ),
+            max_size=3,
+        ),
+    }
+)
+
+
+@given(scenarios)
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
+    written = Scenario.model_validate(_as_lists(content))
+    assert parse(to_toml(written), Path("/some.toml")) == written
+    told = adaptation(written.strategy, written.deeco, written.area)
+    assert told.settings == written.strategy
+    assert {name: type(value) for name, value in told.settings.items()} == {
+        name: type(value) for name, value in written.strategy.items()
+    }
+    assert told.exchange.publish == seconds(written.deeco.publish)
+    assert told.exchange.relay is written.deeco.relay
+    assert [area.name for area in told.areas] == NAMES
+
+
+def test_what_a_run_writes_down_gives_the_same_run() -> None:
+    first = resolve(load_scenario(None, Overrides(robots=11, seed=7)))
+    written = to_toml(first.scenario)
+    second = resolve(parse(written, Path("/elsewhere/scenario.toml")))
+    found = asdict(second)
+    assert found == asdict(first) | {name: found[name] for name in ("scenario", "grid")}
+    assert second.grid.content == first.grid.content
+    assert second.scenario == first.scenario
+    assert to_toml(second.scenario) == written
+
+
+def test_robots_are_told_the_areas_of_their_places_alone() -> None:
+    text = "[strategy]\nlease = 3\n[places]\nareas = ['hall']\n"
+    text += "".join(
+        f"[[area]]\nname = '{name}'\nx = [8, 12]\ny = [10.5, 13.8]\n" for name in ("yard", "hall")
+    )
+    settled = resolve(scenario(text))
+    assert settled.adaptation == Adaptation({"lease": 3}, areas=(Area("hall", 8.0, 10.5, 12.0, 13.8),))
+    assert resolve(settled.scenario).adaptation == settled.adaptation
+    free = resolve(scenario(text.replace("areas = ['hall']", "preset = 'free'")))
+    assert free.adaptation == Adaptation({"lease": 3})
+
+
+def test_paths_are_relative_to_the_file_they_stand_in() -> None:
+    text = (
+        'map = "../maps/a.yaml"\n[robots]\nmodel = "kinds/tall.toml"\n'
+        '[[robot]]\nid = "r1"\nmodel = "/flat.toml"\n[[robot]]\nid = "r2"\nmodel = "omnibox"\n'
+    )
+    read = parse(text, Path("/a/b/some.toml"))
+    assert (read.map, read.robots.model) == ("/a/maps/a.yaml", "/a/b/kinds/tall.toml")
+    assert read.run.modules == "/a/b"
+    assert parse('map = "m"\n[run]\nmodules = "../c"', Path("/a/b/some.toml")).run.modules == "/a/b/../c"
+    assert [robot.model for robot in read.robot] == ["/flat.toml", "omnibox"]
+
+
+def _as_lists(value: Any) -> Any:
+    """Tuples as the lists that a TOML file would give."""
+    if isinstance(value, dict):
+        return {name: _as_lists(item) for name, item in value.items()}
+    return [_as_lists(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,13 +1,14 @@
 """Doors on lease: who goes first, who waits and for how long, and what follows if neither hears the other."""
 
 from dataclasses import replace
+from functools import partial
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.strategies.lease import DoorRivals, DoorsCleared, LeasingParameters, LeasingRobot, Lessee
-from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, Floor, Ways, route
+from tests.cleaning.equipment import NOW, Floor, Ways, published, route
 
+seen = partial(published, role=Lessee)
 P = LeasingParameters()
 DOOR = Floor(0.0)
 """A door from x = -0.5 to 0.5, region 1 west and region 2 east of it."""
@@ -22,12 +23,6 @@ def robot(name: str, at: float, *xs: float) -> LeasingRobot:
 def leasing(one: LeasingRobot, ways: Ways, after: float = 0.0) -> LeasingRobot:
     """The robot after its process, so many seconds after NOW."""
     return one.lease(DOOR, ways, Instant(NOW + seconds(after)))
-
-
-def seen(one: LeasingRobot) -> Lessee:
-    role = seen_as(one, Lessee)
-    assert isinstance(role, Lessee)
-    return role
 
 
 def hears(member: LeasingRobot, peer: LeasingRobot, after: float = 0.0) -> LeasingRobot:
@@ -63,29 +58,19 @@ def test_who_asked_later_waits_and_goes_on_once_the_other_one_is_through() -> No
     r2 = leasing(hears(r2, through, 5.0), ways, 5.5)
     assert r2.held_since is None and ways.orders == [None, r2.target]
 
-
-def test_in_the_same_direction_nobody_waits() -> None:
     r1 = leasing(robot("r1", -1.5, 5.0), Ways())
     r2 = leasing(hears(leasing(robot("r2", -1.8, 6.0), Ways(), 1.0), r1, 1.0), Ways(), 1.5)
-    assert r2.held_since is None
+    assert r2.held_since is None, "in the same direction nobody waits"
 
 
-def test_who_is_inside_comes_before_who_asked_first() -> None:
+def test_order_of_requests() -> None:
     r1 = leasing(robot("r1", -1.5, 5.0), Ways())
     r2 = leasing(robot("r2", 0.3, -5.0), Ways(), 1.0)
     assert not hears(r1, r2, 1.0).comes_first() and hears(r2, r1, 1.0).comes_first()
-
-
-def test_a_request_that_came_to_nothing_goes_behind_all_others() -> None:
-    r1 = leasing(robot("r1", -1.5, 5.0), Ways())
     again = leasing(r1, Ways(), 20.5)
-    assert again.claim is not None and again.claim.since == NOW + seconds(20.5)
-
-
-def test_who_has_not_been_heard_of_for_long_holds_nothing() -> None:
-    r1 = leasing(robot("r1", -1.5, 5.0), Ways())
+    assert again.claim is not None and again.claim.since == NOW + seconds(20.5), "it has expired"
     r2 = hears(leasing(robot("r2", 1.5, -5.0), Ways(), 1.0), r1, 1.0)
-    assert leasing(r2, Ways(), 5.5).held_since is None
+    assert leasing(r2, Ways(), 5.5).held_since is None, "r1 has not been heard of for long"
 
 
 def test_who_has_waited_for_long_turns_to_where_no_door_is_or_goes_in() -> None:

@@ -25,7 +25,6 @@ READERS = (
 
 
 def call(words: str) -> None:
-    """Run a command in this process; it must succeed."""
     try:
         app(shlex.split(words), prog_name="acrc", standalone_mode=False)
     except SystemExit as end:

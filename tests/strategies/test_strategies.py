@@ -81,17 +81,11 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
     everyone = listed()
     assert everyone["none", "shipped"]["entry"] == "cleaning.strategies.none:behaviour"
     assert all(one["summary"] and not one["error"] for one in everyone.values() if one["source"] == "shipped")
-    assert everyone["wander", "my_study 1.2"] == {
-        "name": "wander", "entry": "wanderer:behaviour", "source": "my_study 1.2",
-        "summary": "Goes from one random place to the next.", "error": "",
-    }  # fmt: skip
-    assert everyone["lost", "sad_study 1.2"]["error"] == (
-        "behaviour 'no_such_module:behaviour': there is no module 'no_such_module' on Python's path"
-    )
-    assert everyone["broken", "sad_study 1.2"]["error"] == (
-        "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
-        "`acrc add NAME` installs a package for good, by the name that pip knows it by"
-    )
+    wander = everyone["wander", "my_study 1.2"]
+    assert (wander["entry"], wander["error"]) == ("wanderer:behaviour", "")
+    assert wander["summary"] == "Goes from one random place to the next."
+    assert "there is no module 'no_such_module' on" in everyone["lost", "sad_study 1.2"]["error"]
+    assert "broken imports 'no_such_library', which is not" in everyone["broken", "sad_study 1.2"]["error"]
 
 
 def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_path: Path) -> None:
@@ -106,22 +100,15 @@ def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_pat
 def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_path: Path) -> None:
     install(site, "bold_study", none="wanderer:behaviour", wander="wanderer:behaviour")
     install(site, "my_study", wander="wanderer:behaviour")
-    sentence = (
-        "'none' is the name of a shipped strategy, but is registered by bold_study 1.2, too;"
-        " each must have a name of its own"
-    )
     done = acrc("run", ROOT / "scenarios" / "corridor.toml", "--out", tmp_path / "out")
-    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"acrc: strategy {sentence}\n")
-    done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
-    assert (done.returncode, done.stderr) == (
-        2,
-        "acrc: --strategy: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
-        " each must have a name of its own\n",
+    assert done.returncode == 1 and done.stderr.startswith(
+        "acrc: strategy 'none' is the name of a shipped strategy, but is registered by bold_study 1.2, too;"
     )
+    done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
+    assert done.returncode == 2 and "'wander' is registered by bold_study 1.2 and my_study 1.2" in done.stderr
 
 
 def own_scenario(folder: Path, text: str = "") -> Path:
-    """A scenario with the module of its strategy beside it."""
     folder.mkdir()
     (folder / "wanderer.py").write_text(WANDERER)
     path = folder / "own.toml"
@@ -149,12 +136,7 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     assert told.settings == {"pause": 0.5} and [area.name for area in told.areas] == ["right"]
     assert b"left" not in file.read_bytes()
     asked = in_process.acrc("replay", tmp_path / "isolated", "--robot", "r2")
-    assert (asked.returncode, asked.stderr) == (
-        1,
-        f"acrc: {tmp_path}/isolated/r2/r2.mcap names the strategy wanderer:behaviour, whose code {module} "
-        "is neither installed nor in a folder that you have named; read it, then say --modules "
-        f"{tmp_path}/study, or --trust\n",
-    )
+    assert asked.stderr.endswith(f"read it, then say --modules {tmp_path}/study, or --trust\n")
     named = ("--modules", tmp_path / "study")
     replayed = acrc("replay", tmp_path / "isolated", "--robot", "r2", *named)
     assert (replayed.returncode, replayed.stderr) == (0, "") and not mark.exists()
@@ -162,16 +144,18 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     module.write_text(WANDERER + "# new\n")
     for out, words in (("isolated", ("--robot", "r2")), ("memory", ())):
         changed = in_process.acrc("replay", tmp_path / out, *words, *named)
-        assert (changed.returncode, changed.stderr) == (
-            1,
-            f"acrc: {module}: is not what the recorded run has loaded: sha256 {now}, recorded {then}; "
-            "--trust loads it all the same\n",
-        )
+        sums = f"sha256 {now}, recorded {then}"
+        assert changed.stderr.startswith(f"acrc: {module}: is not what the recorded run has loaded: {sums}; ")
     assert acrc("replay", tmp_path / "isolated", "--robot", "r2", "--trust").returncode == 0
 
 
 def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_written(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
+    done = in_process.acrc("run", path, "--out", tmp_path / "out")
+    assert done.returncode == 1 and done.stderr.startswith(
+        f"acrc: {path} names the strategy wanderer:behaviour, "
+    )
+    assert done.stderr.endswith(f"read it, then say --modules {tmp_path}/study, or --trust\n")
     done = acrc("run", path, "--trust", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (
         1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"
@@ -184,40 +168,3 @@ def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_wri
     assert cause == "ZeroDivisionError: my strategy divides by the number of its friends"
     assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:35)"
     assert not (tmp_path / "out").exists()
-
-
-def test_a_scenarios_own_code_needs_trust(tmp_path: Path) -> None:
-    path = own_scenario(tmp_path / "study")
-    done = in_process.acrc("run", path, "--out", tmp_path / "out")
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == (
-        f"acrc: {path} names the strategy wanderer:behaviour, whose code {tmp_path}/study/wanderer.py is "
-        "neither installed nor in a folder that you have named; read it, then say --modules "
-        f"{tmp_path}/study, or --trust\n"
-    )
-
-
-LAZY = """
-from actors.messages import PlaceGivenUp, PlaceKey
-from actors.robot.behaviour import Decision
-
-class Lazy:
-    def __init__(self, start):
-        self.keys = [PlaceKey(start.robot, place) for place in range(len(start.places))]
-
-    def advance(self, view, until):
-        given_up = tuple(PlaceGivenUp(k.owner, k.place, view.instant, "too lazy") for k in self.keys)
-        return Decision(given_up=given_up, route=())
-
-def behaviour(start):
-    return Lazy(start)
-"""
-
-
-def test_a_file_in_the_working_directory(tmp_path: Path) -> None:
-    (tmp_path / "lazy_study").mkdir()
-    (tmp_path / "lazy_study" / "lazy.py").write_text(LAZY)
-    words = ("run", "--strategy", "lazy_study.lazy:behaviour", "--bus", "memory", "--out", "out", "--json")
-    done = in_process.acrc(*words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["simulated_s"] == 0.1, "all places are given up at once"

@@ -1,15 +1,16 @@
 """Swapping destinations by offer and answer: only if it is worth it, and nothing is lost on the way."""
 
 from dataclasses import replace
+from functools import partial
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import State
 from cleaning.strategies.swap import Accepts, Concludes, Offers, Swapper, SwappingRobot
-from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, Floor, Notes, assignment, route
+from tests.cleaning.equipment import NOW, Floor, Notes, assignment, published, route
 
+seen = partial(published, role=Swapper)
 OFFERS, ACCEPTS, CONCLUDES, REMOVE = Offers(1.5), Accepts(), Concludes(), AdoptedDestinationRemove(False)
 FLOOR = Floor()
 
@@ -21,14 +22,7 @@ def robot(name: str, at: float, *xs: float) -> SwappingRobot:
     )
 
 
-def seen(one: SwappingRobot) -> Swapper:
-    role = seen_as(one, Swapper)
-    assert isinstance(role, Swapper)
-    return role
-
-
 def hears(member: SwappingRobot, peer: Swapper, now: Instant = NOW) -> SwappingRobot:
-    """The member after all four ensembles."""
     if OFFERS.membership(peer, member):
         member = OFFERS.at_member(peer, member, FLOOR, now)
     if ACCEPTS.membership(peer, member):

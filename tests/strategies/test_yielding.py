@@ -1,6 +1,7 @@
 """Giving way: of two that block each other one backs out, waits, and goes on."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -8,29 +9,18 @@ from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.cleaner import Cleaner, State
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
-from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Ways, route
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Ways, published, route
 
+seen = partial(published, role=Cleaner)
 P = YieldingParameters()
 YIELDING = Yielding(P.yield_distance, P.yield_checks, P.insist_checks)
 
 
 def blocked(robot: str, at: float, *xs: float, checks: int = 2) -> YieldingRobot:
     places = route(*xs, owner=robot)
-    return YieldingRobot(
-        id=robot,
-        position=Point(at, 0.0),
-        route=places,
-        destination=places[0] if places else None,
-        state=State.BLOCKED,
-        blocked_for=checks,
-    )
-
-
-def seen(robot: YieldingRobot) -> Cleaner:
-    role = seen_as(robot, Cleaner)
-    assert isinstance(role, Cleaner)
-    return role
+    head = places[0] if places else None
+    made = YieldingRobot(id=robot, position=Point(at, 0.0), route=places, destination=head)
+    return replace(made, state=State.BLOCKED, blocked_for=checks)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +41,10 @@ def test_who_gives_way(r1: YieldingRobot, r2: YieldingRobot, gives_way: bool) ->
 
 
 def test_it_backs_out_waits_and_asks_anew() -> None:
-    ways, robot = Ways(), YIELDING.at_member(seen(blocked("r2", 1.0)), blocked("r1", 0.0, 5.0), Floor(), NOW)
+    ways, robot = (
+        Ways(),
+        YIELDING.at_member(seen(blocked("r2", 1.0)), blocked("r1", 0.0, 5.0), Floor(), NOW),
+    )
     robot = robot.give_way(ways, NOW)
     assert ways.orders == [None] and ways.backed == [P.back_out]
     waiting = robot.give_way(ways, Instant(NOW + seconds(7)))
@@ -59,8 +52,6 @@ def test_it_backs_out_waits_and_asks_anew() -> None:
     after = waiting.give_way(ways, Instant(NOW + seconds(8)))
     assert after.waits_until is None and after.attempt == robot.attempt + 1
 
-
-def test_out_of_a_door_it_backs_farther() -> None:
     assert blocked("r1", 0.3).yielding(Floor(0.0), NOW).backs_by == P.back_out_of_door
 
 
