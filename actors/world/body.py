@@ -3,13 +3,15 @@
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.grid import outline
+from actors.floor.doorway import DoorError, Doorways
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
@@ -18,13 +20,72 @@ from actors.messages import Drive, Scan, Senses
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
-from actors.world.doors import Doors
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
 from deeco.knowledge import made
+
+
+class _Leaf(NamedTuple):
+    """What fills a door."""
+
+    cells: NDArray[np.bool_]
+    segments: NDArray[np.float64]
+
+
+class Doors:
+    """All doors of a floor; as long as none is ordered to close, nothing is computed."""
+
+    def __init__(self, solid: OccupancyGrid, visible: OccupancyGrid, radius: float) -> None:
+        """`solid` and `visible`: the floor to bodies and to sensors; `radius`: of the largest robot, m."""
+        self._solid = solid
+        self._visible = visible
+        self._doorways = Doorways(solid, radius)
+        self._closed: dict[int, _Leaf] = {}
+        self._closing: dict[int, _Leaf] = {}
+        """Doors that wait until nobody stands in the way."""
+
+    def close(self, point: Point) -> None:
+        """Let the door at a point close with the next `settle` at which it can.
+
+        Raises DoorError where there is none, or it is closed or closing.
+        """
+        door = self._doorways.at(point)
+        if door.index in self._closed or door.index in self._closing:
+            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is closed already")
+        cells = self._doorways.closed(door)
+        alone = replace(self._solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
+        self._closing[door.index] = _Leaf(cells, outline(alone, beyond=False))
+
+    def open(self, point: Point, arena: Arena, sensors: RangeSensors) -> None:
+        """Open the door at a point, or let it be if it was yet to close. Raises DoorError if it is open."""
+        door = self._doorways.at(point).index
+        if self._closing.pop(door, None) is not None:
+            return
+        if self._closed.pop(door, None) is None:
+            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is open already")
+        arena.open_door(door)
+        sensors.look_at(self._seen)
+
+    def settle(self, arena: Arena, sensors: RangeSensors) -> None:
+        """Close every door that is to be closed and in which no robot stands."""
+        free = [door for door, leaf in self._closing.items() if not arena.in_the_way(leaf.segments)]
+        for door in free:
+            self._closed[door] = self._closing.pop(door)
+            arena.close_door(door, self._closed[door].segments)
+        if free:
+            sensors.look_at(self._seen)
+
+    @property
+    def _seen(self) -> OccupancyGrid:
+        """What range sensors see of floor and doors."""
+        cells = self._visible.cells
+        for leaf in self._closed.values():
+            cells = np.where(leaf.cells, np.uint8(OCCUPIED), cells)
+        return replace(self._visible, cells=cells)
+
 
 POST_RADIUS: Final = 0.05
 """Of the posts that a wall is made of, m; own choice: as thick as a partition."""

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from actors.installation.usage import wrong_value
-from actors.observer.drawing import layout, places, robots, things, words
+from actors.observer.drawing import layout, places, robots, words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.places import PlaceState, draw_places
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
@@ -126,9 +126,9 @@ class Painting:
         """Copies that were lost lately."""
         self._fates_since = 0.0
         self._exchanges: list[LearntExchange] = []
-        things.draw_floor(canvas, story.grid, story.doors)
-        things.draw_marks(canvas)
-        things.draw_lines(canvas, "copies", FATES)
+        places.draw_floor(canvas, story.grid, story.doors)
+        places.draw_marks(canvas)
+        places.draw_lines(canvas, "copies", FATES)
         robots.introduce_radio(canvas)
         for robot in story.robots:
             robots.introduce(canvas, robot)
@@ -147,7 +147,7 @@ class Painting:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].act(track.acts)
         for second, put in story.things:
-            things.draw_things(canvas, second, [(one.kind, one.points, one.radius) for one in put])
+            places.draw_things(canvas, second, [(one.kind, one.points, one.radius) for one in put])
         self._places.extend(story)
         self._links(story)
         self._plots.extend(story)

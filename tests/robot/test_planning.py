@@ -20,7 +20,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour import FARTHEST_BACK, GoalOrder, GoalPhase
 from actors.robot.behaviour.devices import RobotNavigation
-from actors.robot.navigation.navigator import Navigator
+from actors.robot.navigation.navigator import Navigator, Trail, backward
 from actors.robot.navigation.planning import (
     PLANNER_PRESETS,
     Ground,
@@ -30,7 +30,6 @@ from actors.robot.navigation.planning import (
     occupied,
 )
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
-from actors.robot.navigation.trail import Trail, backward
 from tests.robot.base import TWO_ROOMS, plan
 from tests.robot.rig import Memory, Obedient
 

@@ -19,9 +19,8 @@ from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies
-from actors.world.clearance import Shape, disc, gap, placed, wall_gap
 from actors.world.orders import Effects, Orders
-from actors.world.physics import SUBSTEP, Arena
+from actors.world.physics import SUBSTEP, Arena, Shape, disc, gap, placed, wall_gap
 from actors.world.world_setup import BarrierStanding, BodySetup, Participants, TimedOrder
 from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room, room_with_door, towards
 

@@ -19,8 +19,8 @@ from actors.messages import NO_ECHO_MM
 from actors.randomness import generator
 from actors.robot_model import RobotModel, scan_angles
 from actors.world import rays
-from actors.world.clearance import Shape, disc, placed
 from actors.world.odometry import KobukiErrors, StageErrors
+from actors.world.physics import Shape, disc, placed
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, Uncertainty, drifting, floor
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor

@@ -1,6 +1,8 @@
 """Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
 
+from collections import deque
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Final, Protocol
 
 import msgspec
@@ -13,13 +15,146 @@ from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.ports import FARTHEST_BACK
 from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
 from actors.robot.navigation.planning import GlobalPlanner
-from actors.robot.navigation.pursuit import Pursuit, PursuitState
-from actors.robot.navigation.trail import Trail, Withdrawal, backward
 from actors.robot.sweep import Sweep
 from deeco.knowledge import made
+
+
+class PursuitState(Enum):
+    """What the cycles of a pursuit do."""
+
+    PLANNING = "planning"
+    """Look for a path; the robot stands."""
+    CONTROLLING = "controlling"
+    """Ask the local planner for a command."""
+    CLEARING = "clearing"
+    """Recover, or give the goal up; the robot stands."""
+
+
+@dataclass
+class Pursuit:
+    """What is remembered about an active goal; a new one begins anew (MoveBase::executeCb)."""
+
+    period: Duration
+    """So often there is a cycle; its command holds until the next."""
+    had_plan: Instant
+    """When a path was found last; at first, after a recovery and after a cycle without a valid trajectory
+    that instant, for patience counts from there."""
+    had_trajectory: Instant
+    """When a cycle had a valid trajectory last; at first when the pursuit began."""
+    progressed: Instant
+    """When the robot last was far enough from where it had been then; at first when the pursuit began, and
+    after a recovery that instant."""
+    planned: Instant
+    """When a path was looked for last."""
+    state: PursuitState = PursuitState.PLANNING
+    recoveries: int = 0
+    """In a row, without that what `trigger` says had changed."""
+    trigger: AbortReason = AbortReason.NO_PLAN
+    """Why it recovered last, or is about to."""
+    twist: Twist = STILL
+    """What the last cycle commanded."""
+    _due: Instant | None = None
+    """When the next cycle is; None: at once."""
+
+    @classmethod
+    def begin(cls, instant: Instant, period: Duration) -> "Pursuit":
+        """One whose clocks all start at `instant`."""
+        return cls(period, instant, instant, instant, instant)
+
+    @property
+    def drives(self) -> bool:
+        """True while the local planner is asked for commands."""
+        return self.state is PursuitState.CONTROLLING
+
+    def cycle_begins(self, instant: Instant) -> bool:
+        """True once a period; in which step, does not depend on how long steps are."""
+        if self._due is not None and instant < self._due:
+            return False
+        late = 0 if self._due is None else (instant - self._due) % self.period
+        self._due = Instant(instant - late + self.period)
+        return True
+
+    def gives_up(self, reason: AbortReason) -> None:
+        """The next cycle recovers for this reason, or ends the pursuit."""
+        self.state, self.trigger = PursuitState.CLEARING, reason
+
+    def settles(self, reason: AbortReason) -> None:
+        """What recoveries were made for is no longer so: all of them are there again.
+
+        A new plan settles NO_PLAN, a valid trajectory BLOCKED, and having moved NO_PROGRESS
+        (MoveBase::executeCycle, wherever it sets recovery_index_ to 0).
+        """
+        if self.trigger is reason:
+            self.recoveries = 0
+
+
+_SPACING: Final = 0.05
+"""Points of the trail are so far apart, m."""
+_LOOK_BACK: Final = 0.25
+"""It steers for the point of the trail so far behind, m: about the body's radius and a half."""
+_SPEED: Final = 0.2
+"""m/s; own choice, below half of what it drives forward: the sensor may see nothing behind."""
+_TURN: Final = 1.0
+"""At most so fast it turns, rad/s."""
+
+
+class Trail:
+    """The last few metres that a robot has driven, in the frame of its odometry."""
+
+    def __init__(self) -> None:
+        self._points: deque[Point] = deque(maxlen=round(FARTHEST_BACK / _SPACING) + 1)
+
+    def take(self, here: Point) -> None:
+        """The robot is here now."""
+        if not self._points or not self._points[-1].is_nearer(here, _SPACING):
+            self._points.append(here)
+
+    def behind(self, here: Point) -> Point | None:
+        """What to steer for on the way back; what has been passed is forgotten. None where the trail ends."""
+        while self._points and self._points[-1].is_nearer(here, _LOOK_BACK):
+            self._points.pop()
+        return self._points[-1] if self._points else None
+
+
+@dataclass
+class Withdrawal:
+    """Backing out along the trail, as a behaviour has told the robot to."""
+
+    left: float
+    """How far yet, m."""
+    last: Point
+    """Where the robot was in the step before, odometry frame."""
+    ends: Instant
+    """Whatever has come of it, it is over then."""
+
+    @classmethod
+    def of(cls, distance: float, here: Point, instant: Instant) -> "Withdrawal":
+        """One by `distance`, m, that may take twice as long as it should, and a turn."""
+        return cls(distance, here, Instant(instant + patience(distance)))
+
+    def gone_to(self, here: Point) -> None:
+        """Count what has been driven."""
+        self.left -= self.last.distance_to(here)
+        self.last = here
+
+
+def patience(distance: float) -> Duration:
+    """How long backing out by `distance`, m, may take."""
+    return seconds(3 + 2 * distance / _SPEED)
+
+
+def backward(here: Pose, target: Point) -> Twist:
+    """The velocity that leads backward on an arc to `target` (pure pursuit), or turns round first."""
+    aim = here.relative(Pose(target.x, target.y, 0.0))
+    if aim.x > -abs(aim.y):
+        return Twist(0.0, 0.0, -_TURN if aim.y > 0 else _TURN)
+    curvature = 2 * aim.y / (aim.x * aim.x + aim.y * aim.y)
+    return Twist(-_SPEED, 0.0, max(-_TURN, min(_TURN, -_SPEED * curvature)))
+
 
 _DRIVES: Final = PursuitState.CONTROLLING
 """While this is its state, the local planner is asked for commands."""
