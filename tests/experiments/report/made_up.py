@@ -73,12 +73,9 @@ def _result(
 
 def _time(rng: np.random.Generator) -> TimeSpent:
     weights = np.array([0.1, 0.1, 3, 0.3, 0.1, 1, 30, 2, 5, 0.1, 0.1, 1, 2, 2, 12, 3, 4])
-    robots = {
-        f"r{robot}": dict(
-            zip([cause.value for cause in Cause], (rng.dirichlet(weights) * LENGTH).tolist(), strict=True)
-        )
-        for robot in range(1, 5)
-    }
+    spent = [(rng.dirichlet(weights) * LENGTH).tolist() for _ in range(4)]
+    causes = [cause.value for cause in Cause]
+    robots = {f"r{n}": dict(zip(causes, one, strict=True)) for n, one in enumerate(spent, start=1)}
     spells = [
         BlockingEvent(
             10.0 * n, 10.0 * n + float(rng.uniform(2, 40)), ("r1", "r2"), 3.0, 4.0, place, cause, n == 3

@@ -7,19 +7,21 @@ import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from statsmodels.stats.proportion import proportion_confint
 
+from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.judgement import judge
 from experiments.report import charts, report
-from experiments.report.cases import read
+from experiments.report.cases import REAL, read
 from experiments.report.section import Section
-from experiments.study.study import Study, Trial
+from experiments.study.study import Factor, Study, Trial
+from observation.field_trial.trial_result import RobotTrial, TrialResult
 from observation.results.result import RunResult
 from tests.experiments.report.made_up import LENGTH, campaign
 
@@ -53,7 +55,6 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def records(folder: Path) -> dict[str, list[TrialRecord]]:
-    """By strategy, those that have a result."""
     found: dict[str, list[TrialRecord]] = {}
     for record in store.load(folder).records():
         if record.result is not None:
@@ -84,41 +85,28 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
         places = sorted(float(run.places_done) for run in results(records[row["strategy"]]))
         assert int(row["runs"]) == len(places)
         assert (float(row["least"]), float(row["most"])) == (places[0], places[-1])
-        assert float(row["median"]) == pytest.approx(quantile(places, 0.5))
-        assert float(row["1st quartile"]) == pytest.approx(quantile(places, 0.25))
-        assert float(row["3rd quartile"]) == pytest.approx(quantile(places, 0.75))
+        assert float(row["median"]) == pytest.approx(np.quantile(places, 0.5))
+        assert float(row["1st quartile"]) == pytest.approx(np.quantile(places, 0.25))
+        assert float(row["3rd quartile"]) == pytest.approx(np.quantile(places, 0.75))
         assert float(row["mean"]) == pytest.approx(sum(places) / len(places))
 
 
-def quantile(values: list[float], share: float) -> float:
-    """By linear interpolation between the sorted values."""
-    at = share * (len(values) - 1)
-    low = int(at)
-    high = min(low + 1, len(values) - 1)
-    return values[low] + (at - low) * (values[high] - values[low])
-
-
-def test_completion_counts_every_run_and_its_mean_is_the_area(
-    written: Path, records: dict[str, list[TrialRecord]]
-) -> None:
+def test_completion_counts_every_run(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     for row in rows(written, "completion"):
         runs = results(records[row["strategy"]])
         done = sum(run.completion_s is not None for run in runs)
         assert (int(row["runs"]), int(row["complete"])) == (len(runs), done)
-        n, p, z = len(runs), done / len(runs), 1.959963984540054
-        middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-        low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
-        assert float(row["share complete, low"]) == pytest.approx(max(low, 0.0), abs=1e-9)
-        assert float(row["share complete, high"]) == pytest.approx(min(high, 1.0), abs=1e-9)
+        n = len(runs)
+        bounds = proportion_confint(done, n, method="wilson")
+        found = float(row["share complete, low"]), float(row["share complete, high"])
+        assert found == pytest.approx(bounds, abs=1e-9)
         # without censoring before the end the area is the mean of what is capped
         mean = sum(LENGTH if run.completion_s is None else run.completion_s for run in runs) / n
         assert float(row["restricted mean, s"]) == pytest.approx(mean)
         assert float(row["restricted mean, s, low"]) <= mean <= float(row["restricted mean, s, high"])
 
 
-def test_shares_of_time_are_those_of_all_robot_seconds(
-    written: Path, records: dict[str, list[TrialRecord]]
-) -> None:
+def test_shares_of_time(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     for row in rows(written, "time"):
         robots = [part for one in records[row["strategy"]] if one.time for part in one.time.robots.values()]
         assert float(row["deadlock"]) == pytest.approx(
@@ -127,9 +115,7 @@ def test_shares_of_time_are_those_of_all_robot_seconds(
         assert sum(float(row[name]) for name in robots[0]) == pytest.approx(100.0)
 
 
-def test_decisions_are_counted_by_who_decided_and_what_came_of_it(
-    written: Path, records: dict[str, list[TrialRecord]]
-) -> None:
+def test_decisions_are_counted_by_who_decided(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     table = rows(written, "decisions")
     for name, kept in records.items():
         mine = {row["outcome"]: row for row in table if row["strategy"] == name}
@@ -142,7 +128,7 @@ def test_decisions_are_counted_by_who_decided_and_what_came_of_it(
             for event in (record.time.decisions if record.time else ())
             if event.free_after_s is not None
         )
-        assert float(mine["free"]["from blocked to free, s"]) == pytest.approx(quantile(waited, 0.5))
+        assert float(mine["free"]["from blocked to free, s"]) == pytest.approx(np.quantile(waited, 0.5))
     assert len(rows(written, "decision_events")) == 3 * sum(map(len, records.values()))
 
 
@@ -249,12 +235,20 @@ def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
         assert told in page
 
 
-def test_the_same_campaign_gives_the_same_bytes(folder: Path, written: Path, tmp_path: Path) -> None:
-    report.write([folder], tmp_path)
-    files = sorted(path.name for path in written.iterdir())
-    assert files == sorted(path.name for path in tmp_path.iterdir())
-    for name in files:
-        assert (written / name).read_bytes() == (tmp_path / name).read_bytes(), name
+def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
+    lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
+    lied = msgspec.structs.replace(plain, refused_reports=(lie,))
+    study = Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True)
+    campaign(tmp_path / "few", lied, study, drawn)
+    trial = next(iter(study.trials()))
+    with charts.applied():
+        told = " ".join(report.compose(read([tmp_path / "few"])).cautions)
+        store.load(tmp_path / "few").path(trial).unlink()
+        less = report.compose(read([tmp_path / "few"])).cautions
+    assert "these are seeds for tuning" in told
+    assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
+    assert f"few: none, seed {trial.seed}: {lie}." in told
+    assert "few: 1 of 4 runs are still to be made; what is said may change with them." in less
 
 
 def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResult, tmp_path: Path) -> None:
@@ -266,29 +260,57 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
     assert not list((tmp_path / "out").glob("*.png"))
 
 
-def caution(plain: RunResult, where: Path, study: Study, **options: Any) -> str:
-    campaign(where, plain, study, options.pop("drawn", drawn), **options)
-    with charts.applied():
-        return " ".join(report.compose(read([where])).cautions)
+def field_trial(plain: RunResult) -> TrialResult:
+    frames = {"frames_handed": 9, "frames_sent": 8, "copies_heard": 20, "bytes_sent": 400}
+    robot = RobotTrial(10, None, 7, 0, None, 7, 0, frames, None, None, None, (), ())
+    return TrialResult(
+        robots=1, duration_s=300.0, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
+        places_lost=0, completion_s=None, settled_s=None, last_reached_s=250.0, per_robot={"r1": robot},
+        contacts=None, frames=frames, radio_bytes_per_robot_s=1.333, deeco=plain.deeco, reference="r1",
+        notes=("r2: no frame connects its clock",), out=None,
+    )  # fmt: skip
 
 
-def test_too_few_runs_and_seeds_for_tuning_are_said(plain: RunResult, tmp_path: Path) -> None:
-    told = caution(plain, tmp_path / "few", Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True))
-    assert "these are seeds for tuning" in told
-    assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
+def thirty(trial: Trial, rng: np.random.Generator) -> tuple[int, float | None]:
+    return 30, None
 
 
-def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> None:
-    study = Study("part", "/s.toml", ("none",), 3)
-    campaign(tmp_path / "part", plain, study, drawn)
-    store.load(tmp_path / "part").path(next(iter(study.trials()))).unlink()
-    with charts.applied():
-        told = report.compose(read([tmp_path / "part"])).cautions
-    assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
+def put(folder: Path, name: str, result: RunResult | TrialResult) -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True)
+    path.write_bytes(msgspec.json.encode(result))
+    return folder
 
 
-def test_what_robots_said_and_the_run_did_not_believe_is_told(plain: RunResult, tmp_path: Path) -> None:
-    lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
-    lied = msgspec.structs.replace(plain, refused_reports=(lie,))
-    told = caution(lied, tmp_path / "lied", Study("lied", "/s.toml", ("none",), 1))
-    assert f"lied: none, seed 1: {lie}." in told
+def test_real_robots_stand_beside_a_run_and_what_nobody_knows(plain: RunResult, tmp_path: Path) -> None:
+    real = put(tmp_path / "friday", "run.json", field_trial(plain))
+    run = put(tmp_path / "simulated", "result/run.json", plain)
+    sources = read([real, run])
+    assert [one.cases[0].condition for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
+    assert [one.cases[0].strategy for one in sources] == ["friday", "chapter"]
+    page = report.write([real, run], tmp_path / "out").read_text()
+    assert "Of real robots nobody knows the truth: places are as they reported them" in page
+    assert "friday: r2: no frame connects its clock." in page
+    assert "2 of the folders hold one run each" in page
+    assert "Real robots' places are those that they reported" in html.unescape(page)
+    assert "Nothing was compared." in page
+
+
+def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path: Path) -> None:
+    study = Study("chapter", "/s.toml", ("none",), 1, factors=(Factor("robots.count", (4, 8)),))
+    one = campaign(tmp_path / "one", plain, study, thirty)
+    other = campaign(tmp_path / "x" / "one", plain, Study("chapter", "/s.toml", ("none",), 1), thirty)
+    alone = [case.condition for case in read([one])[0].cases]
+    assert alone == ["robots.count = 4", "robots.count = 8"]
+    assert [[case.condition for case in source.cases] for source in read([one, other])] == [
+        ["one: robots.count = 4", "one: robots.count = 8"],
+        ["one-2"],
+    ]
+
+
+def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(AcrcError, match="holds neither a campaign nor the result of a run"):
+        read([tmp_path])
+    (tmp_path / "run.json").write_text('{"digest": 3}')
+    with pytest.raises(AcrcError, match=r"run\.json: no result of a run: digest is 3, but must be a text"):
+        read([tmp_path])
