@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
-from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, first_difference, topic_of

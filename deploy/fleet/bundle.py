@@ -14,7 +14,7 @@ from actors import toml_file
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError, wrong_value
 from actors.installation.version import COMMIT, MINORS, requirements, software
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import FOLDERS
 from actors.runtime import regular_file

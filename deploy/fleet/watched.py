@@ -20,7 +20,7 @@ from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.drawing.words import DrawnEvent
 from actors.observer.glyphs import FATES, GREY
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import watch

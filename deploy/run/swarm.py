@@ -21,9 +21,8 @@ from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
 from actors.processes import silence
-from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
 from actors.processes.robot_logs import check_names, said, show, shown
-from actors.processes.scratch import scratch_folder
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.silence import HoldUp, ResourceWatch, Timeout
 from actors.processes.warden import warded

@@ -17,7 +17,7 @@ from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
 from actors.radio.radio_model import needed_dbm, radio_model
 from actors.robot.assembly import common_ground, navigator
-from actors.robot.behaviour.goal import GoalStatus
+from actors.robot.behaviour.plan import GoalStatus
 from actors.robot.cost_maps.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
 from actors.robot.navigation.planning import ground, narrowest_door

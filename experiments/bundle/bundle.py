@@ -15,7 +15,7 @@ from typing import Final
 import msgspec
 
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store

@@ -9,8 +9,7 @@ from statistics import fmean
 from typing import Final
 
 from actors.processes.kernels import compile_kernels
-from actors.processes.launch import launcher
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import launcher, scratch_folder
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from experiments.campaign.pool import EndedTrial, LocalPool, Pool

@@ -13,7 +13,7 @@ from distributed import wait as wait_for
 
 from actors.installation.repository import REPOSITORY
 from actors.installation.version import software
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.runtime.errors import printable
 from actors.runtime.isolation import sandbox
 from deploy.clusters.connection import PATIENCE_S, ClusterError, connect

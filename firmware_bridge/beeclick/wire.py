@@ -112,23 +112,6 @@ def encode_command(command: Command) -> bytes:
             return _ADDRESS.pack(SET_ADDRESS, pan, address)
 
 
-def command_size(data: bytes) -> int | None:
-    """Bytes of the command that `data` begins, as the board's firmware counts; None: not enough to tell.
-
-    Raises NoiseError for a type that the firmware does not know. It accepts every length byte.
-    """
-    if not data:
-        return None
-    kind = data[0]
-    if kind > SET_ADDRESS:
-        raise NoiseError("unknown_type")
-    if kind == SEND_PACKET:
-        return _SEND.size + data[1] if len(data) > 1 else None
-    return {SYNC: len(SYNC_PATTERN), SET_CHANNEL: _CHANNEL.size, SET_POWER: _POWER.size}.get(
-        kind, _ADDRESS.size
-    )
-
-
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
 _SENT: Final = struct.Struct("<BIB")
 _NUMBER: Final = struct.Struct("<Bh")

@@ -15,7 +15,7 @@ from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.goal import GoalStatus
+from actors.robot.behaviour.plan import GoalStatus
 from deeco.replication.fragments import HEADER
 from observation.evidence.run_evidence import taken
 from observation.replay.run_recordings import all_recordings, setup_of

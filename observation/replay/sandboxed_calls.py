@@ -16,9 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
 from actors.processes.robot_logs import said
-from actors.processes.scratch import scratch_folder
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.bus.replay_bus import ReplayError

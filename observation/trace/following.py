@@ -8,8 +8,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Final, Self
 
-from actors.processes.launch import Child, Launcher, launcher
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import Child, Launcher, launcher, scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from observation.recordings.topics import is_closed

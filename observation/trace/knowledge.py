@@ -13,8 +13,8 @@ from actors.geometry import Point, Pose
 from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.robot.behaviour.decisions import Deciding
-from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.node_host import ensembles_of
+from actors.robot.behaviour.plan import Goal, GoalOrder
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core, Inputs

@@ -12,9 +12,8 @@ from actors.instant import Duration, Instant, milliseconds
 from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Drive
 from actors.portable import arrays
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import node_of
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import Goal, GoalPhase, GoalStatus, Plan
 from actors.robot.core import RobotCore
 from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
 from actors.robot.localisation import Estimate

@@ -8,7 +8,7 @@ from pathlib import Path
 from actors.observer import viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.runtime import regular_file
 from actors.runtime.isolation.sandbox import choose, warn
 from observation.view.command import opened, rest, so_far

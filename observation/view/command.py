@@ -6,7 +6,7 @@ from pathlib import Path
 from actors.observer import viewer
 from actors.observer.viewer import OpenViewer
 from actors.processes.kernels import compile_kernels
-from actors.processes.scratch import scratch_folder
+from actors.processes.launch import scratch_folder
 from actors.processes.signals import Interrupted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError

@@ -39,6 +39,17 @@ def said(parts: Iterable[Answer | bytes]) -> bytes:
     return b"".join(part if isinstance(part, bytes) else wire.encode_answer(part) for part in parts)
 
 
+_SIZES: Final = {wire.encode_command(one)[0]: len(wire.encode_command(one)) for one in (
+    Synchronise(), SetChannel(0), SetPower(0), SetAddress(0, 0)
+)}  # fmt: skip
+
+
+def command_size(data: bytes) -> int:
+    """Return the size of the command that `data` begins, as the board's firmware counts."""
+    empty = len(wire.encode_command(SendPacket(0, b"")))
+    return _SIZES.get(data[0]) or empty + data[1]
+
+
 class Host:
     """A link and the time; plays both sides."""
 
@@ -59,8 +70,7 @@ class Host:
         """What the board is told now."""
         data, found = self.due(), []
         while data:
-            size = wire.command_size(data)
-            assert size is not None
+            size = command_size(data)
             found.append(decoded(data[:size]))
             data = data[size:]
         return found

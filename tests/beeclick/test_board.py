@@ -45,7 +45,7 @@ from firmware_bridge.beeclick.wire import (
     bytes_in,
 )
 from firmware_bridge.serial_port import BoardPort, PortError
-from tests.beeclick.lab import Desk, Lab, standing
+from tests.beeclick.lab import Desk, Lab, command_size, standing
 from tests.beeclick.lab import boards as row_of_boards
 
 COMMANDS: list[tuple[str, Command]] = [
@@ -78,7 +78,7 @@ ANSWERS: list[tuple[str, Answer]] = [
 def test_a_command_is_these_bytes(text: str, command: Command) -> None:
     data = bytes.fromhex(text)
     assert wire.encode_command(command) == data
-    assert wire.command_size(data) == len(data)
+    assert command_size(data) == len(data)
 
 
 @pytest.mark.parametrize(("text", "answer"), ANSWERS)

@@ -10,7 +10,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import Drive, Heard, Outgoing, Received, Sent
 from actors.robot.behaviour.decisions import RobotLimits
-from actors.robot.behaviour.goal import GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.plan import GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps.cost_map import CostMap

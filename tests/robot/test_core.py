@@ -27,7 +27,7 @@ from actors.messages import (
 )
 from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
-from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.plan import Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Decision, View
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Output, at, to

@@ -17,8 +17,8 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.installation.version import software
-from actors.processes import scratch
-from actors.processes.scratch import scratch_folder
+from actors.processes import launch
+from actors.processes.launch import scratch_folder
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
@@ -190,7 +190,7 @@ def test_a_scratch_folder_is_removed_and_errors_with_another_cause_pass() -> Non
 
 
 def test_a_full_or_missing_scratch_folder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scratch, "write_fault", lambda folder: "no space left on device")
+    monkeypatch.setattr(launch, "write_fault", lambda folder: "no space left on device")
     for error, prefix in ((OSError(*FULL), ""), (AcrcError("r1 has ended"), "r1 has ended; ")):
         with pytest.raises(AcrcError) as caught, scratch_folder() as folder:
             raise error

@@ -5,9 +5,8 @@ Strategies need these names of a robot, and no others; docs/tutorial.md and docs
 
 from actors.floor.door import Door
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
-from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus, Plan
 from actors.robot.behaviour.ports import (
     FARTHEST_BACK,
     Behaviour,

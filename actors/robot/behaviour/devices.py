@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
-from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import Goal, GoalOrder, GoalStatus, Plan
 from actors.robot.behaviour.ports import View
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 

@@ -9,8 +9,7 @@ from typing import Protocol
 from actors.floor.door import Door
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
-from actors.robot.behaviour.goal import Goal
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import Goal, Plan
 from actors.task.task import PlaceKey
 
 

@@ -1,14 +1,71 @@
 """The way that a robot means to go: what its behaviour may know of the plan."""
 
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Point
-from actors.instant import Duration, seconds
+from actors.instant import Duration, Instant, seconds
+
+
+class GoalStatus(Enum):
+    """How a goal stands; the names of move_base (actionlib_msgs/GoalStatus)."""
+
+    ACTIVE = "active"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+
+
+class AbortReason(Enum):
+    """Why navigation gave a goal up."""
+
+    NO_PLAN = "no plan"
+    """No way leads there on the map."""
+    BLOCKED = "blocked"
+    """The local planner found no valid trajectory for too long."""
+    NO_PROGRESS = "no progress"
+    """The robot did not get away from where it was."""
+
+
+class GoalPhase(Enum):
+    """What navigation is about while a goal is active; the first ones as in move_base."""
+
+    PLANNING = "planning"
+    """It has no way to the goal, and looks for one."""
+    CONTROLLING = "controlling"
+    """It has a way, and the local planner a valid trajectory."""
+    OBSTRUCTED = "obstructed"
+    """It has a way, but the local planner no valid trajectory, so the robot stands."""
+    RETREATING = "retreating"
+    """It backs away from what its bumper has touched, or because its behaviour said so."""
+    PAUSED = "paused"
+    """The behaviour lets it stand."""
+
+
+class Goal(NamedTuple):
+    """The last point that navigation was asked to go to, and how that stands."""
+
+    point: Point
+    status: GoalStatus
+    reason: AbortReason | None = None
+    """Set with ABORTED only."""
+    phase: GoalPhase | None = None
+    """Set with ACTIVE only."""
+    since: Instant | None = None
+    """When `phase` began; set with it."""
+
+
+class GoalOrder(Enum):
+    """What to do with the present goal."""
+
+    KEEP = "keep"
+    CANCEL = "cancel"
+    """Stop, and have no goal any more."""
+
 
 PACE: Final = 0.33
 """So fast robots get on, m/s: 0.5 m/s by the slowness of 1.5 that `acrc verify navigation` measures."""

@@ -17,8 +17,7 @@ from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, RadioEvent
 from actors.robot.behaviour.equipment import FloorPlan
-from actors.robot.behaviour.goal import Goal, GoalOrder
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import Goal, GoalOrder, Plan
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 Scalar: TypeAlias = bool | int | float | str

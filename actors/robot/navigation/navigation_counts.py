@@ -7,7 +7,7 @@ from typing import Final
 
 from actors.geometry import Point
 from actors.instant import Instant
-from actors.robot.behaviour.goal import AbortReason, GoalPhase, GoalStatus
+from actors.robot.behaviour.plan import AbortReason, GoalPhase, GoalStatus
 
 _KEPT: Final = 1000
 """Goals and spells listed one by one; what comes later is counted only."""

@@ -13,8 +13,7 @@ from actors.bounds import check
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
-from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
-from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus, Plan
 from actors.robot.behaviour.ports import FARTHEST_BACK
 from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
