@@ -8,8 +8,7 @@ from typing import Final
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.core import Bus, to
-from actors.runtime.pace import Pace, ticking
+from actors.runtime.core import Bus, Pace, ticking, to
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import fingerprints

@@ -24,14 +24,13 @@ from actors.robot.program import share
 from actors.runtime import prints
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.codec import decode
-from actors.runtime.core import Delivery, at
+from actors.runtime.core import Delivery, Pace, at, ticking
 from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import failure, process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, failure_note, in_words, own_frames, where
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.lifecycle.process_table import ProcessGlance, leftover_fault
-from actors.runtime.pace import Pace, ticking
 from actors.runtime.process import ActorProcess, final_note
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
