@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import socket
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -57,3 +58,10 @@ def on_small_disk(folder: Path, size: str, words: Sequence[str]) -> list[str]:
     """Return the command that runs `words` with `folder` on a disk of `size`, such as `64k`."""
     folder.mkdir(exist_ok=True)
     return ["unshare", "--map-root-user", "--mount", "sh", "-c", _MOUNT, "sh", size, str(folder), *words]
+
+
+def free_port() -> int:
+    """Return a TCP port of this computer that no process uses."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])

@@ -18,7 +18,8 @@ import yaml
 from distributed import Client, Security
 
 from actors.runtime.lifecycle import process_table
-from tests.experiments.test_cluster import ROOT, free_port, make_key
+from tests.experiments.test_cluster import ROOT, make_key
+from tests.helpers import free_port
 from tests.hosts.test_hosted_runs import eventually
 from tests.in_process import acrc
 

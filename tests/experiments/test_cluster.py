@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import ssl
 import subprocess
 import sys
@@ -67,9 +66,7 @@ class Cluster:
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._folder = folder
         self._environment = os.environ | {"DASK_CONFIG": str(make_key(folder / "keys"))}
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = int(free.getsockname()[1])
+        self.port = free_port()
         self._stack = stack
         place = ("--protocol", "tls", "--host", "127.0.0.1", "--port", str(self.port))
         self._begin("scheduler", "dask_scheduler", *place)
