@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import ssl
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from experiments.campaign import store
 from experiments.campaign.dask_pool import RemoteOutcome, checked
 from experiments.campaign.trial_record import MOST_BYTES
 from tests import warm
+from tests.helpers import free_port
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
