@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import pytest
 from hypothesis import settings
 
@@ -116,6 +117,17 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     if report.skipped and not hasattr(report, "wasxfail"):
         _SKIPPED.append(report.nodeid)
     _report_claim(report)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Iterator[None]:
+    """Reduce recorded properties to plain values: pytest-xdist sends no others to its controller."""
+    report: pytest.TestReport = yield  # type: ignore[assignment]
+    report.user_properties = [
+        (name, msgspec.to_builtins(value, enc_hook=lambda other: getattr(other, "item", other.__str__)()))
+        for name, value in report.user_properties
+    ]
+    return report  # type: ignore[return-value]
 
 
 def _report_claim(report: pytest.TestReport) -> None:
