@@ -1,5 +1,6 @@
 """Which version of the software made a run."""
 
+import functools
 import re
 import subprocess
 from collections.abc import Collection
@@ -18,8 +19,12 @@ def release() -> str:
     return version("acrc-testbed")
 
 
+@functools.cache
 def software() -> str:
-    """The commit, with a plus sign where files were changed since; outside a clone the package's version."""
+    """Return the commit, with a plus sign where files differ from it; outside a clone the package's version.
+
+    Asked once per process: later edits of files change no code that is loaded.
+    """
     if not IS_CLONE:  # an environment that lies in somebody's repository is none of its commits
         return release()
     if (REPOSITORY / COMMIT).is_file():

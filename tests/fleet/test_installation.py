@@ -426,7 +426,7 @@ def test_wheels_that_pip_does_not_find_are_one_sentence(
 def test_a_bundles_program_knows_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / version.COMMIT).write_text("abc+\n")
     monkeypatch.setattr(version, "REPOSITORY", tmp_path)
-    assert version.software() == "abc+"
+    assert version.software.__wrapped__() == "abc+"
 
 
 @pytest.mark.parametrize("minor", version.MINORS)

@@ -5,6 +5,7 @@ Works for root and, where unprivileged user namespaces are allowed, for everyone
 layers.
 """
 
+import functools
 import os
 import subprocess
 import sys
@@ -140,10 +141,11 @@ def file_view(plan: Confinement) -> mounts.FileView:
     )
 
 
+@functools.cache
 def available() -> str | None:
-    """Why a process cannot be isolated on this machine, in one sentence; None if it can.
+    """Return why a process cannot be isolated on this machine, in one sentence; None if it can.
 
-    Tries it in a child process.
+    Tries it in a child process, once per process.
     """
     with tempfile.TemporaryDirectory() as folder:
         trial_run = subprocess.run(
