@@ -35,25 +35,8 @@ from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
 
 KERNELS: Final = (
-    *(
-        foundations,
-        arrays,
-        draws,
-        distance,
-        flood,
-        potential,
-        potential,
-        ray_tracing,
-        cost_map,
-        ray_tracing,
-        map_grid,
-        ray_tracing,
-        local_plan,
-        dwa,
-        local_plan,
-        disc_dwa,
-    ),
-    *localisation.KERNELS,
+    *(foundations, arrays, draws, distance, flood, potential, ray_tracing, cost_map, map_grid, local_plan),
+    *(dwa, disc_dwa, *localisation.KERNELS),
 )
 
 

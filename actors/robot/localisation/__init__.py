@@ -13,16 +13,7 @@ from actors.robot.localisation.parameters import (
     Localisation,
 )
 
-KERNELS: Final = (
-    measurement,
-    measurement,
-    confidence,
-    confidence,
-    resampling,
-    measurement,
-    motion,
-    resampling,
-)
+KERNELS: Final = (measurement, confidence, resampling, motion)
 """The modules with numeric kernels."""
 
 __all__ = [
