@@ -28,7 +28,7 @@ _EVERY_S = 1.0
 
 
 @app.command()
-def lines(
+def info(
     out: _Growing,
     keys: Annotated[
         list[str] | None, typer.Argument(metavar="[KEY…]", help=f"{_KEY}.  [default: a line per recording]")

@@ -10,14 +10,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 from urllib.parse import quote
 
-from rerun.experimental import ViewerClient
-
-from actors.observer.drawing.canvas import TIMELINE
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.linux import PR_SET_PDEATHSIG, prctl
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
 
 WHILE_IT_GOES_ON = "To see the run while it goes on"
 """Begins the sentence that means nothing once the run has ended."""
@@ -170,6 +170,11 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
     Raises ScreenshotError where the viewer does not come up, such as for want of a Vulkan driver; on Debian
     `apt-get install mesa-vulkan-drivers` brings one that needs no graphics card.
     """
+    # Runs without the package rerun import this module for its sentences.
+    from rerun.experimental import ViewerClient  # noqa: PLC0415
+
+    from actors.observer.drawing.canvas import TIMELINE  # noqa: PLC0415
+
     try:
         opened = open_headless(width, height)
     except (OSError, RuntimeError) as error:
@@ -194,7 +199,7 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
         opened.process.wait()
 
 
-def _settled(client: ViewerClient, earliest: float) -> bytes:
+def _settled(client: "ViewerClient", earliest: float) -> bytes:
     """The first picture that is like the one before it."""
     last = b""
     for _ in range(_MOST):

@@ -235,7 +235,7 @@ def _content(path: Path) -> bytes:
         content = file.read(min(os.fstat(file.fileno()).st_size, _SEAL_LARGEST) + 1)
         if len(content) <= _SEAL_LARGEST:
             return content
-    raise SealError(f"{path}: should be a file of at most {_LARGEST} bytes, and no link")
+    raise SealError(f"{path}: should be a file of at most {_SEAL_LARGEST} bytes, and no link")
 
 
 def _entries(folder: Path) -> Iterator[tuple[str, bool]]:

@@ -125,7 +125,6 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     assert digest == digest_here(tmp_path / "here", *words, *code)
     for robot in ("r1", "r4"):
         assert f"{robot}       0.000 s  step 0  here I am" in errors
-    assert "hosts, on average: h1 worked with " in errors
     assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
     assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
