@@ -173,6 +173,12 @@ def test_costs_are_computed_once_per_map_and_body() -> None:
     assert not first.costs.flags.writeable
 
 
+def test_marks_at_walls_and_beyond_the_map_change_nothing() -> None:
+    on, marks = planner(TWO_ROOMS), np.array([[0.27, 1.0], [4.7, 3.0], [-3.0, 99.0]])
+    before, after = on.path(START, GOAL), on.path(START, GOAL, marks)
+    assert before is not None and after is not None and np.array_equal(before, after)
+
+
 def test_robots_have_the_costs_of_the_method_that_they_plan_by() -> None:
     model = load_model("turtlebot2", "chapter")
     chapter = common_ground(TWO_ROOMS, model, stack({"navigation": {"preset": "chapter"}}))
