@@ -81,7 +81,7 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
 
 
 class ProcessCounter:
-    """Counts the descendants of this process by sampling /proc; processes of under 20 ms may be missed."""
+    """Counts descendants started from now on by sampling /proc; processes of under 20 ms may be missed."""
 
     def __init__(self) -> None:
         self._own, self._foreign = {os.getpid()}, set[int]()
@@ -89,6 +89,7 @@ class ProcessCounter:
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
     def __enter__(self) -> Self:
+        self._foreign = _processes() - self._own
         self._thread.start()
         return self
 
@@ -103,13 +104,17 @@ class ProcessCounter:
 
     def _watch(self) -> None:
         while not self._ended.wait(_PERIOD_S):
-            present = {int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()}
+            present = _processes()
             self._foreign &= present
             for pid in sorted(present - self._own - self._foreign):
                 with suppress(OSError):
                     stat = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
                     parent = int(stat.rpartition(")")[2].split()[1])
                     (self._own if parent in self._own else self._foreign).add(pid)
+
+
+def _processes() -> set[int]:
+    return {int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()}
 
 
 def _is_over_budget(root: Path, started: int) -> bool:

@@ -160,6 +160,7 @@ def test_variables_of_another_environment_reach_neither_python_nor_pip(clone: Cl
     assert f"byte code: {clone.folder}/.venv/bytecode, written" in lines
 
 
+@pytest.mark.nightly
 def test_extras_are_added_when_a_command_needs_them(clone: Clone) -> None:
     clone.call("--help")
     assert clone.extras() == []

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from actors.floor import distance
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
 from actors.messages import Progress
 from actors.processes import kernels
 from actors.processes.launch import Program, launcher
@@ -149,7 +150,10 @@ def test_a_campaign_reports_the_progress_of_its_runs(
     ]
 
 
-def test_a_forked_process_finds_what_its_server_was_told_to_share(tmp_path: Path) -> None:
+def test_a_forked_process_finds_what_its_server_was_told_to_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))  # of the package `tests`
     shutil.copytree(MAPS, tmp_path / "maps")
     stack = msgspec.json.encode(Stack()).decode()
     log = tmp_path / "heir.log"
