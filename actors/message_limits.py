@@ -20,7 +20,7 @@ from actors.wording import brief
 
 @dataclass(frozen=True)
 class OrderLimits:
-    """How far an order may go; own choices, far beyond any floor and any run."""
+    """Limits of the numbers in orders; own choices, far beyond any floor and any run."""
 
     coordinate: float = 1e6
     """Greatest x or y, m, either sign."""
@@ -48,7 +48,7 @@ class OrderLimits:
 
 
 def fault(order: Order, limits: OrderLimits) -> str | None:
-    """What is wrong with the numbers of an order, in words without an end; None if nothing is."""
+    """Return what is wrong with the numbers of an order, as a sentence without a full stop, or None."""
     if isinstance(order, Wall):
         return _wall_fault(order, limits)
     if isinstance(order, Step | Speed):
@@ -170,7 +170,7 @@ def _motion_fault(drive: Drive) -> str:
         )
     x, y, heading = drive.pose
     return (
-        f"holds itself to be at ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
+        f"estimates its pose as ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
         f"{GREATEST_COORDINATE:g}"
     )
 

@@ -57,7 +57,7 @@ def changed_since(commit: str) -> tuple[Path, ...] | None:
 
 
 MINORS: Final = (11, 12, 13, 14)
-"""Of Python 3: constraints.txt has the hashes of their wheels, for Linux on x86-64 and ARM."""
+"""Minor versions of Python 3 whose wheels have hashes in constraints.txt, for Linux on x86-64 and ARM."""
 _PIN: Final = re.compile(
     r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>[^\s;]+)"
     r"(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?(?P<hashes>(?: +--hash=\S+)*) *"
@@ -70,7 +70,7 @@ class Pin(NamedTuple):
     name: str
     version: str
     hashes: tuple[str, ...]
-    """Of its files, as pip's option `--hash` has them."""
+    """Hashes of its files, as for pip's option `--hash`."""
 
     @property
     def requirement(self) -> str:

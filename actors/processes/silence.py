@@ -319,7 +319,7 @@ class ResourceWatch:
         self._next_s = clock() + self.LOOK_S
 
     def fault(self, children: Iterable[Child]) -> str | None:
-        """A sentence on the first robot that has taken too much; None if nobody has, or it is not time."""
+        """Return a sentence on the first robot above its limits; None if there is none or no check is due."""
         began_s = self._clock()
         if began_s < self._next_s:
             return None

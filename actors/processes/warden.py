@@ -43,7 +43,7 @@ class BoardTurn(NamedTuple):
     """"" while the actors are being made."""
 
     def in_words(self) -> str:
-        """What whoever has the turn does not do."""
+        """Return what the current actor has failed to do."""
         if not self.actor:
             return "the actors are not made"
         return f"step {self.step}: {self.actor} does not come to the step's end"

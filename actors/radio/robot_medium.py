@@ -25,8 +25,8 @@ FRAMES: Final = {
 """What became of the frames that a transceiver was handed, by the medium's counter: left the antenna; cut by
 switching the sender off; the channel never was clear; the transmit queue was full."""
 EVENTS: Final = ("dropped", "discarded")
-"""For a robot that does not step: beyond its host's buffer; held when the robot was switched off, or begun
-anew: what belongs to an epoch that is over."""
+"""Frames for a robot that does not step: dropped beyond its host's buffer; discarded when the robot is
+switched off or restarted, since they belong to an ended epoch."""
 COPIES: Final = {
     f"copies_{'' if outcome is Outcome.HEARD else 'lost_'}{outcome.name.lower()}": int(outcome)
     for outcome in Outcome

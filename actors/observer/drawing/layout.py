@@ -210,7 +210,7 @@ def _whole(what: Arrangement) -> rrb.TimeAxis | None:
 APPLICATION: Final = "acrc-testbed-4"
 """A viewer keeps the layout that it has seen of an application: another layout, another name."""
 FLUSH: Final = 10.0
-"""How long a slow viewer may take to take in what it was sent, s."""
+"""Timeout for a viewer to receive what it was sent, s."""
 
 
 class Sheet:

@@ -156,7 +156,7 @@ _MORE: Final = (
 
 
 def draw_marks(canvas: Canvas) -> None:
-    """What is drawn on the floor, as text."""
+    """Write the legend of the symbols on the floor."""
     rows = [
         (f"{_SIGNS[mark.shape]} {name}", mark.says) for name, mark in MARKS.items() if mark.shape in _SIGNS
     ]
@@ -181,9 +181,9 @@ def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
 PutThing = tuple[str, tuple[tuple[float, float], ...], float]
 """Kind, one of MARKS; m: middle or both ends; radius, 0 of what is straight."""
 _DASHES: Final = 12
-"""Of a dashed ring."""
+"""Number of dashes of a dashed ring."""
 _RINGS: Final = 100.0
-"""Of a disc, at most: a recording may hold any radius."""
+"""Greatest number of rings of a disc: a recording may contain any radius."""
 
 
 def draw_things(canvas: Canvas, second: float, things: Sequence[PutThing]) -> None:

@@ -110,12 +110,12 @@ SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
 
 
 def period(canvas: Canvas) -> float:
-    """How often links are drawn anew, s: as often as robots move, where that is not too much to draw."""
+    """Return the period at which links are redrawn, s: the robots' own, or longer with many robots."""
     return 0.2 if len(canvas.robots) <= FEW else 1.0
 
 
 def introduce_radio(canvas: Canvas) -> None:
-    """How links and losses look."""
+    """Set the line widths of links and losses."""
     canvas.still("world/radio/links", rr.LineStrips3D.from_fields(radii=[-1.0]))
     canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
 
@@ -125,7 +125,7 @@ class _HeardLink(NamedTuple):
 
     rssi_dbm: float
     since: float
-    """How long ago, s."""
+    """Age of the reception, s."""
     one: int
     other: int
 

@@ -230,9 +230,9 @@ Singles = NDArray[np.float32]
 _AHEAD_S: Final = 1.7
 """So far the chosen arc is drawn, s: as far as the local planner looks."""
 _SIGMAS: Final = 2.0
-"""Of the ellipse round the estimate: 86 % of what is held possible."""
+"""Half axes of the ellipse around the estimate, standard deviations: it covers 86 %."""
 _OPACITY: Final = 0.999
-"""Of the whole: below 1, so that the viewer blends at all."""
+"""Opacity of the cost map: below 1, or the viewer does not blend it."""
 _HUES: Final = np.zeros((256, 4), np.uint8)
 """Red, green, blue and opacity by cost: one hue, the denser the dearer; nothing where it costs nothing."""
 _HUES[:, :3] = COSTS_COLOUR
@@ -241,7 +241,7 @@ _HUES[253:, 3] = 190
 
 
 def introduce_inside(canvas: Canvas, robot: str) -> None:
-    """How a robot's own view looks."""
+    """Set colours and sizes of a robot's own view."""
     own = f"inside/{robot}"
     canvas.still(f"{own}/scan", rr.Points3D.from_fields(colors=[SCAN], radii=[-1.4]))
     canvas.still(f"{own}/particles", rr.Points3D.from_fields(colors=[PARTICLES], radii=[-1.0]))
@@ -260,7 +260,7 @@ def draw_clouds(
 
 
 def draw_estimates(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, spread: Floats) -> None:
-    """Where a robot holds itself to be, (n, 3), and how surely: (n, 3) variance of x, of both, of y, m²."""
+    """Draw pose estimates of a robot, (n, 3), with covariances xx, xy, yy of the position, (n, 3), m²."""
     rows = []
     for (x, y, _), (xx, xy, yy) in zip(poses.tolist(), spread.tolist(), strict=True):
         sizes, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))

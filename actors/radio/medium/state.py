@@ -347,10 +347,9 @@ def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) 
 
 
 def _faintest_dbm(transceivers: Sequence[Transceiver], phy: PhyParameters) -> float:
-    """All that is not followed of the frames in the air may be as strong as this at a receiver, together.
+    """Return the greatest total power at a receiver of the frames that are left out of its sum, dBm.
 
-    It adds 0.01 dB to the noise, or to the least energy that makes the channel busy, and nobody could
-    lock onto it.
+    It adds 0.01 dB to the noise or to the least energy of a busy channel, and no receiver locks onto it.
     """
     least_dbm = min([phy.noise_dbm, *(one.cca_threshold_dbm for one in transceivers)])
     together_dbm = least_dbm + _LEFT_OUT_DB - max(phy.cochannel_penalty_db, 0.0)

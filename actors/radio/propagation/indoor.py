@@ -12,7 +12,7 @@ product of both (Wang, Tameh and Nix, "Joint Shadowing Process in Urban Peer-to-
 Transactions on Vehicular Technology 57(1), 2008), and as there it is made of sinusoids over the four
 coordinates: here with random wave vectors from the bivariate Cauchy distribution, whose characteristic
 function is that very exponential (Rahimi and Recht, "Random Features for Large-Scale Kernel Machines",
-NIPS 2007). So the loss is a function of the two places and the seed, whoever else there is.
+NIPS 2007). So the loss depends only on the two positions and the seed.
 """
 
 import math

@@ -87,7 +87,7 @@ class Wifi:
         self._drawn_until = self._forgotten = 0
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """As `medium.Interferer` says; asking for an earlier time than before draws all anew."""
+        """Return bursts as `medium.Interferer` defines; a time before the last one restarts the drawing."""
         if since_ns < self._forgotten:
             self._begin_anew()
         while self._drawn_until < until_ns:

@@ -109,7 +109,7 @@ class Deciding(Protocol):
 
 
 class DecisionLog:
-    """Takes down, commit by commit, what one component decides and holds itself to be."""
+    """Log of the decisions of one component and of its state `blocked`, one entry per commit."""
 
     def __init__(self, component: Knowledge, former: "DecisionLog | None" = None) -> None:
         """`former`: the log of the robot's component before this one; its lists go on here."""

@@ -34,8 +34,8 @@ class Recovery:
 
     They are kept of the fit, which lies in 0 to 1, and not of the likelihood of a whole scan, which changes
     with the number of its beams. They begin at 1, so that a filter that begins at the wrong place finds out.
-    As in the book, and unlike ros-planning/navigation, pf.c, they live on after new poses were tried: where
-    both begin anew at a bad fit, the robot is never looked for again.
+    As in the book, and unlike ros-planning/navigation, pf.c, they are kept after new poses were tried: if
+    both restart at a bad fit, the search for the robot never resumes.
     """
 
     def __init__(self, parameters: AmclParameters) -> None:

@@ -207,10 +207,10 @@ class Locating:
         self._reach = _REACH * doubt
         self._agreed = 0
         self.believed: Point | None = None
-        """Where it held itself to be at first; to be set."""
+        """First estimate of the position, to be set by the caller."""
 
     def take(self, cluster: Cluster, fit: float) -> bool:
-        """What came of one more scan; True once the robot is located."""
+        """Take one more scan; return True once the robot is located."""
         pose, covariance, weight = cluster
         near = self.believed is not None and self.believed.distance_to(pose.point) <= self._reach
         narrow = covariance[0] + covariance[4] <= _APART * _APART and covariance[8] <= _TURNED * _TURNED

@@ -35,7 +35,7 @@ class PursuitState(Enum):
 
 @dataclass
 class Pursuit:
-    """What is remembered about an active goal; a new one begins anew (MoveBase::executeCb)."""
+    """State of an active goal; a new goal resets it (MoveBase::executeCb)."""
 
     period: Duration
     """So often there is a cycle; its command holds until the next."""
