@@ -62,9 +62,3 @@ def complete_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def short_run_copy(short_run: Path, tmp_path: Path) -> Path:
     """A copy of its folder, to be changed."""
     return shutil.copytree(short_run, tmp_path / "copy")
-
-
-@pytest.fixture
-def recorded_run_copy(recorded_run: Path, tmp_path: Path) -> Path:
-    """A copy of its folder, to be changed."""
-    return shutil.copytree(recorded_run, tmp_path / "copy")

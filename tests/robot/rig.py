@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
-from actors.messages import Drive, Heard, Outgoing, Received, Sent
+from actors.messages import Drive, Heard, Received, Sent
 from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.plan import GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
@@ -43,10 +43,6 @@ class Scripted:
 
 def idle(start: Start) -> Behaviour:
     return Scripted()
-
-
-def chatty(start: Start) -> Behaviour:
-    return Scripted(Decision(Point(1.0, 2.0), frames=(Outgoing(0, 0, b"x"),)))
 
 
 def nothing(start: Start) -> None:
