@@ -4,7 +4,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from actors.installation import version
 from actors.installation.repository import REPOSITORY
+from actors.runtime.isolation import sandbox
 
 LATER = ("command_line.experiments.", "deploy.clusters.", "deploy.hosts.") + (
     () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
@@ -16,4 +18,6 @@ for _package in ("command_line", "deploy", "observation"):
         _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
         if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):
             import_module(_name)
+version.software()  # starts two processes, as does the next: once for all forks
+sandbox.available()
 import_module("actors.runtime.process").settle()  # no collection copies the shared pages

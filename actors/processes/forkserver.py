@@ -32,7 +32,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
-from actors.processes.launch import MESSAGE_LIMIT, Part, born
+from actors.processes.confined import MESSAGE_LIMIT, Part, born
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.linux import (
@@ -271,7 +271,7 @@ def _elsewhere(message: bytes) -> Part:
     with ours:
         ours.send(message)
     theirs.set_inheritable(True)
-    return Part("actors.processes.launch", (str(theirs.detach()),))
+    return Part("actors.processes.confined", (str(theirs.detach()),))
 
 
 def _program(module: str) -> str:

@@ -235,6 +235,7 @@ def test_the_tabulator_key_installs_nothing_and_says_nothing(clone: Clone) -> No
     assert clone.call() == (0, f"in {clone.folder}: -P -m command_line\n", "")
 
 
+@pytest.mark.nightly
 def test_a_failed_installation_is_resumed(clone: Clone) -> None:
     clone.settings["FAKE_PIP_FAILS"] = "yes"
     code, out, err = clone.call("run")

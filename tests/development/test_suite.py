@@ -77,6 +77,7 @@ def forked(words: tuple[str, ...], cwd: Path, **env: str) -> tuple[int, str, str
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.nightly
 def test_a_fork_runs_over_the_mesh_like_a_new_interpreter(tmp_path: Path) -> None:
     words = ("run", "--duration", "1", "--robots", "2", "--json", "--out")
     command = [sys.executable, "-m", "command_line", *words, "new"]

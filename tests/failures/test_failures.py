@@ -39,7 +39,7 @@ def place(text: str, *, after: str = "") -> str:
 
 def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = acrc("run", "--strategy", "tests.failures.saboteur:raises", "--out", out)
+    done = acrc("run", "--strategy", "tests.failures.saboteur:raises", "--robots", 2, "--out", out)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
         "acrc: r2 failed in step 20: ZeroDivisionError: my strategy divides by the number of its friends "

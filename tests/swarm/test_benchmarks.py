@@ -27,6 +27,7 @@ KEPT = counts.kept_counts()
 SMALL = StepCounts({"deeco": 60.0, "actors/world": 40.0}, {"a": 2.0}, {"a": 50.0}, {"world": 9.0}, {})
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("forked_servers")
 def test_swarm_figures_are_consistent(capsys: pytest.CaptureFixture[str]) -> None:
     measured = benchmark.measure((4,), 3.0, repeat=1)

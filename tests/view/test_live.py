@@ -82,6 +82,7 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
         following.finish()
         assert list(following.lack().sentences(following.end)) == []
         kept = [growing.out / name / f"{name}.mcap" for name in ("r1", "r2", "radio")]
+        deadline = time.monotonic() + 300.0  # the replays run at the lowest priority beside other tests
         while not all(path.with_suffix(".trace").exists() for path in kept):
             following.draw()
             assert time.monotonic() < deadline
