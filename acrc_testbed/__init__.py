@@ -4,8 +4,32 @@
 `AcrcError`, with one sentence.
 """
 
-from acrc_testbed.campaigns import Campaign, campaign, open_campaign
-from acrc_testbed.runs import Run, beside, open_run, run
-from actors.runtime.errors import AcrcError
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+import actors  # noqa: F401  # before any other package: it orders sys.path
+
+if TYPE_CHECKING:
+    from acrc_testbed.campaigns import Campaign, campaign, open_campaign
+    from acrc_testbed.runs import Run, beside, open_run, run
+    from actors.runtime.errors import AcrcError
 
 __all__ = ["AcrcError", "Campaign", "Run", "beside", "campaign", "open_campaign", "open_run", "run"]
+
+_MODULES: Final = {
+    **dict.fromkeys(("Campaign", "campaign", "open_campaign"), "acrc_testbed.campaigns"),
+    **dict.fromkeys(("Run", "beside", "open_run", "run"), "acrc_testbed.runs"),
+    "AcrcError": "actors.runtime.errors",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use: the command line needs none of them."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return __all__

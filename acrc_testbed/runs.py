@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
+    from acrc_testbed.accounting.time_spent import TimeSpent
+    from acrc_testbed.evidence.run_evidence import RunEvidence
+    from acrc_testbed.results.result import RunResult
     from actors.robot.behaviour.foreign import Permit
-    from observation.accounting.time_spent import TimeSpent
-    from observation.evidence.run_evidence import RunEvidence
-    from observation.results.result import RunResult
 
 _MARK: Final = "world/world.mcap"
 """A file that every run writes."""
@@ -37,7 +37,7 @@ class Run:
     @cached_property
     def evidence(self) -> "RunEvidence":
         """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
-        from observation.evidence.run_reader import read_run
+        from acrc_testbed.evidence.run_reader import read_run
 
         return read_run(self.folder)
 
@@ -55,10 +55,10 @@ class Run:
         Radio and robots are replayed for it, in a sandbox where the machine has one. `modules` and `trust`
         are for a strategy that is neither installed nor was allowed by `run` or `open_run` in this process.
         """
+        from acrc_testbed.export import parquet_files, rows
+        from acrc_testbed.replay.run_recordings import all_recordings
+        from acrc_testbed.replay.sandboxed_calls import check_trust
         from actors.runtime.isolation.sandbox import choose
-        from observation.export import parquet_files, rows
-        from observation.replay.run_recordings import all_recordings
-        from observation.replay.sandboxed_calls import check_trust
 
         permit = self._permit(modules, trust=trust)
         for actor in all_recordings(self.folder):
@@ -72,14 +72,14 @@ class Run:
 
         `file`: write it there, too, as .png or .svg.
         """
-        from observation.picture import run_page
+        from acrc_testbed.picture import run_page
 
         return _drawn(lambda: run_page.draw(self.evidence), file)
 
     @arguments_named()
     def time_spent(self) -> "TimeSpent":
         """Return where the robots' time went, by cause, as `acrc causes` does."""
-        from observation.accounting.account import account
+        from acrc_testbed.accounting.account import account
 
         return account(self.folder)
 
@@ -114,13 +114,13 @@ def run(
     that has ended in `out` is removed, with all that is in its folder, once the new one has begun. A strategy
     of your own is a module in the working directory or in a folder of `modules`.
     """
+    from acrc_testbed.recordings.topics import Standing, standing
     from actors.processes.kernels import compile_kernels
     from actors.robot.behaviour.foreign import Permit, admitted, permit_of
     from cleaning.strategies import entry
     from deploy.run import out_folder, swarm
     from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
-    from observation.recordings.topics import Standing, standing
 
     file = file_of("scenarios", scenario)
     own = tuple((settings or {}).items())
@@ -156,7 +156,7 @@ def open_run(
 
     `modules`, `trust`: allow the run's methods to load a strategy that is not installed, as in `run`.
     """
-    from observation.replay.run_recordings import all_recordings
+    from acrc_testbed.replay.run_recordings import all_recordings
 
     all_recordings(Path(folder))
     found = Run(Path(folder).absolute())
@@ -167,14 +167,14 @@ def open_run(
 @arguments_named()
 def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
     """Draw several runs side by side, such as one without and one with adaptation; `file` as for a run."""
-    from observation.picture import side_by_side
+    from acrc_testbed.picture import side_by_side
 
     return _drawn(lambda: side_by_side.draw([one.evidence for one in runs]), file)
 
 
 def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "Figure":
+    from acrc_testbed.picture import style
     from deploy.run import out_folder
-    from observation.picture import style
 
     path = None if file is None else output_file("file", Path(file), ".png", ".svg")
     with style.applied(style.LOOK):

@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 
 import pytest
 
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.seal import seal
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.tables import Scenario
-from observation.results.result import RunResult
-from observation.results.seal import seal
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

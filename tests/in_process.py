@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.modules import look_in
-from command_line import app
 
 
 def acrc(

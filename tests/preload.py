@@ -8,12 +8,13 @@ from actors.installation import version
 from actors.installation.repository import REPOSITORY
 from actors.runtime.isolation import sandbox
 
-LATER = ("command_line.experiments.", "deploy.clusters.", "deploy.hosts.") + (
-    () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
-)
+LATER = (
+    *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.experiments."),
+    *("deploy.clusters.", "deploy.hosts."),
+) + (() if find_spec("rerun") else ("deploy.fleet.watched", "acrc_testbed.view."))
 
 import_module("actors.processes.preload")
-for _package in ("command_line", "deploy", "observation"):
+for _package in ("acrc_testbed", "deploy"):
     for _file in sorted(Path(REPOSITORY, _package).rglob("*.py")):
         _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
         if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario.tables import Scenario
-from observation.results.result import RunResult
 
 HEAD_ON = REPOSITORY / "scenarios" / "head_on.toml"
 

@@ -24,7 +24,7 @@ from actors.processes import forkserver, launch
 from actors.runtime.lifecycle.process_table import passed_on
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-ACRC: Final = "command_line.app"
+ACRC: Final = "acrc_testbed.command_line.app"
 BEGIN_SERVER: Final = launch.begin
 _CONTEXT: Final = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.preload"])
@@ -158,7 +158,7 @@ def _be_command(
     with Path(os.devnull).open() as nothing:
         os.dup2(nothing.fileno(), 0)
     _enter(cwd, env, [str(cwd)] if finds_cwd else [])
-    sys.argv = [str(ROOT / "command_line" / "__main__.py"), *words]
+    sys.argv = [str(ROOT / "acrc_testbed" / "command_line" / "__main__.py"), *words]
     launch.begin = _fork_server
     _leave(lambda: import_module(program).main())
 

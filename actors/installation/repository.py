@@ -14,20 +14,7 @@ SHIPPED: Final = REPOSITORY if IS_CLONE else Path(__file__).resolve().parent / "
 """The folder with maps, scenarios, studies, fleets and constraints.txt. In a wheel, too, they lie beside one
 another, since scenarios name their maps by relative paths; in a clone `shipped` has links to them."""
 
-PACKAGES: Final = frozenset(
-    {
-        "acrc_testbed",
-        "actors",
-        "benchmarks",
-        "cleaning",
-        "command_line",
-        "deeco",
-        "deploy",
-        "experiments",
-        "firmware_bridge",
-        "observation",
-    }
-)
+PACKAGES: Final = frozenset({"acrc_testbed", "actors", "cleaning", "deeco", "deploy", "firmware_bridge"})
 """What is installed of it (pyproject.toml); whatever else lies here is not this project's code."""
 
 

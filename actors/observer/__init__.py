@@ -1,4 +1,4 @@
 """The observer: a window on a run (rerun). It takes no part in the barrier.
 
-It draws what it is given, live or from recordings, into a file and a viewer; `observation.view` says what.
+It draws what it is given, live or from recordings, into a file and a viewer; `acrc_testbed.view` says what.
 """

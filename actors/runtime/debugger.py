@@ -11,8 +11,7 @@ from actors.runtime.errors import AcrcError
 
 _ROOT: Final = Path(__file__).resolve().parents[2]
 _OURS: Final = tuple(
-    f"{_ROOT / name}/"
-    for name in ("actors", "command_line", "deeco", "deploy", "firmware_bridge", "observation")
+    f"{_ROOT / name}/" for name in ("acrc_testbed", "actors", "deeco", "deploy", "firmware_bridge")
 )
 """What a strategy runs on."""
 _SHIPPED: Final = f"{_ROOT / 'cleaning'}/"

@@ -10,6 +10,12 @@ from typing import Final, NamedTuple
 import msgspec
 from rich.console import Console
 
+from acrc_testbed.replay.record_check import STAMP, check, read_pass
+from acrc_testbed.replay.recorded_orders import OrderBus, recorded_orders
+from acrc_testbed.replay.run_recordings import all_recordings, recordings
+from acrc_testbed.results import summary
+from acrc_testbed.results.result import BranchOrigin, RunResult
+from acrc_testbed.results.seal import seal
 from actors.console import screen
 from actors.installation.usage import OptionError, typed
 from actors.instant import in_seconds, milliseconds
@@ -40,12 +46,6 @@ from deploy.run.options import RunOptions, checked, folder_name
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.scenario_file import settings as settings_of
 from deploy.scenario.tables import Scenario
-from observation.replay.record_check import STAMP, check, read_pass
-from observation.replay.recorded_orders import OrderBus, recorded_orders
-from observation.replay.run_recordings import all_recordings, recordings
-from observation.results import summary
-from observation.results.result import BranchOrigin, RunResult
-from observation.results.seal import seal
 
 _ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
 """In a step, causes before effects: Senses counts what Received brings. So does Aired, a step before."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from acrc_testbed.replay.recorded_orders import TimedControl
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import CONTROL, Control
@@ -26,7 +27,6 @@ from deploy.run import orders
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from observation.replay.recorded_orders import TimedControl
 
 _STRATEGY: Final = "strategy."
 

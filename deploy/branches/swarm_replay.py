@@ -5,6 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from acrc_testbed.replay.record_check import STAMP, check, read_pass
+from acrc_testbed.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
+from acrc_testbed.replay.recorded_orders import OrderBus, recorded_orders
+from acrc_testbed.replay.run_recordings import all_recordings
+from acrc_testbed.replay.sandboxed_calls import say_unhashed
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.robot.behaviour.foreign import Permit, admitted
@@ -17,11 +22,6 @@ from cleaning.strategies import entry
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
-from observation.replay.record_check import STAMP, check, read_pass
-from observation.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from observation.replay.recorded_orders import OrderBus, recorded_orders
-from observation.replay.run_recordings import all_recordings
-from observation.replay.sandboxed_calls import say_unhashed
 
 SCENARIO: Final = "scenario.toml"
 _FOREVER: Final = 1 << 62

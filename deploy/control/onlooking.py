@@ -4,10 +4,10 @@ import math
 from collections import deque
 from typing import Final
 
+from acrc_testbed.accounting.tracks import STANDARD
 from actors.messages import Heard, Received
 from actors.task.task import PlaceKey
 from deploy.control.wire import MapRobot, Waypoint
-from observation.accounting.tracks import STANDARD
 
 TRAIL_S: Final = 20.0
 """So long a trail is, simulated s."""

@@ -5,6 +5,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from acrc_testbed.accounting.tracks import STANDARD
 from actors.floor.doorway import DoorError
 from actors.geometry import Point
 from actors.instant import in_seconds
@@ -29,7 +30,6 @@ from actors.world.world_setup import WorldSetup
 from deploy.control.onlooking import Links, SeenRobot
 from deploy.control.page_floor import PageFloor
 from deploy.control.wire import Circle, Line, MapRobot, MapState, Past, Place
-from observation.accounting.tracks import STANDARD
 
 _PENDING: Final = 256
 """Orders of which nobody has said yet what became of them; older ones are forgotten."""

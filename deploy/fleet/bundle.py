@@ -30,7 +30,7 @@ MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
 _PLATFORMS: Final = ("manylinux2014", "manylinux_2_17", "manylinux_2_26", "manylinux_2_27", "manylinux_2_28")
 _PATIENCE_S: Final = 900.0
 _ROOT: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
-_PACKAGES: Final = sorted(PACKAGES - {"acrc_testbed", "benchmarks", "experiments"})
+_NOT_ON_BOARD: Final = ("acrc_testbed/benchmarks", "acrc_testbed/experiments")
 CONFIGURATION: Final = "fleets"
 """Folder of the bundle, which a robot's sandbox hides from its strategy."""
 _Files = dict[str, tuple[bytes, int]]
@@ -91,7 +91,8 @@ def make(
 
 def _program(root: Path) -> _Files:
     """Return the tracked files that a robot runs, as they are now."""
-    listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *_ROOT, *_PACKAGES).decode()
+    wanted = (*_ROOT, *sorted(PACKAGES), *(f":(exclude){folder}" for folder in _NOT_ON_BOARD))
+    listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *wanted).decode()
     paths = [root / name for name in listed.split("\0") if name]
     return {
         str(path.relative_to(root)): (path.read_bytes(), 0o755 if os.access(path, os.X_OK) else 0o644)

@@ -5,19 +5,19 @@ from pathlib import Path
 
 import msgspec
 
-from deploy.run.out_folder import make_folder
-from observation.field_trial.aligned_clocks import AlignedClocks
-from observation.field_trial.recordings import read_field_trial
-from observation.field_trial.reported_places import reported_places
-from observation.field_trial.trial_result import (
+from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
+from acrc_testbed.field_trial.recordings import read_field_trial
+from acrc_testbed.field_trial.reported_places import reported_places
+from acrc_testbed.field_trial.trial_result import (
     TrialResult,
     read_truth,
     trial_result,
     with_true_frames,
     with_truth,
 )
-from observation.results.outcome import write_table
-from observation.results.seal import seal
+from acrc_testbed.results.outcome import write_table
+from acrc_testbed.results.seal import seal
+from deploy.run.out_folder import make_folder
 
 
 def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> TrialResult:

@@ -12,6 +12,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from acrc_testbed.evidence.run_evidence import Deed, Route, SaidPlaces
+from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES
+from acrc_testbed.view.drawn import say_at_once
+from acrc_testbed.view.live import Seen
+from acrc_testbed.view.painting import Painting
+from acrc_testbed.view.story import Story, Track
 from actors.floor.map_file import load_map
 from actors.messages import BOARD, DRIVE, PROGRESS, RECEIVED, Board, Drive, Heard, Progress, Received
 from actors.observer import viewer
@@ -25,12 +31,6 @@ from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
-from observation.evidence.run_evidence import Deed, Route, SaidPlaces
-from observation.field_trial.recordings import FRAME_OUTCOMES
-from observation.view.drawn import say_at_once
-from observation.view.live import Seen
-from observation.view.painting import Painting
-from observation.view.story import Story, Track
 
 _PERIOD_S: Final = 0.2
 """Between two pictures."""

@@ -15,13 +15,13 @@ from typing import Annotated, Any, Final, Generic, TypeVar
 
 import msgspec
 
+from acrc_testbed.results.seal import Id, Size, Sum
 from actors.installation.usage import wrong_value
 from actors.runtime.access.credentials import PRIVATE_KEY_FILE
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from deploy.clusters.address import host_and_port
-from observation.results.seal import Id, Size, Sum
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 """Of a process that was asked for, counted over the run."""

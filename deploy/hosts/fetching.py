@@ -14,13 +14,13 @@ from typing import Any, BinaryIO, Final
 import msgspec
 from distributed import Client
 
+from acrc_testbed.results import seal
+from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile, Size, Sum
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.clusters.address import PAGE, host_and_port
 from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
 from deploy.hosts.channel import ERRAND, FOLDER, PART, RUN, FilePart, HostErrand
-from observation.results import seal
-from observation.results.seal import HostPart, HostsFile, LeftFile, Size, Sum
 
 PIECE: Final = 4 << 20
 """Bytes of a file that are read at once."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from acrc_testbed.results.seal import HostLoad
 from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.silence import OUT_OF_SIGHT
 from actors.runtime.lifecycle.process_table import ProcessGlance
@@ -38,7 +39,6 @@ from deploy.hosts.channel import (
 )
 from deploy.hosts.fetching import FilePartError, Incoming
 from deploy.hosts.host_program import LoadMeter
-from observation.results.seal import HostLoad
 
 SUSPICIOUS_S: Final = 3.0
 """After so much silence nobody knows what a host's processes do."""

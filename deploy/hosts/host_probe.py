@@ -7,6 +7,7 @@ from typing import Annotated
 
 import msgspec
 
+from acrc_testbed.results.result import versions
 from actors.installation.repository import REPOSITORY
 from actors.installation.version import software
 from actors.processes.kernels import compile_kernels
@@ -15,7 +16,6 @@ from actors.runtime.errors import printable
 from actors.runtime.isolation import sandbox
 from actors.runtime.processor import few, otherwise
 from deploy.hosts.channel import Words
-from observation.results.result import versions
 
 
 class HostOffer(msgspec.Struct, frozen=True):

@@ -21,6 +21,7 @@ from typing import Final
 
 import msgspec
 
+from acrc_testbed.results.seal import HostLoad
 from actors.installation.repository import REPOSITORY
 from actors.processes.launch import Launcher, launcher
 from actors.runtime.access import credentials, router_file, tls
@@ -55,7 +56,6 @@ from deploy.hosts.channel import (
 )
 from deploy.hosts.fetching import Incoming
 from deploy.hosts.host_robots import HostRobots
-from observation.results.seal import HostLoad
 
 KEYS: Final = "keys"
 RECORDED: Final = 3

@@ -14,6 +14,8 @@ from typing import Any, Final
 import msgspec
 from distributed import Client, Future
 
+from acrc_testbed.results import seal
+from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
 from actors.installation.usage import typed
 from actors.processes.launch import Child, Launcher, Program
 from actors.runtime.access.credentials import Gate
@@ -40,8 +42,6 @@ from deploy.hosts.channel import (
 from deploy.hosts.host_link import HostLink, HostReception, below
 from deploy.hosts.host_probe import HostOffer
 from deploy.hosts.host_program import CODE
-from observation.results import seal
-from observation.results.seal import HostPart, HostsFile, LeftFile
 
 
 @dataclass(frozen=True)

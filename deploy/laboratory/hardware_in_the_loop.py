@@ -11,6 +11,8 @@ from typing import Final
 
 import msgspec
 
+from acrc_testbed.field_trial.trial_result import TrialResult
+from acrc_testbed.results.seal import seal
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
@@ -39,8 +41,6 @@ from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.device_lines import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
-from observation.field_trial.trial_result import TrialResult
-from observation.results.seal import seal
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
 """Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""

@@ -5,11 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import SHIPPED
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.results.result import RunResult
 
 SCENARIO: Final = SHIPPED / "scenarios" / "head_on.toml"
 _STRATEGIES: Final = ("none", "chapter")

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from acrc_testbed.results.result import UNKNOWN, Origin, versions
 from actors.floor import offices
 from actors.floor.map_file import read_header
 from actors.installation.version import software
@@ -30,7 +31,6 @@ from deploy.run.out_folder import make_folder
 from deploy.scenario.resolve import ResolvedScenario, Swarm, robot_setup
 from deploy.scenario.stack_tables import presets_of
 from deploy.scenario.tables import Scenario, to_toml
-from observation.results.result import UNKNOWN, Origin, versions
 
 MAP: Final = "map"
 """Folder of the map, in the run's folder."""
@@ -347,7 +347,7 @@ def observer_program(plan: RunPlan) -> Program:
         *(word for path in plan.options.modules for word in ("--modules", str(path))),
         *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
-    return Program("observer", "observation.view", argv, plan.out / "view.log", None)
+    return Program("observer", "acrc_testbed.view", argv, plan.out / "view.log", None)
 
 
 CONTROL_ADDRESS: Final = "control.url"

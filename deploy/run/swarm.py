@@ -15,6 +15,10 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from acrc_testbed.results import summary
+from acrc_testbed.results.outcome import write_table
+from acrc_testbed.results.result import Circumstances, RunResult, gather
+from acrc_testbed.results.seal import elsewhere, seal
 from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software
@@ -65,10 +69,6 @@ from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.tables import Scenario
 from deploy.scenario.warnings import scenario_warnings
-from observation.results import summary
-from observation.results.outcome import write_table
-from observation.results.result import Circumstances, RunResult, gather
-from observation.results.seal import elsewhere, seal
 
 if TYPE_CHECKING:
     from deploy.hosts.run_hosts import Recruits, RunHosts

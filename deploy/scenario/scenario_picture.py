@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
+from acrc_testbed.picture import floor_picture, style
 from actors.geometry import Point
 from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
 from deploy.scenario.scenario_file import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
-from observation.picture import floor_picture, style
 
 
 def draw(found: ScenarioSurvey) -> Figure:

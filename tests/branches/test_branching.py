@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
+from acrc_testbed.trace.frame_fates import frame_fates
+from acrc_testbed.trace.program import whole
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.instant import in_seconds, milliseconds, seconds
@@ -20,8 +22,6 @@ from deploy.branches.branching import Branched, branch
 from deploy.branches.change import BranchEvent, Change, event, strategy_settings
 from deploy.branches.swarm_replay import SCENARIO, replay_swarm
 from deploy.run.options import RunOptions
-from observation.trace.frame_fates import frame_fates
-from observation.trace.program import whole
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay.recorded_orders import TimedControl
 from actors.geometry import Point
 from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
@@ -19,7 +20,6 @@ from cleaning.robot import CleaningRobot
 from cleaning.strategies import entry
 from deeco import Knowledge
 from deploy.branches import change
-from observation.replay.recorded_orders import TimedControl
 
 
 def _control(step: int, *orders: object) -> TimedControl:

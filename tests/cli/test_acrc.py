@@ -118,7 +118,10 @@ def test_the_script_of_ci_is_well_formed() -> None:
 
 def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone: Clone) -> None:
     code, out, err = clone.call("run", "--robots", "3", "two words")
-    assert (code, out) == (0, f"in {clone.folder}: -P -m command_line run --robots 3 two words\n")
+    assert (code, out) == (
+        0,
+        f"in {clone.folder}: -P -m acrc_testbed.command_line run --robots 3 two words\n",
+    )
     size, first, second, third, last = err.splitlines()
     assert size == "acrc: .venv will take 285 MB"
     assert first == "acrc: making .venv with Python 3.11.7"
@@ -128,7 +131,7 @@ def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone
     assert {"numba", "pymunk"} <= clone.installed()
     assert not {"rerun-sdk", "pytest", "lz4", "zstandard"} & clone.installed()
     assert not (clone.folder / ".venv/installer").exists()
-    assert clone.call("run") == (0, f"in {clone.folder}: -P -m command_line run\n", "")
+    assert clone.call("run") == (0, f"in {clone.folder}: -P -m acrc_testbed.command_line run\n", "")
     assert clone.pip_calls() == 3
     assert not (clone.folder / ".venv/build").exists()
     packages, build, project = clone.notes.read_text().splitlines()
@@ -232,7 +235,7 @@ def test_the_tabulator_key_installs_nothing_and_says_nothing(clone: Clone) -> No
     del clone.settings["_ACRC_COMPLETE"]
     clone.call("--help")
     clone.settings["_ACRC_COMPLETE"] = "complete_bash"
-    assert clone.call() == (0, f"in {clone.folder}: -P -m command_line\n", "")
+    assert clone.call() == (0, f"in {clone.folder}: -P -m acrc_testbed.command_line\n", "")
 
 
 @pytest.mark.nightly
@@ -256,7 +259,7 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     both = [clone.start("run", str(number)) for number in (1, 2)]
     ends = [(*process.communicate(timeout=20), process.returncode) for process in both]
     assert [(out, code) for out, _, code in ends] == [
-        (f"in {clone.folder}: -P -m command_line run {number}\n", 0) for number in (1, 2)
+        (f"in {clone.folder}: -P -m acrc_testbed.command_line run {number}\n", 0) for number in (1, 2)
     ]
     assert clone.pip_calls() == 3
     assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
@@ -274,10 +277,10 @@ def test_links_keep_the_working_directory_and_a_moved_clone_is_installed_again(
     (tmp_path / "link").symlink_to(clone.folder / "acrc")
     (elsewhere / "link to link").symlink_to("../link")
     code, out, _ = clone.call("run", script=elsewhere / "link to link", cwd=elsewhere)
-    assert (code, out) == (0, f"in {elsewhere}: -P -m command_line run\n")
+    assert (code, out) == (0, f"in {elsewhere}: -P -m acrc_testbed.command_line run\n")
     clone.folder = clone.folder.rename(clone.folder.with_name("moved"))
     _, out, err = clone.call("run")
-    assert out == f"in {clone.folder}: -P -m command_line run\n"
+    assert out == f"in {clone.folder}: -P -m acrc_testbed.command_line run\n"
     assert "acrc: installing 24 packages: base sim\n" in err
 
 
@@ -307,4 +310,4 @@ def test_an_older_python3_beside_a_newer_one_does_not_matter(clone: Clone) -> No
     (clone.tools / "python3").write_text('#!/bin/sh\ncase "$2" in *print*) echo 3.9 ;; *) exit 1 ;; esac\n')
     (clone.tools / "python3").chmod(0o755)
     clone.settings["FAKE"] = str(clone.tools / "python3.12")
-    assert clone.call("run")[:2] == (0, f"in {clone.folder}: -P -m command_line run\n")
+    assert clone.call("run")[:2] == (0, f"in {clone.folder}: -P -m acrc_testbed.command_line run\n")

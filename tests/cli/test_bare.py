@@ -10,8 +10,8 @@ from collections import defaultdict
 
 import pytest
 
+from acrc_testbed.command_line.documentation import tree
 from actors.installation.repository import REPOSITORY as ROOT
-from command_line.documentation import tree
 from tests.cli.test_acrc import extras_of
 
 MODULES = {
@@ -25,12 +25,12 @@ MODULES = {
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
 STARTED = {
     "run": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
-    "run --view": ("observation.view.__main__",),
+    "run --view": ("acrc_testbed.view.__main__",),
     "run --control": ("deploy.control.__main__",),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", "firmware_bridge.onboard.bridge"),
     "run --on x": ("deploy.hosts.run_hosts",),
     "fleet onboard": ("actors.robot.__main__", "firmware_bridge.onboard.base"),
-    "campaign": ("experiments.campaign.trial_program",),
+    "campaign": ("acrc_testbed.experiments.campaign.trial_program",),
 }
 """Modules of the processes that a command starts."""
 IMPORTER = """
@@ -41,7 +41,7 @@ class Absent:
         if name.partition(".")[0] in blocked:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
-import command_line.app
+import acrc_testbed.command_line.app
 for command, modules in commands.items():
     for module in modules:
         try:

@@ -12,6 +12,13 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from acrc_testbed.command_line import run
+from acrc_testbed.command_line.development import commands
+from acrc_testbed.command_line.development.commands import Check, run_checks
+from acrc_testbed.command_line.documentation import tree
+from acrc_testbed.results import summary
+from acrc_testbed.results.outcome import DeecoResult, NavigationResult
+from acrc_testbed.results.result import Origin, RobotResult, RunResult
 from actors.installation import usage
 from actors.installation.repository import REPOSITORY
 from actors.installation.repository import REPOSITORY as ROOT
@@ -19,13 +26,6 @@ from actors.installation.version import release
 from actors.processes import kernels
 from actors.world.sensing import PoseError
 from cleaning.strategies import STRATEGIES
-from command_line import run
-from command_line.development import commands
-from command_line.development.commands import Check, run_checks
-from command_line.documentation import tree
-from observation.results import summary
-from observation.results.outcome import DeecoResult, NavigationResult
-from observation.results.result import Origin, RobotResult, RunResult
 from tests import in_process
 
 TREE = tree()
@@ -105,13 +105,15 @@ def test_help_fits_into_80_columns() -> None:
 
 
 def test_help_and_lists_import_no_heavy_package() -> None:
-    program = "import sys, command_line.app as a; a.app(standalone_mode=False); print([*sys.modules])"
+    program = (
+        "import sys, acrc_testbed.command_line.app as a; a.app(standalone_mode=False); print([*sys.modules])"
+    )
     done = subprocess.run(
         [sys.executable, "-P", "-c", program, "list", "strategies"],
         cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     imported = set(ast.literal_eval(done.stdout.splitlines()[-1]))
-    assert "cleaning.strategies" in imported and not imported & {*HEAVY, "benchmarks"}
+    assert "cleaning.strategies" in imported and not imported & {*HEAVY, "acrc_testbed.benchmarks"}
 
 
 def test_what_is_for_developers_stands_apart() -> None:

@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 from rich.table import Table
 
+from acrc_testbed.command_line.documentation import tree
+from acrc_testbed.command_line.lists import head_comment, preset_summary
+from acrc_testbed.command_line.options import answer
 from actors.console import print_table, screen
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY as ROOT
@@ -17,9 +20,6 @@ from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model
 from cleaning.strategies.registry import STRATEGIES
-from command_line.documentation import tree
-from command_line.lists import head_comment, preset_summary
-from command_line.options import answer
 from deploy.run.orders import VERBS
 from tests.in_process import acrc
 

@@ -25,9 +25,9 @@ def count(event, arguments):
         left = -1
         os.kill(os.getpid(), signal.SIGINT)
 sys.argv = ["acrc", *sys.argv[2:]]
-import command_line
+import acrc_testbed.command_line
 sys.addaudithook(count)
-runpy.run_module("command_line", run_name="__main__", alter_sys=True)
+runpy.run_module("acrc_testbed.command_line", run_name="__main__", alter_sys=True)
 """
 """The command line in a process that interrupts itself at its so manyth import, file or piece of code."""
 
@@ -85,7 +85,7 @@ def test_closed_streams_are_no_error_and_a_full_one_is_a_sentence(where: str, se
 
 def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
     program = (
-        "import os; from command_line.app import settle; settle(); "
+        "import os; from acrc_testbed.command_line.app import settle; settle(); "
         "os._exit(0 if os.open('/dev/null', os.O_RDONLY) > 2 else 9)"
     )
     assert shell(f'{sys.executable} -c "{program}" <&- >&- 2>&-')[0] == 0

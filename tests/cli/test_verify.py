@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import typer
 
+from acrc_testbed.command_line.bench.bench import BENCHMARKS
+from acrc_testbed.command_line.bench.verify import verify
 from actors.runtime.errors import AcrcError
-from command_line.bench.bench import BENCHMARKS
-from command_line.bench.verify import verify
 
 ROWS: list[dict[str, Any]] = [
     {"claim": "functions", "outcome": "passed", "seconds": 1.5, "figures": {"sin (ulp)": 0.7}, "reason": ""},
@@ -33,7 +33,7 @@ def words(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         report.write_text("".join(json.dumps(row) + "\n" for row in ROWS if row["claim"] in words))
         return 3 if "attacks" in words else 1
 
-    monkeypatch.setattr("command_line.development.commands.run_pytest", run)
+    monkeypatch.setattr("acrc_testbed.command_line.development.commands.run_pytest", run)
     return given
 
 

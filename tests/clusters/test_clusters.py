@@ -276,7 +276,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def command(folder: Path, name: str, *words: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "command_line", "cluster", *words]
+    command = [sys.executable, "-P", "-m", "acrc_testbed.command_line", "cluster", *words]
     with (folder / f"{name}.log").open("wb") as log:
         return subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=log, start_new_session=True)
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from acrc_testbed.evidence.run_evidence import taken
 from actors.installation.repository import REPOSITORY
 from actors.messages import CONTROL, TRUTH
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall
-from observation.evidence.run_evidence import taken
 from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")

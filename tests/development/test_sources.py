@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.command_line.development.portability import findings, in_source
 from actors.installation.repository import PACKAGES, REPOSITORY
-from command_line.development.portability import findings, in_source
 from tests.development.budget import FILE, as_toml, measure, tokens
 
 MOST_POSITIONAL = 7

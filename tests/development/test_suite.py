@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.command_line.development import commands as module
+from acrc_testbed.command_line.development.commands import BUDGET, BY_FILE, ProcessCounter, run_suite
 from actors.installation.repository import REPOSITORY
-from command_line.development import commands as module
-from command_line.development.commands import BUDGET, BY_FILE, ProcessCounter, run_suite
 from tests import warm
 
 Suite = Callable[..., tuple[int, list[list[str]]]]
@@ -31,7 +31,7 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Suite:
             calls.append(list(words))
             return code
 
-        monkeypatch.setattr("command_line.development.commands.os.cpu_count", lambda: 1)
+        monkeypatch.setattr("acrc_testbed.command_line.development.commands.os.cpu_count", lambda: 1)
         monkeypatch.setattr(module, "run_pytest", noted)
         return run_suite(tmp_path, words), calls
 
@@ -80,7 +80,7 @@ def forked(words: tuple[str, ...], cwd: Path, **env: str) -> tuple[int, str, str
 @pytest.mark.nightly
 def test_a_fork_runs_over_the_mesh_like_a_new_interpreter(tmp_path: Path) -> None:
     words = ("run", "--duration", "1", "--robots", "2", "--json", "--out")
-    command = [sys.executable, "-m", "command_line", *words, "new"]
+    command = [sys.executable, "-m", "acrc_testbed.command_line", *words, "new"]
     new = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     code, answer, errors = forked((*words, "forked"), tmp_path)
     assert (new.returncode, new.stderr) == (code, errors) == (0, "")

@@ -59,7 +59,7 @@ def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def acrc(python: Path, folder: Path, *words: str, path: str = "") -> subprocess.CompletedProcess[str]:
-    command = [str(python), "-P", "-m", "command_line", *words]
+    command = [str(python), "-P", "-m", "acrc_testbed.command_line", *words]
     env = os.environ | {"PYTHONPATH": path}  # the tests' own leads to the clone
     return subprocess.run(
         command, cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=600
@@ -121,7 +121,7 @@ def test_a_run_of_the_wheel_is_that_of_the_clone(python: Path, tmp_path: Path) -
     done = acrc(python, tmp_path, *words, "--out", "of_the_wheel")
     assert done.returncode == 0, done.stderr
     here = subprocess.run(
-        [sys.executable, "-P", "-m", "command_line", *words, "--out", "of_the_clone"],
+        [sys.executable, "-P", "-m", "acrc_testbed.command_line", *words, "--out", "of_the_clone"],
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     of_the_wheel, of_the_clone = json.loads(done.stdout), json.loads(here.stdout)

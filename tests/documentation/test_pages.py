@@ -19,14 +19,14 @@ import pytest
 
 import actors.robot.behaviour as robot
 import deeco
+from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.command_line import documentation
+from acrc_testbed.experiments.comparison.metrics import NAMES
+from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.trace.rows import ACTIVITIES
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import OWN_STATES, SEEN_STATES
-from command_line import documentation
 from deploy.scenario.scenario_file import parse
-from experiments.comparison.metrics import NAMES
-from experiments.study.study_file import load_study
-from observation.accounting.time_spent import Cause
-from observation.trace.rows import ACTIVITIES
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages
 from tests.localisation import courses

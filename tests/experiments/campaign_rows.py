@@ -3,9 +3,9 @@
 import csv
 from pathlib import Path
 
-from experiments.comparison.comparison import PairedSample
-from experiments.comparison.metrics import JudgedRun
-from experiments.study.study import Factor, Study
+from acrc_testbed.experiments.comparison.comparison import PairedSample
+from acrc_testbed.experiments.comparison.metrics import JudgedRun
+from acrc_testbed.experiments.study.study import Factor, Study
 
 ROWS = Path(__file__).with_name("campaign.csv")
 FACTOR = "places.per_robot"

@@ -2,10 +2,10 @@
 
 import pytest
 
+from acrc_testbed.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.results.result import RunResult
 
 
 @pytest.fixture(scope="session")

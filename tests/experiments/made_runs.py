@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 
-from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import PairedSample, samples
-from experiments.comparison.family import PairVerdict, verdicts
-from experiments.comparison.metrics import JudgedRun
-from experiments.study.study import Study
-from observation.results.result import RunResult
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.comparison import PairedSample, samples
+from acrc_testbed.experiments.comparison.family import PairVerdict, verdicts
+from acrc_testbed.experiments.comparison.metrics import JudgedRun
+from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.results.result import RunResult
 
 LENGTH = 600.0
 Outcome = tuple[int, float | None]

@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from numpy.random import Generator
 
+from acrc_testbed.accounting.classify import CARRIED, NO_CONTACT
+from acrc_testbed.accounting.time_spent import Cause
 from actors.installation.repository import SHIPPED
 from actors.instant import Instant, seconds
 from actors.randomness import generator
@@ -16,8 +18,6 @@ from actors.robot.behaviour.ports import Decision, View
 from cleaning.strategies import none
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario, document
-from observation.accounting.classify import CARRIED, NO_CONTACT
-from observation.accounting.time_spent import Cause
 
 NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""

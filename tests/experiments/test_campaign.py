@@ -13,14 +13,10 @@ import msgspec
 import pytest
 from pyarrow import parquet
 
-from actors.runtime.errors import AcrcError
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario, settings
-from experiments.campaign import results_table, store
-from experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
-from experiments.campaign.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
-from experiments.campaign.trial_record import (
+from acrc_testbed.experiments.campaign import results_table, store
+from acrc_testbed.experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
+from acrc_testbed.experiments.campaign.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
+from acrc_testbed.experiments.campaign.trial_record import (
     DIGITS,
     MOST_BYTES,
     CheckRecord,
@@ -30,13 +26,17 @@ from experiments.campaign.trial_record import (
     left,
     received,
 )
-from experiments.comparison.coincidence import coincidences, told
-from experiments.report import charts
-from experiments.report.cases import read
-from experiments.report.report import compose
-from experiments.study.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
-from observation.results.outcome import Outcomes
-from observation.results.result import RunResult
+from acrc_testbed.experiments.comparison.coincidence import coincidences, told
+from acrc_testbed.experiments.report import charts
+from acrc_testbed.experiments.report.cases import read
+from acrc_testbed.experiments.report.report import compose
+from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
+from acrc_testbed.results.outcome import Outcomes
+from acrc_testbed.results.result import RunResult
+from actors.runtime.errors import AcrcError
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 from tests.in_process import acrc
 
 pytestmark = pytest.mark.usefixtures("forked_servers")

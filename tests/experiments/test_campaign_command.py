@@ -7,13 +7,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from experiments.campaign import store
-from experiments.campaign.store import IN_MEMORY
-from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
-from experiments.study.study import Study
-from experiments.study.study_wishes import StudyWishes, study_of, understood
-from observation.results.result import RunResult
-from observation.results.seal import SUMS, SealError, check_seal, lines, seal
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.store import IN_MEMORY
+from acrc_testbed.experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.study.study_wishes import StudyWishes, study_of, understood
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.seal import SUMS, SealError, check_seal, lines, seal
 from tests import in_process
 
 ROOT = Path(__file__).parents[2]

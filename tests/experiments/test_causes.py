@@ -13,23 +13,23 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from acrc_testbed.accounting.account import account, decision_events, diagnosis_score
+from acrc_testbed.accounting.classify import CAUSES, Classified, blocking_events, classify, deadlocks
+from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, TimeSpent
+from acrc_testbed.accounting.tracks import STANDARD, Said, Tracks
+from acrc_testbed.accounting.true_floor import TrueFloor
+from acrc_testbed.command_line.app import app
+from acrc_testbed.evidence.run_evidence import SaidDecision
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.replay.recorded_orders import GivenOrder
+from acrc_testbed.results.outcome import GivenGoal
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.orders import CloseDoor
 from actors.randomness import generator
 from actors.runtime.recording import RecordingError
-from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from observation.accounting.account import account, decision_events, diagnosis_score
-from observation.accounting.classify import CAUSES, Classified, blocking_events, classify, deadlocks
-from observation.accounting.time_spent import Cause, DeadlockCount, TimeSpent
-from observation.accounting.tracks import STANDARD, Said, Tracks
-from observation.accounting.true_floor import TrueFloor
-from observation.evidence.run_evidence import SaidDecision
-from observation.evidence.run_reader import read_run
-from observation.replay.recorded_orders import GivenOrder
-from observation.results.outcome import GivenGoal
 from tests.experiments import situations
 from tests.experiments.situations import NECKS, PLANTED, Plant, Robot, Situation, quiet
 from tests.helpers import in_memory, in_order

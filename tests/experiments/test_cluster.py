@@ -18,15 +18,15 @@ import dask
 import pytest
 import yaml
 
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.dask_pool import RemoteOutcome, checked
+from acrc_testbed.experiments.campaign.trial_record import MOST_BYTES
 from actors.installation.usage import OptionError
 from deploy.clusters.address import check, is_safe
 from deploy.clusters.connection import ClusterError, refuse_open, security
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.campaign import store
-from experiments.campaign.dask_pool import RemoteOutcome, checked
-from experiments.campaign.trial_record import MOST_BYTES
 from tests import warm
 from tests.helpers import free_port
 

@@ -9,20 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.store import Store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.comparison import metrics
+from acrc_testbed.experiments.comparison.comparison import PairedSample, compare, estimate, samples
+from acrc_testbed.experiments.comparison.decision import LookedAt, Watch, look, rules_for, told
+from acrc_testbed.experiments.comparison.family import foreseen, verdicts
+from acrc_testbed.experiments.comparison.judgement import failures, family, judge, too_few, verdict
+from acrc_testbed.experiments.comparison.metrics import JudgedRun
+from acrc_testbed.experiments.comparison.pilot import ceilings, promises, told_apart
+from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect
+from acrc_testbed.experiments.study.study import Factor, Study
+from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
-from experiments.campaign import store
-from experiments.campaign.store import Store
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.comparison import metrics
-from experiments.comparison.comparison import PairedSample, compare, estimate, samples
-from experiments.comparison.decision import LookedAt, Watch, look, rules_for, told
-from experiments.comparison.family import foreseen, verdicts
-from experiments.comparison.judgement import failures, family, judge, too_few, verdict
-from experiments.comparison.metrics import JudgedRun
-from experiments.comparison.pilot import ceilings, promises, told_apart
-from experiments.statistics.paired_tests import LEAST_PAIRS, Effect
-from experiments.study.study import Factor, Study
-from observation.results.result import RunResult
 from tests.experiments.made_runs import Outcome, judged, run, sample, study, trials, verdict_of
 
 

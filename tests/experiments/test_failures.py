@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from acrc_testbed.accounting.account import account
+from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.accounting.tracks import Episode, lost, runs, standing
+from acrc_testbed.accounting.true_floor import Passages
+from acrc_testbed.benchmarks.measured import average, proportion
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.installation.repository import REPOSITORY, SHIPPED
-from benchmarks.measured import average, proportion
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.accounting.account import account
-from observation.accounting.time_spent import Cause
-from observation.accounting.tracks import Episode, lost, runs, standing
-from observation.accounting.true_floor import Passages
 from tests.helpers import in_memory, in_order
 
 WINDOW = 10

@@ -10,18 +10,18 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from acrc_testbed.command_line.experiments import campaigns
+from acrc_testbed.experiments.bundle import bundle
+from acrc_testbed.experiments.campaign import plan_taken, store
+from acrc_testbed.experiments.campaign.store import protection
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments.study import frozen_plan
+from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.results.result import RunResult
 from actors.installation import version
 from actors.runtime.errors import AcrcError
-from command_line.experiments import campaigns
-from experiments.bundle import bundle
-from experiments.campaign import plan_taken, store
-from experiments.campaign.store import protection
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.comparison.judgement import judge
-from experiments.study import frozen_plan
-from experiments.study.study import Study
-from experiments.study.study_file import load_study
-from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]
 COMMIT = "c0ffee" * 6 + "c0ff"

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.stats import t
 from statsmodels.regression.mixed_linear_model import MixedLM
 
-from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.across_cells import across_cells, told
-from experiments.statistics.random_effects import fit
-from experiments.study.study import Factor, Study
-from observation.results.result import RunResult
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.across_cells import across_cells, told
+from acrc_testbed.experiments.statistics.random_effects import fit
+from acrc_testbed.experiments.study.study import Factor, Study
+from acrc_testbed.results.result import RunResult
 
 Floats = NDArray[np.float64]
 

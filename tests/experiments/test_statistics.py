@@ -13,10 +13,10 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from experiments.comparison.comparison import estimate, scores
-from experiments.comparison.family import verdicts
-from experiments.comparison.metrics import named
-from experiments.statistics.paired_tests import (
+from acrc_testbed.experiments.comparison.comparison import estimate, scores
+from acrc_testbed.experiments.comparison.family import verdicts
+from acrc_testbed.experiments.comparison.metrics import named
+from acrc_testbed.experiments.statistics.paired_tests import (
     Effect,
     a12,
     a12_bounds,
@@ -33,7 +33,12 @@ from experiments.statistics.paired_tests import (
     power,
     signed_rank,
 )
-from experiments.statistics.survival import Completion, kaplan_meier, restricted_mean, restricted_means
+from acrc_testbed.experiments.statistics.survival import (
+    Completion,
+    kaplan_meier,
+    restricted_mean,
+    restricted_means,
+)
 from tests.experiments import campaign_rows
 
 Floats = NDArray[np.float64]

@@ -9,6 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.comparison import samples
+from acrc_testbed.experiments.comparison.decision import rules_for
+from acrc_testbed.experiments.comparison.family import tests_of as count_tests
+from acrc_testbed.experiments.comparison.family import verdicts
+from acrc_testbed.experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
+from acrc_testbed.experiments.study.study import Distribution, Factor, Study, Trial, Variant
+from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
+from acrc_testbed.experiments.study.vary_table import RandomFactor, draw_cells
+from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
@@ -16,17 +27,6 @@ from cleaning.strategies import STRATEGIES
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import samples
-from experiments.comparison.decision import rules_for
-from experiments.comparison.family import tests_of as count_tests
-from experiments.comparison.family import verdicts
-from experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
-from experiments.study.study import Distribution, Factor, Study, Trial, Variant
-from experiments.study.study_file import load_study
-from experiments.study.study_wishes import StudyWishes, check, study_of
-from experiments.study.vary_table import RandomFactor, draw_cells
-from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"

@@ -7,14 +7,14 @@ import pytest
 from numpy.random import Generator
 from scipy.stats import norm
 
-from experiments.comparison.comparison import PairedSample, scores
-from experiments.comparison.decision import look, rules_for
-from experiments.comparison.family import PairVerdict, verdicts
-from experiments.comparison.family import tests_of as number_of_tests
-from experiments.comparison.metrics import FAILED, PLACES, JudgedRun
-from experiments.comparison.pilot import redrawn, told_apart
-from experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
-from experiments.study.study import Study
+from acrc_testbed.experiments.comparison.comparison import PairedSample, scores
+from acrc_testbed.experiments.comparison.decision import look, rules_for
+from acrc_testbed.experiments.comparison.family import PairVerdict, verdicts
+from acrc_testbed.experiments.comparison.family import tests_of as number_of_tests
+from acrc_testbed.experiments.comparison.metrics import FAILED, PLACES, JudgedRun
+from acrc_testbed.experiments.comparison.pilot import redrawn, told_apart
+from acrc_testbed.experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
+from acrc_testbed.experiments.study.study import Study
 from tests.experiments import campaign_rows
 
 pytestmark = pytest.mark.claim("verdicts")

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
+from acrc_testbed.explanation.chain import Link
+from acrc_testbed.explanation.explain import Explainer, Explanation, ExplanationError, sentences, wish
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
-from observation.explanation.chain import Link
-from observation.explanation.explain import Explainer, Explanation, ExplanationError, sentences, wish
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

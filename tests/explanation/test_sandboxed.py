@@ -5,16 +5,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from acrc_testbed.explanation.explain import Explainer, ExplanationError, wish
+from acrc_testbed.export.rows import ExportError, tables
+from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.replay.trusted_replay import replay
+from acrc_testbed.trace.program import whole
+from acrc_testbed.trace.traces import PART, TraceError, decode, encode, parts
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation import sandbox
-from observation.explanation.explain import Explainer, ExplanationError, wish
-from observation.export.rows import ExportError, tables
-from observation.replay.sandboxed_calls import Bounds
-from observation.replay.trusted_replay import replay
-from observation.trace.program import whole
-from observation.trace.traces import PART, TraceError, decode, encode, parts
 from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start
 

@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import pytest
 
+from acrc_testbed.replay import record_check
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.replay import record_check
 from tests.swarm.command import leftovers, processes_of, start
 
 MODES = {

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import pytest
 
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
-from observation.results.result import RunResult
 from tests.field_trial.runs import CROWD, clock, copies, run
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
 from actors.messages import Drive, Heard, RadioEvent, Received, Senses, Sent, Transmit
 from actors.runtime.bus.replay_bus import topic_of
@@ -19,7 +20,6 @@ from actors.topic import Message
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.results.result import RunResult
 
 Clock = Callable[[int], int]
 _NOTES = {"run": RunNote, "final": FinalNote, "failure": FailureNote}

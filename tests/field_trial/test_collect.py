@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from acrc_testbed.field_trial.recordings import FieldTrialError
+from acrc_testbed.field_trial.trial_result import TrialResult
 from actors.messages import DRIVE, MESSAGE_VERSION, Drive
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
@@ -17,8 +19,6 @@ from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_rec
 from actors.task.referee import PlaceOutcome
 from deploy.fleet.collect import collect
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
-from observation.field_trial.recordings import FieldTrialError
-from observation.field_trial.trial_result import TrialResult
 from tests.field_trial.conftest import Run
 from tests.field_trial.runs import Clock, clock, copies, noise, rewrite, table
 from tests.swarm.command import acrc
@@ -171,7 +171,7 @@ def test_large_messages_come_from_whoever_received_them(
     )
     for name in ("world", "radio"):
         rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
-    monkeypatch.setattr("observation.field_trial.recordings.LARGE", 16)
+    monkeypatch.setattr("acrc_testbed.field_trial.recordings.LARGE", 16)
     both = collect([tmp_path], tmp_path / "out")
     assert both.notes == () and both.completion_s == head_on.result.completion_s
     assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s

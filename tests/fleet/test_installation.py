@@ -17,7 +17,9 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay import record_replay
 from actors.installation import version
+from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
@@ -25,7 +27,6 @@ from deploy.fleet import bundle, keys
 from deploy.fleet.bundle import RobotBundle
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.units import UsbPort, everyday_user, rules, service, unnamed, write
-from observation.replay import record_replay
 from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 from tests.in_process import acrc
 from tests.onboard.standstill_rig import MAP, Rig
@@ -289,7 +290,7 @@ class SmallClone:
 
     def __init__(self, folder: Path) -> None:
         self.root, self.office = folder / "clone", folder / "office.toml"
-        for name in bundle._PACKAGES:
+        for name in PACKAGES:
             (self.root / name).mkdir(parents=True)
             (self.root / name / "py.typed").touch()
         for name in bundle._ROOT:
@@ -334,7 +335,7 @@ def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(
     inside = members(out)
     private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
     configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
-    packages = {f"{name}/py.typed" for name in bundle._PACKAGES}
+    packages = {f"{name}/py.typed" for name in PACKAGES}
     program = {*bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
     assert inside.keys() == program | private | configuration
     assert content(out, "actors/core.py") == "pass\n", "changes of tracked files are in it"

@@ -331,7 +331,7 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
             assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
         assert got == [Pause(), Resume()]
         words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
-        command = [sys.executable, "-m", "command_line", *words]  # it ends its process at once
+        command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it ends its process at once
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (
         1,
@@ -361,7 +361,17 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
 ) -> None:
     one, other, nobody = robots[0], robots[1], f"tls/127.0.0.1:{_free_port()}"
     names = (nobody, one.endpoint, other.endpoint)
-    command = [sys.executable, "-u", "-m", "command_line", "fleet", "watch", *names, "--keys", str(keys)]
+    command = [
+        sys.executable,
+        "-u",
+        "-m",
+        "acrc_testbed.command_line",
+        "fleet",
+        "watch",
+        *names,
+        "--keys",
+        str(keys),
+    ]
     with one.router() as first:
         watcher = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert watcher.stdout is not None

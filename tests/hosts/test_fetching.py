@@ -10,12 +10,12 @@ from typing import Any
 import msgspec
 import pytest
 
+from acrc_testbed.results import seal
+from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
 from actors.runtime.errors import AcrcError
 from deploy.hosts import fetching
 from deploy.hosts.channel import ERRAND, HostErrand
 from deploy.hosts.fetching import Fetched, Listed, fetch
-from observation.results import seal
-from observation.results.seal import HostPart, HostsFile, LeftFile
 
 RUN = "0123456789abcdef"
 FILES = {"r1/r1.mcap": b"recorded" * 700_000, "r1/r1.log": b"said\n", "r1/r1.1.mcap": b"", "r2/r2.mcap": b"r"}

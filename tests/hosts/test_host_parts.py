@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acrc_testbed.results import seal
+from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, LeftFile
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
 from deploy.clusters.address import plain
@@ -35,8 +37,6 @@ from deploy.hosts.fetching import FilePartError, GrowingFile, Incoming, parts
 from deploy.hosts.host_probe import HostOffer, unfit
 from deploy.hosts.host_program import LoadMeter
 from deploy.hosts.run_hosts import shares
-from observation.results import seal
-from observation.results.seal import HostLoad, HostPart, HostsFile, LeftFile
 
 HERE = "127.0.0.1"
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.accounting.account import account
+from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
+from acrc_testbed.evidence.run_reader import RunReader
+from acrc_testbed.replay import recheck, record_check
+from acrc_testbed.results import seal
+from acrc_testbed.results.seal import check_seal
 from actors.runtime.errors import AcrcError
-from benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
-from observation.accounting.account import account
-from observation.evidence.run_reader import RunReader
-from observation.replay import recheck, record_check
-from observation.results import seal
-from observation.results.seal import check_seal
 from tests.swarm.command import run as run_here
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +43,17 @@ def eventually(holds: Callable[[], object]) -> bool:
 class HostedRun:
     def __init__(self, hosts: Hosts, cluster: TlsCluster, out: Path, *words: str) -> None:
         self.out, self.hosts = out, hosts
-        command = [sys.executable, "-P", "-m", "command_line", "run", "--on", ADDRESS, "--out", str(out)]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "acrc_testbed.command_line",
+            "run",
+            "--on",
+            ADDRESS,
+            "--out",
+            str(out),
+        ]
         self.process = subprocess.Popen(
             hosts.here.command([*command, *words]),
             cwd=ROOT,
@@ -107,7 +117,7 @@ def cluster(hosts: Hosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def acrc(hosts: Hosts, cluster: TlsCluster, *words: object) -> subprocess.CompletedProcess[str]:
-    command = hosts.here.command([sys.executable, "-P", "-m", "command_line", *map(str, words)])
+    command = hosts.here.command([sys.executable, "-P", "-m", "acrc_testbed.command_line", *map(str, words)])
     return subprocess.run(
         command, cwd=ROOT, env=cluster.environment, capture_output=True, text=True, check=False, timeout=180
     )

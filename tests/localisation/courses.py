@@ -18,6 +18,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from PIL import Image
 
+from acrc_testbed.benchmarks.localisation.log import FORMAT, POSES, VERSION, Course
+from acrc_testbed.benchmarks.localisation.tracking import STEP_US
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose, wrap
@@ -29,8 +31,6 @@ from actors.robot_model import DriveParameters, RobotModel, load_model
 from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import Uncertainty, drifting, floor
-from benchmarks.localisation.log import FORMAT, POSES, VERSION, Course
-from benchmarks.localisation.tracking import STEP_US
 
 ROBOT: Final = "robot"
 CORRIDOR, APARTMENT, MAZE = (

@@ -8,10 +8,16 @@ from typing import Final
 import numpy as np
 import pytest
 
+from acrc_testbed.benchmarks.localisation.comparison import root_mean_square
+from acrc_testbed.benchmarks.localisation.tracking import (
+    FilterRun,
+    Preset,
+    beside_truth,
+    localisation,
+    replay,
+)
 from actors.geometry import Point
 from actors.world.uncertainty import Uncertainty
-from benchmarks.localisation.comparison import root_mean_square
-from benchmarks.localisation.tracking import FilterRun, Preset, beside_truth, localisation, replay
 from tests.localisation.courses import APARTMENT, CORRIDOR, MAZE, NEAREST, RADIUS, Setup, drive
 
 Record = Callable[[str, object], None]

@@ -15,12 +15,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from actors.geometry import Pose
-from actors.installation.repository import REPOSITORY
-from benchmarks.localisation import comparison, log
-from benchmarks.localisation.comparison import Other, OtherRun, resampled, root_mean_square, table_row
-from benchmarks.localisation.log import CourseLogError, LogLimits
-from benchmarks.localisation.tracking import (
+from acrc_testbed.benchmarks.localisation import comparison, log
+from acrc_testbed.benchmarks.localisation.comparison import (
+    Other,
+    OtherRun,
+    resampled,
+    root_mean_square,
+    table_row,
+)
+from acrc_testbed.benchmarks.localisation.log import CourseLogError, LogLimits
+from acrc_testbed.benchmarks.localisation.tracking import (
     NEES_BOUNDS,
     EstimatedTrack,
     FilterRun,
@@ -28,6 +32,8 @@ from benchmarks.localisation.tracking import (
     nees,
     weighed,
 )
+from actors.geometry import Pose
+from actors.installation.repository import REPOSITORY
 from tests.localisation.courses import Setup, drive, write_log
 
 SETUP = Setup(seed=5, robots=4, view="kinect", base="kobuki", seconds=6)

@@ -98,7 +98,7 @@ class Rig:
     def onboard(self) -> list[str]:
         """Return the command that starts the robot."""
         words = ("fleet", "onboard", self.write_fleet(str(MAP)), "--robot", "r1", "--out", self.out)
-        return [sys.executable, "-m", "command_line", *map(str, words)]
+        return [sys.executable, "-m", "acrc_testbed.command_line", *map(str, words)]
 
     def processes(self, word: str) -> list[int]:
         """Return the robot's processes whose command line or title has this word."""

@@ -8,6 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from acrc_testbed.field_trial.trial_result import TrialResult
+from acrc_testbed.replay import record_replay
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launch import Launcher
@@ -19,8 +21,6 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from firmware_bridge.laboratory.laboratory import Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
-from observation.field_trial.trial_result import TrialResult
-from observation.replay import record_replay
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
 SCENARIO = f"""

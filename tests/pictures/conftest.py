@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.run_reader import read_run
+from acrc_testbed.evidence.run_evidence import RunEvidence
+from acrc_testbed.evidence.run_reader import read_run
 
 
 @pytest.fixture(scope="session")

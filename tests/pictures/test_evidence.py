@@ -20,6 +20,16 @@ from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from PIL import Image
 
+from acrc_testbed.accounting.account import account, spells
+from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
+from acrc_testbed.evidence import run_evidence, run_reader
+from acrc_testbed.evidence.run_evidence import EvidenceError, RunEvidence
+from acrc_testbed.evidence.run_reader import RunReader, read_run
+from acrc_testbed.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
+from acrc_testbed.picture import lanes, marks, moving, run_html, run_page, style
+from acrc_testbed.picture.floor_picture import meetings
+from acrc_testbed.recordings.topics import Recorded
+from acrc_testbed.replay.recorded_orders import GivenOrder
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
@@ -28,16 +38,6 @@ from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.topic import Message
 from actors.world.world_setup import TimedOrder, WorldSetup
-from observation.accounting.account import account, spells
-from observation.accounting.time_spent import BY_ROBOTS, Cause
-from observation.evidence import run_evidence, run_reader
-from observation.evidence.run_evidence import EvidenceError, RunEvidence
-from observation.evidence.run_reader import RunReader, read_run
-from observation.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
-from observation.picture import lanes, marks, moving, run_html, run_page, style
-from observation.picture.floor_picture import meetings
-from observation.recordings.topics import Recorded
-from observation.replay.recorded_orders import GivenOrder
 from tests.recorded_runs import HEAD_ON, record
 
 

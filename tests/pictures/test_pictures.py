@@ -14,14 +14,14 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from acrc_testbed.command_line import look as look_commands
+from acrc_testbed.evidence.run_evidence import RunEvidence
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.picture import floor_picture, moving, run_html, run_page, side_by_side, style
 from actors.installation.usage import OptionError
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
-from command_line import look as look_commands
 from deploy.run import demonstration
-from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.run_reader import read_run
-from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
 from tests.in_process import acrc
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from acrc_testbed.benchmarks.radio import benchmark
+from acrc_testbed.benchmarks.radio.benchmark import MEASURED_LINKS, PlotTask
 from actors.installation.repository import REPOSITORY
-from benchmarks.radio import benchmark
-from benchmarks.radio.benchmark import MEASURED_LINKS, PlotTask
 
 NAMES = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]
 SVG = "{http://www.w3.org/2000/svg}"

@@ -14,14 +14,8 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from actors.ieee802154 import SYMBOL_NS
-from actors.radio.medium.medium import Medium, Poisson, Request, Saturated
-from actors.radio.medium.reception import bit_error_rate, frame_error_rate
-from actors.radio.medium.state import Kind
-from actors.radio.radio_model import preset
-from actors.runtime.errors import AcrcError
-from benchmarks.radio.comparison import check, combined, compare, formula_kbps, normal_score
-from benchmarks.radio.trials import (
+from acrc_testbed.benchmarks.radio.comparison import check, combined, compare, formula_kbps, normal_score
+from acrc_testbed.benchmarks.radio.trials import (
     SECOND,
     LossTable,
     OperatingPoint,
@@ -33,6 +27,12 @@ from benchmarks.radio.trials import (
     scene,
     share,
 )
+from actors.ieee802154 import SYMBOL_NS
+from actors.radio.medium.medium import Medium, Poisson, Request, Saturated
+from actors.radio.medium.reception import bit_error_rate, frame_error_rate
+from actors.radio.medium.state import Kind
+from actors.radio.radio_model import preset
+from actors.runtime.errors import AcrcError
 
 NS3 = preset("ns3")
 

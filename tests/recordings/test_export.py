@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 
+from acrc_testbed.export.parquet_files import TABLES, page
 from actors.installation.repository import REPOSITORY
-from observation.export.parquet_files import TABLES, page
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
 

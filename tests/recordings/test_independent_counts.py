@@ -15,19 +15,19 @@ import msgspec
 import numpy as np
 import pytest
 
+from acrc_testbed.accounting.account import account
+from acrc_testbed.accounting.time_spent import TimeSpent
+from acrc_testbed.evidence.run_evidence import outcomes, taken, world_setup
+from acrc_testbed.experiments.comparison.metrics import judged, named
+from acrc_testbed.experiments.report import quantities
+from acrc_testbed.experiments.report.cases import Case
+from acrc_testbed.experiments.report.sections import COSTS
+from acrc_testbed.export import rows
+from acrc_testbed.export.parquet_files import TABLES
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
 from actors.robot.behaviour.foreign import Permit
-from experiments.comparison.metrics import judged, named
-from experiments.report import quantities
-from experiments.report.cases import Case
-from experiments.report.sections import COSTS
-from observation.accounting.account import account
-from observation.accounting.time_spent import TimeSpent
-from observation.evidence.run_evidence import outcomes, taken, world_setup
-from observation.export import rows
-from observation.export.parquet_files import TABLES
-from observation.results.result import RunResult
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay.record_replay import Onlook, replay_actor
 from actors.installation.repository import REPOSITORY
 from actors.processes.robot_logs import EVERYBODY, LogTail, logs
 from actors.runtime import prints
-from observation.replay.record_replay import Onlook, replay_actor
 from tests.in_process import acrc
 from tests.recorded_runs import HEAD_ON, record
 from tests.swarm.command import run

@@ -15,13 +15,13 @@ from hypothesis import given as drawn
 from hypothesis import strategies as some
 from mcap.writer import CompressionType, IndexType, Writer
 
+from acrc_testbed.recordings.topics import Growing
 from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
 from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, read_recording
 from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED, MessageUnpacker, Packer
 from actors.runtime.recording.reading import FAULTS
 from actors.runtime.recording.scans import LARGEST, ScanBuffers
-from observation.recordings.topics import Growing
 
 SENSES, RECEIVED = "swarm/down/r1/senses", "swarm/down/r1/received"
 

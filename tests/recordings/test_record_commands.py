@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from acrc_testbed.recordings import lines
+from acrc_testbed.recordings.lines import at_column, info, plain
+from acrc_testbed.recordings.topics import TopicError, fits, follow, has_ended, messages
+from acrc_testbed.replay.record_check import check_recording
 from actors.messages import CONTROL, Control
 from actors.orders import Kill
 from actors.runtime.codec import encode
 from actors.runtime.recording import Recorder, RecordingError
-from observation.recordings import lines
-from observation.recordings.lines import at_column, info, plain
-from observation.recordings.topics import TopicError, fits, follow, has_ended, messages
-from observation.replay.record_check import check_recording
 from tests.in_process import acrc
 
 

@@ -9,18 +9,18 @@ from typing import Any
 
 import pytest
 
+from acrc_testbed.evidence.run_evidence import taken
+from acrc_testbed.replay.sandboxed_calls import Call, ask
+from acrc_testbed.trace import traces as keeping
+from acrc_testbed.trace import traces as tracing
+from acrc_testbed.trace.frame_fates import frame_fates, replayed
+from acrc_testbed.trace.knowledge import ABSENT, KnownPoints, PathDifference, differences, root
+from acrc_testbed.trace.program import whole
+from acrc_testbed.trace.rows import Trace
+from acrc_testbed.trace.traces import PART, Traced, traces
 from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from observation.evidence.run_evidence import taken
-from observation.replay.sandboxed_calls import Call, ask
-from observation.trace import traces as keeping
-from observation.trace import traces as tracing
-from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.knowledge import ABSENT, KnownPoints, PathDifference, differences, root
-from observation.trace.program import whole
-from observation.trace.rows import Trace
-from observation.trace.traces import PART, Traced, traces
 
 
 @pytest.fixture(scope="module")

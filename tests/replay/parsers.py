@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from acrc_testbed.field_trial.recordings import read_field_trial
+from acrc_testbed.field_trial.trial_result import read_truth
+from acrc_testbed.replay.record_check import check
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
@@ -48,9 +51,6 @@ from firmware_bridge.kobuki.wire import (
     encode_frame,
 )
 from firmware_bridge.range_sensors.rplidar import Sample, SampleReader
-from observation.field_trial.recordings import read_field_trial
-from observation.field_trial.trial_result import read_truth
-from observation.replay.record_check import check
 
 T = TypeVar("T")
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from acrc_testbed.replay.record_check import CheckError, check
+from acrc_testbed.replay.record_replay import replay_actor
 from actors.messages import Senses
 from actors.robot import assembly
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
@@ -25,8 +27,6 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from observation.replay.record_check import CheckError, check
-from observation.replay.record_replay import replay_actor
 from tests.in_process import acrc
 from tests.replay.forging import forge, with_payload
 

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.experiments.campaign import results_table, store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.study.study import Study
 from actors.floor.map_file import load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
@@ -17,9 +20,6 @@ from actors.runtime.errors import AcrcError, printable
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
 from deploy.scenario.scenario_file import load_scenario
-from experiments.campaign import results_table, store
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.study.study import Study
 from tests.in_process import acrc
 
 SECONDS = 3.0

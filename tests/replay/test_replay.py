@@ -8,23 +8,23 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.command_line import replaying
+from acrc_testbed.evidence.run_evidence import world_setup
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.replay import record_replay
+from acrc_testbed.replay.recheck import RecheckError, recheck
+from acrc_testbed.replay.record_replay import Onlook, replay_actor
+from acrc_testbed.replay.run_recordings import code_folders, recordings, setup_of
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError
-from command_line import replaying
 from deploy.branches.swarm_replay import replay_otherwise, replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions, checked
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
-from observation.evidence.run_evidence import world_setup
-from observation.evidence.run_reader import read_run
-from observation.replay import record_replay
-from observation.replay.recheck import RecheckError, recheck
-from observation.replay.record_replay import Onlook, replay_actor
-from observation.replay.run_recordings import code_folders, recordings, setup_of
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

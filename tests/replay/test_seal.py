@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay.record_check import check
+from acrc_testbed.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
 from actors.runtime.errors import AcrcError
-from observation.replay.record_check import check
-from observation.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
 from tests.in_process import acrc
 
 FLIPS_PER_FILE = 6

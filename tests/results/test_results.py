@@ -9,12 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from actors.runtime.process import FinalNote
-from actors.runtime.shell import MessageHash
-from actors.task.referee import PlaceOutcome
-from deeco.instant import Instant, in_seconds, milliseconds
-from deeco.statistics import Statistics
-from observation.results.outcome import (
+from acrc_testbed.results.outcome import (
     DeecoResult,
     NavigationOutcome,
     NodeOutcome,
@@ -29,7 +24,12 @@ from observation.results.outcome import (
     node_outcome,
     write_table,
 )
-from observation.results.result import RobotReports, robot_reports
+from acrc_testbed.results.result import RobotReports, robot_reports
+from actors.runtime.process import FinalNote
+from actors.runtime.shell import MessageHash
+from actors.task.referee import PlaceOutcome
+from deeco.instant import Instant, in_seconds, milliseconds
+from deeco.statistics import Statistics
 
 RECORD = Path("out/r1/r1.mcap")
 NAVIGATION: dict[str, Any] = {

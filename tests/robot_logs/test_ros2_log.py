@@ -12,6 +12,14 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from acrc_testbed.command_line.exporting import export
+from acrc_testbed.evidence.run_evidence import RunEvidence, taken
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.robot_logs import robot_entries, ros2_log
+from acrc_testbed.robot_logs.logging_run import LogReport, log_run
+from acrc_testbed.robot_logs.robot_entries import occupancy
+from acrc_testbed.robot_logs.ros2_log import TYPES, LogEntry
+from acrc_testbed.view.story import Source, Track
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
 from actors.installation.usage import OptionError
@@ -20,14 +28,6 @@ from actors.robot.behaviour.foreign import INSTALLED
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
-from command_line.exporting import export
-from observation.evidence.run_evidence import RunEvidence, taken
-from observation.evidence.run_reader import read_run
-from observation.robot_logs import robot_entries, ros2_log
-from observation.robot_logs.logging_run import LogReport, log_run
-from observation.robot_logs.robot_entries import occupancy
-from observation.robot_logs.ros2_log import TYPES, LogEntry
-from observation.view.story import Source, Track
 from tests.field_trial.runs import clock, copies
 from tests.recorded_runs import HEAD_ON, record
 

@@ -212,7 +212,7 @@ def test_a_full_or_missing_scratch_folder_is_named(monkeypatch: pytest.MonkeyPat
 def test_a_run_names_its_full_scratch_folder_and_not_its_own(tmp_path: Path) -> None:
     full, out = tmp_path / "full", tmp_path / "out"
     words = ("run", "--robots", "1", "--duration", "1", "--out", str(out))
-    command = on_small_disk(full, "8k", [sys.executable, "-P", "-m", "command_line", *words])
+    command = on_small_disk(full, "8k", [sys.executable, "-P", "-m", "acrc_testbed.command_line", *words])
     env = {**os.environ, "TMPDIR": str(full)}
     done = subprocess.run(
         command, cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=100

@@ -162,7 +162,7 @@ def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> N
         f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
         "installed, 'code'; a module of your own must have a name of its own"
     )
-    for package in ("json", "experiments", "random"):
+    for package in ("json", "deploy", "random"):
         assert refusal(f"{package}.evil:behaviour", [study], INSTALLED) == (
             f"bold.toml names the strategy {package}.evil:behaviour, but '{package}' is an installed package "
             f"without such a module; if {package}/ is your own folder, rename it"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay import sandboxed
 from actors.processes.launch import Child, Program
 from actors.processes.silence import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError
@@ -24,7 +25,6 @@ from actors.runtime.lifecycle.failure import FailureNote, failure_note, in_words
 from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
 from actors.runtime.recording.form import LARGE
-from observation.replay import sandboxed
 
 Deed = Callable[[], object]
 LEFT_KB = {"robot": (300, 2752), "replay": (300,)}

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.console import Console
 
+from acrc_testbed.command_line.experiments import campaigns
+from acrc_testbed.experiments.campaign.campaign import CampaignProgress
 from actors.floor import distance
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -24,13 +26,11 @@ from actors.robot import assembly
 from actors.robot.stack import Stack
 from actors.runtime.recording import scans
 from actors.task import visits
-from command_line.experiments import campaigns
 from deploy.run import progress
 from deploy.run.options import RunOptions
 from deploy.run.plan import in_common
 from deploy.run.swarm import plan, run_in_memory
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.campaign.campaign import CampaignProgress
 
 MAPS = Path(__file__).parents[2] / "maps"
 CHAPTER = MAPS.parent / "scenarios" / "chapter.toml"

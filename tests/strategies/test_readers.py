@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.command_line.app import app
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.modules import look_in
 from cleaning.strategies import STRATEGIES
-from command_line.app import app
 
 EXAMPLE = "examples.courteous:behaviour"
 RUN = "run scenarios/head_on.toml --strategy {strategy} --duration {seconds} --bus memory --out {out}"

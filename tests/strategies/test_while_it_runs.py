@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from observation.evidence.run_reader import read_run
-from observation.replay.recheck import recheck
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.replay.recheck import recheck
 from tests.recorded_runs import record
 
 STORY = """

@@ -12,7 +12,7 @@ from tests import in_process, warm
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULE_PATH = os.environ.get("PYTHONPATH")
-ACRC = (sys.executable, "-m", "command_line")
+ACRC = (sys.executable, "-m", "acrc_testbed.command_line")
 
 
 def acrc(*words: object, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:

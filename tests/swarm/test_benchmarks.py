@@ -13,15 +13,15 @@ from unittest.mock import Mock
 
 import pytest
 
+from acrc_testbed.benchmarks.swarm import benchmark, beside, budget, counts, profiles
+from acrc_testbed.benchmarks.swarm.beside import PairedCase, other
+from acrc_testbed.benchmarks.swarm.counts import CountedSteps, StepCounts
+from acrc_testbed.benchmarks.swarm.over_mesh import Memory, MeshFigures
+from acrc_testbed.benchmarks.swarm.profiles import Function
+from acrc_testbed.benchmarks.swarm.runs import MemoryFigures, Range, SwarmTask, planned
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.swarm import benchmark, beside, budget, counts, profiles
-from benchmarks.swarm.beside import PairedCase, other
-from benchmarks.swarm.counts import CountedSteps, StepCounts
-from benchmarks.swarm.over_mesh import Memory, MeshFigures
-from benchmarks.swarm.profiles import Function
-from benchmarks.swarm.runs import MemoryFigures, Range, SwarmTask, planned
 
 KEPT = counts.kept_counts()
 SMALL = StepCounts({"deeco": 60.0, "actors/world": 40.0}, {"a": 2.0}, {"a": 50.0}, {"world": 9.0}, {})

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from acrc_testbed.replay.recheck import recheck
+from acrc_testbed.replay.record_replay import replay_actor
+from acrc_testbed.results.result import RunResult
 from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.replay.recheck import recheck
-from observation.replay.record_replay import replay_actor
-from observation.results.result import RunResult
 from tests import in_process
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import pytest
 
+from acrc_testbed.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.results.result import RunResult
 
 ROOT: Final = Path(__file__).parents[2]
 CHAPTER: Final = ROOT / "scenarios" / "chapter.toml"

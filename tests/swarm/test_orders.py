@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.replay.record_replay import replay_actor
 from actors import orders as given
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import orders
-from observation.replay.record_replay import replay_actor
 from tests import in_process
 from tests.failures.failing import stepping, until
 from tests.swarm.command import ROOT, begin, leftovers, processes_of

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
+from acrc_testbed.replay.run_recordings import setup_of
+from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import RadioSetup
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import EventTable, Scenario
-from observation.replay.run_recordings import setup_of
-from observation.results.result import RunResult
 from tests.helpers import sampled
 from tests.in_process import acrc
 from tests.swarm import command

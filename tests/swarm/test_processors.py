@@ -70,8 +70,9 @@ def digest(folder: Path, python: list[str], seconds: str, **environment: str) ->
     words = [*TASK[:-1], seconds, "--out", str(folder / "out"), "--json"]
     ours = {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(folder / "kernels")}
     done = subprocess.run(
-        [*python, "-m", "command_line", "run", *words], cwd=REPOSITORY, check=False, capture_output=True,
-        text=True, env={**os.environ, **ours, **environment},
+        [*python, "-m", "acrc_testbed.command_line", "run", *words],
+        cwd=REPOSITORY, check=False, capture_output=True, text=True,
+        env={**os.environ, **ours, **environment},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return str(json.loads(done.stdout)["digest"])

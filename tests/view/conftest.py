@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
+from acrc_testbed.evidence.run_evidence import RunEvidence
+from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.trace.rows import Trace
+from acrc_testbed.trace.traces import Traced, traces
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.isolation import sandbox
-from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.run_reader import read_run
-from observation.trace.rows import Trace
-from observation.trace.traces import Traced, traces
 
 DRAWN = ("drawn", "live", "painting")
 collect_ignore = [] if find_spec("rerun") else [f"test_{name}.py" for name in DRAWN]

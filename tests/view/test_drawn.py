@@ -11,6 +11,16 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
+from acrc_testbed.accounting.account import spells
+from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.command_line import look
+from acrc_testbed.evidence.run_evidence import RunEvidence
+from acrc_testbed.explanation.explain import Explainer
+from acrc_testbed.trace.frame_fates import by_outcome, read_fates
+from acrc_testbed.trace.rows import Trace, in_words
+from acrc_testbed.trace.traces import Traced
+from acrc_testbed.view import beside, drawn
+from acrc_testbed.view.drawn import Wishes, draw, place, read_story
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
 from actors.observer.drawing.layout import APPLICATION
@@ -19,16 +29,6 @@ from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
 from actors.task.task import PlaceKey
 from cleaning.cleaner import State
-from command_line import look
-from observation.accounting.account import spells
-from observation.accounting.time_spent import Cause
-from observation.evidence.run_evidence import RunEvidence
-from observation.explanation.explain import Explainer
-from observation.trace.frame_fates import by_outcome, read_fates
-from observation.trace.rows import Trace, in_words
-from observation.trace.traces import Traced
-from observation.view import beside, drawn
-from observation.view.drawn import Wishes, draw, place, read_story
 from tests.view.conftest import Rows, rows
 
 pytestmark = pytest.mark.usefixtures("strict")

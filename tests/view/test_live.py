@@ -9,6 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acrc_testbed.recordings.topics import Standing, standing
+from acrc_testbed.replay.record_replay import GrowingBus, made_again
+from acrc_testbed.trace.frame_fates import frame_fates, replayed
+from acrc_testbed.trace.rows import Trace
+from acrc_testbed.trace.traces import Traced, own_files, traces
+from acrc_testbed.view import drawn
+from acrc_testbed.view.drawn import Wishes, draw, read_story
+from acrc_testbed.view.live import Following
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
@@ -18,14 +26,6 @@ from actors.runtime.bus.replay_bus import ReplayError
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet
-from observation.recordings.topics import Standing, standing
-from observation.replay.record_replay import GrowingBus, made_again
-from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.rows import Trace
-from observation.trace.traces import Traced, own_files, traces
-from observation.view import drawn
-from observation.view.drawn import Wishes, draw, read_story
-from observation.view.live import Following
 from tests.view.conftest import rows
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}

@@ -12,6 +12,15 @@ import numpy as np
 import pytest
 from coloraide import Color
 
+from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.evidence.run_evidence import Deed, Route
+from acrc_testbed.evidence.things_over_time import FloorThing, OrderedChange
+from acrc_testbed.trace.rows import ACTIVITIES
+from acrc_testbed.view import __main__ as program
+from acrc_testbed.view import live
+from acrc_testbed.view.drawn import SEEN_FROM_OUTSIDE
+from acrc_testbed.view.painting import Painting
+from acrc_testbed.view.story import Story, Track
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
@@ -19,15 +28,6 @@ from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.glyphs import Colour
 from actors.task.task import PlaceKey
-from observation.accounting.time_spent import Cause
-from observation.evidence.run_evidence import Deed, Route
-from observation.evidence.things_over_time import FloorThing, OrderedChange
-from observation.trace.rows import ACTIVITIES
-from observation.view import __main__ as program
-from observation.view import live
-from observation.view.drawn import SEEN_FROM_OUTSIDE
-from observation.view.painting import Painting
-from observation.view.story import Story, Track
 from tests.view.conftest import Rows, rows
 
 pytestmark = pytest.mark.usefixtures("strict")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from unittest.mock import patch
 
-from benchmarks import world
+from acrc_testbed.benchmarks import world
 
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 

@@ -28,7 +28,7 @@ _NAMESPACES: Final = (
 _TRIAL: Final = "import sys; from actors.runtime.isolation.sandbox import trial; trial(sys.argv[1])"
 _PROJECT: Final = Path(__file__).resolve().parents[3]
 """Where the packages of this project are."""
-_NOT_ITS_CODE: Final = ("command_line", "deploy", "observation", "scenarios", "fleets", "runs")
+_NOT_ITS_CODE: Final = ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
 """What of the project is about the whole swarm, and about runs that have been."""
 NAMES: Final = "names.json"
 """File in the folder of a run with a strategy of the user's own."""

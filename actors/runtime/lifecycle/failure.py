@@ -82,8 +82,7 @@ _LIBRARIES: Final = tuple(
 )
 """Where code lies that is neither the user's nor this project's."""
 _FRAMEWORK: Final = tuple(
-    f"{Path(__file__).resolve().parents[3] / name}/"
-    for name in ("acrc_testbed", "actors", "command_line", "deeco", "deploy", "experiments", "observation")
+    f"{Path(__file__).resolve().parents[3] / name}/" for name in ("acrc_testbed", "actors", "deeco", "deploy")
 )
 _MOST_SHOWN: Final = 20
 """Frames below the sentence of a failure."""

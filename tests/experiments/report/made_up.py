@@ -6,10 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from experiments.campaign import store
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.study.study import Study, Trial
-from observation.accounting.time_spent import (
+from acrc_testbed.accounting.time_spent import (
     BlockingEvent,
     Cause,
     DeadlockCount,
@@ -18,7 +15,10 @@ from observation.accounting.time_spent import (
     KnowledgeUsed,
     TimeSpent,
 )
-from observation.results.result import RobotResult, RunResult
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.study.study import Study, Trial
+from acrc_testbed.results.result import RobotResult, RunResult
 
 LENGTH = 600.0
 Drawn = Callable[[Trial, np.random.Generator], tuple[int, float | None]]

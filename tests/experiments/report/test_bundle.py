@@ -10,17 +10,17 @@ import msgspec
 import pytest
 import yaml
 
+from acrc_testbed.experiments.bundle import bundle
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.study.frozen_plan import inputs
+from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.bundle import bundle
-from experiments.campaign import store
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.study.frozen_plan import inputs
-from experiments.study.study import Study
-from experiments.study.study_file import load_study
-from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[3]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
@@ -87,7 +87,7 @@ def test_sums_are_those_of_all_files_and_bytes_are_the_same(
 
 def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path: Path) -> None:
     acrc = tmp_path / "acrc"
-    acrc.write_text(f'#!/bin/sh\nexec {sys.executable} -P -m command_line "$@"\n')
+    acrc.write_text(f'#!/bin/sh\nexec {sys.executable} -P -m acrc_testbed.command_line "$@"\n')
     acrc.chmod(0o755)
     told = subprocess.run(
         ["sh", "reproduce.sh", "1"], cwd=unpacked, env={**os.environ, "ACRC": str(acrc)},

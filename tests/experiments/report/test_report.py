@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from statsmodels.stats.proportion import proportion_confint
 
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments.report import charts, report
+from acrc_testbed.experiments.report.cases import REAL, read
+from acrc_testbed.experiments.report.section import Section
+from acrc_testbed.experiments.study.study import Factor, Study, Trial
+from acrc_testbed.field_trial.trial_result import RobotTrial, TrialResult
+from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
-from experiments.campaign import store
-from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.judgement import judge
-from experiments.report import charts, report
-from experiments.report.cases import REAL, read
-from experiments.report.section import Section
-from experiments.study.study import Factor, Study, Trial
-from observation.field_trial.trial_result import RobotTrial, TrialResult
-from observation.results.result import RunResult
 from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"

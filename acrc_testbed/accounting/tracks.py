@@ -1,0 +1,267 @@
+"""True poses of robots step by step, and what each robot reported of its goals and pauses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.evidence.run_evidence import RunEvidence, SaidDecision, adaptation, outcomes
+from acrc_testbed.results.outcome import GivenGoal, navigation_outcome
+from actors.instant import in_seconds
+from actors.messages import Jam
+
+
+class TimedJam(NamedTuple):
+    """A jammer, from one instant until another one, µs."""
+
+    begin: int
+    jam: Jam
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """All robots of one run at the start of each step."""
+
+    robots: tuple[str, ...]
+    step_us: int
+    true: NDArray[np.float64]
+    """(steps, robots, 3): x, y in m and heading in rad, map frame, as the world has it."""
+    held: NDArray[np.float64]
+    """(steps, robots, 3): where the robot holds itself to be; NaN where it has not said so."""
+    wished: NDArray[np.float64]
+    """(steps, robots, 3): the velocity that it asks for from then on, in its own frame: m/s, m/s, rad/s; NaN
+    where it asks for none."""
+    stepping: NDArray[np.bool_]
+    """(steps, robots): False where its process was ended or frozen."""
+    busy: NDArray[np.bool_]
+    """(steps, robots): False where it has said that it means to visit no place any more."""
+    jams: tuple[TimedJam, ...] = ()
+    frozen: NDArray[np.bool_] | None = None
+    """(steps, robots): of those that do not step, whose processes live still; None: none."""
+
+    def index(self, instant: int) -> int:
+        """The step that begins at the instant, or the last one before the end of the run."""
+        return min(instant // self.step_us, len(self.true) - 1)
+
+
+def tracks_of(run: RunEvidence) -> Tracks:
+    """What a run's recordings show of it."""
+    return Tracks(
+        robots=run.robots,
+        step_us=run.setup.step_us,
+        true=run.true,
+        held=run.held,
+        wished=run.wished,
+        stepping=run.stepping,
+        busy=run.left > 0,
+        jams=tuple(TimedJam(round(second * 1e6), jam) for second, jam in run.jams),
+        frozen=run.powered & ~run.stepping,
+    )
+
+
+NO_GOAL: Final = -1
+REACHED: Final = "succeeded"
+"""How a goal ended to which the robot came."""
+ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
+"""How goals ended that navigation gave up."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """What one robot said, over all processes that it had; instants in µs."""
+
+    goals: tuple[GivenGoal, ...] | None = ()
+    """None if none of its processes left a last record, as of a run that was cut."""
+    planless: tuple[tuple[int, int], ...] = ()
+    """Spells in which navigation found no way."""
+    paused: tuple[tuple[int, int | None], ...] = ()
+    """Spells in which its strategy had paused navigation; None: to the end of the run."""
+    blocked: tuple[tuple[int, int | None], ...] | None = None
+    """Spells in which it held itself to be blocked; None if it never asks."""
+    decisions: tuple[SaidDecision, ...] = ()
+    left_out: int = 0
+    """Further decisions."""
+
+
+def said_by(records: Sequence[Path]) -> Said:
+    """What the processes of one robot said, the first one first; one that left no last record said nothing.
+
+    Raises RecordingError and OutcomeError for what cannot be read.
+    """
+    goals: list[GivenGoal] | None = None
+    planless: list[tuple[int, int]] = []
+    paused: list[tuple[int, int | None]] = []
+    blocked: list[tuple[int, int | None]] | None = None
+    decisions: list[SaidDecision] = []
+    left_out = 0
+    for record in records:
+        outcome = outcomes(record)
+        if (navigation := navigation_outcome(record, outcome)) is not None:
+            goals = [*(goals or []), *navigation.given]
+            planless += navigation.without_plan
+            paused += navigation.paused
+        told = adaptation(record, outcome)
+        if told is not None:
+            decisions += told.decisions
+            left_out += told.decisions_unlisted
+            if told.blocked is not None:
+                blocked = [*(blocked or []), *told.blocked]
+    said = None if blocked is None else tuple(blocked)
+    wanted = None if goals is None else tuple(goals)
+    return Said(wanted, tuple(planless), tuple(paused), said, tuple(decisions), left_out)
+
+
+def pursued(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.int64]:
+    """(steps,): which of the goals a robot has and has not reached; NO_GOAL: none.
+
+    A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
+    robot that it need not go there any more.
+    """
+    pursuing = np.full(len(tracks.true), NO_GOAL, np.int64)
+    for number, goal in enumerate(goals):
+        end = goal.end
+        if end is None or goal.how in ABORTED:
+            end = goals[number + 1].begin if number + 1 < len(goals) else None
+        last = len(pursuing) if end is None else end // tracks.step_us
+        pursuing[goal.begin // tracks.step_us : last] = number
+    return pursuing
+
+
+def during(found: Sequence[tuple[int, int | None]], tracks: Tracks) -> NDArray[np.bool_]:
+    """(steps,): True during the spells, from begin to end, µs; None: to the end of the run."""
+    during = np.zeros(len(tracks.true), np.bool_)
+    for begin, end in found:
+        during[begin // tracks.step_us : None if end is None else -(-end // tracks.step_us)] = True
+    return during
+
+
+def seconds_of(tracks: Tracks, steps: int) -> float:
+    """So many steps, s."""
+    return in_seconds(steps * tracks.step_us)
+
+
+@dataclass(frozen=True)
+class EpisodeParameters:
+    """What counts as a failure, and where time goes; own choices, as the chapter gives no numbers."""
+
+    lost: float = 1.0
+    """A robot is lost from when it holds itself to be farther than this from where it is, m ..."""
+    found: float = 0.5
+    """... until it is nearer than this, m."""
+    still: float = 0.1
+    """A robot stands while it stays this close to its position at the start of a window, m."""
+    near: float = 1.6
+    """Robots that stand stand in each other's way within this distance, centre to centre, m. Measured, robots
+    that stood for 30 s by how far the nearest other one was that did (24 runs of the chapter's scenario):
+    80 % of their time below 1 m, 10 % at 1.3 to 1.5 m, head-on at doors, and 0.1 % at 1.5 to 1.7 m."""
+    pause_s: float = 3.0
+    """A robot with another one in its way that stays within `still` for so many s does not get on; to stand
+    for less is part of driving: strategies ask every 2 s for the next goal."""
+    turn_s: float = 10.0
+    """The same of a robot with nobody within `near`: move_base's oscillation_timeout. Measured: a turn on the
+    spot takes a robot alone up to 7.9 s."""
+    wait_s: float = 30.0
+    """Who moves, and gets no nearer to any of its goals for so many s, is in a livelock."""
+    nearer: float = 0.25
+    """To be nearer than ever by so much, m, is to get on; less is what a robot that turns comes to."""
+    to_and_fro: float = 3.0
+    """Who has driven so many times the size of the floor that it was on moves to and fro; who makes a detour
+    does not."""
+    turning: float = 0.1
+    """Who turns faster than this, rad/s, does not stand idly."""
+    seen: float = 2.5
+    """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
+    map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
+    in_way: float = 0.45
+    """A robot nearer to another one's way than this, m, is in it: nearer than their two inscribed circles and
+    two cells of the local map, so that the local planner finds no way past. Two that do not get on and are so
+    near to each other are in each other's way wherever they go."""
+    sensed: float = 5.0
+    """So far on its way, m, another robot keeps it from finding a plan: as far as its sensor sees."""
+    deadlock_s: float = 10.0
+    """A pair counts as a deadlock from so many s on; for less it is a touch and go."""
+    reported: float = 0.5
+    """A goal can be reached where a robot can come so near, m: as robots report places."""
+    contact: float = 5.0
+    """Robots so near, m, with no wall between are within each other's reach by radio: half of the range of
+    the radio `chapter`."""
+    silent_s: float = 5.0
+    """Who hears nobody for so many s although others within reach have frames to send has no contact: they
+    publish once a second."""
+    beside: float = 0.5
+    """A robot is at a door if it is so near to where one robot closes the way, m."""
+    neck: float = 1.6
+    """A passage between rooms that is narrower, m, is a door, too: between the corridor's cabinets there are
+    1.5 m, in which two robots could pass; with the chapter's local planner they do not."""
+    fit: float = 0.7
+    """A goal was visited by whoever was so near, m: as the world judges places (WorldSetup.reach)."""
+    jump: float = 0.3
+    """Who is farther away one step later, m, was carried: six times what a robot can drive in 0.1 s."""
+
+
+STANDARD: Final = EpisodeParameters()
+
+
+class Episode(NamedTuple):
+    """Something that one robot is in for a while."""
+
+    begin: int
+    end: int
+
+
+class Blocking(NamedTuple):
+    """Robots that stand in each other's way, each with one of the others at least."""
+
+    robots: tuple[int, ...]
+    """Their indices, ascending."""
+    begin: int
+    """When the first two of them stood."""
+    end: int
+    """When no two of them stood any longer."""
+
+
+def runs(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
+    """The longest stretches of True in `mask`, (samples,), that have at least `least` samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
+
+
+def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = STANDARD) -> list[Episode]:
+    """When one robot was lost: from an error above `lost` until one below `found`.
+
+    `errors`: (samples,), how far it was from where it held itself to be, m; NaN where nobody knows, which
+    changes nothing.
+    """
+    is_lost = np.zeros(errors.size, np.bool_)
+    now = False
+    for sample, error in enumerate(errors.tolist()):
+        if error > parameters.lost:
+            now = True
+        elif error < parameters.found:
+            now = False
+        is_lost[sample] = now
+    return runs(is_lost)
+
+
+def standing(
+    true: NDArray[np.float64], pursuing: NDArray[np.bool_], window: int, still: float
+) -> NDArray[np.bool_]:
+    """(samples,): when one robot stood although it wanted to be elsewhere.
+
+    That is in all samples of every window of `window` samples throughout which it was `pursuing` a goal,
+    (samples,), and at most `still` m from where it was in the window's first; `true`: (samples, 2), m.
+    """
+    stood = np.zeros(len(true), np.bool_)
+    if len(true) < window:
+        return stood
+    windows = np.lib.stride_tricks.sliding_window_view(true, window, axis=0)
+    offsets = windows - true[: len(windows), :, None]
+    stays = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2).max(axis=1) <= still**2
+    stays &= np.lib.stride_tricks.sliding_window_view(pursuing, window).all(axis=1)
+    for begin in np.flatnonzero(stays).tolist():
+        stood[begin : begin + window] = True
+    return stood

@@ -1,0 +1,327 @@
+"""Network namespaces as hosts, a Dask cluster on them, and `acrc bench hosts`: a swarm on 1 to 3 hosts.
+
+All hosts share this computer's cores, so more of them make nothing faster: the cost of links is measured.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import median
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+import yaml
+from rich.table import Table
+
+from acrc_testbed.benchmarks.commands import ACRC
+from acrc_testbed.benchmarks.measured import Measured
+from actors.installation.repository import REPOSITORY
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import process_table
+from actors.runtime.process import FinalNote
+from actors.runtime.recording import read_notes
+from deploy.hosts import certificates
+
+HERE: Final = "10.77.0.1"
+"""Address of the namespace "here", where a coordinator runs."""
+ADDRESS: Final = f"tls://{HERE}:8786"
+"""Address of the scheduler."""
+_DELAYS_MS: Final = (0.0, 1.0, 10.0)
+_START_S: Final = 60.0
+_ENTER: Final = 'exec nsenter --target="$0" --net --uts --mount env --chdir="$PWD" "$@"'
+"""The shell becomes the program, so a signal to the process reaches the program."""
+_HOLD: Final = (
+    'echo "$0" > /proc/sys/kernel/hostname; '
+    '[ "$1" = 0 ] || mount -t tmpfs -o "size=$1" none "$2"; echo ready; read -r _'
+)
+
+
+class HostsError(AcrcError):
+    """Hosts or a cluster that cannot be started."""
+
+
+@dataclass(frozen=True)
+class RigHost:
+    """A network namespace with its own host name and mounts."""
+
+    name: str
+    address: str
+    disk: Path | None
+    """Folder for temporary files, a small disk of its own; None: the machine's."""
+    holder: int
+    """Process that keeps the namespaces."""
+
+    def command(self, words: Sequence[str]) -> list[str]:
+        """Return the command that runs `words` on the host, in the caller's folder."""
+        disk = () if self.disk is None else (f"TMPDIR={self.disk}",)
+        return ["sh", "-c", _ENTER, str(self.holder), *disk, *words]
+
+    def processes(self) -> list[int]:
+        """Return the ids of all processes on the host; sandboxed robots keep its host name."""
+        own = _uts(self.holder)
+        return [pid for pid in process_table.table() if pid != self.holder and own and _uts(pid) == own]
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to every process on the host, also to new ones."""
+        done: set[int] = set()
+        while new := set(self.processes()) - done:
+            for pid in new:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, number)
+            done |= new
+
+
+class Hosts:
+    """Hosts h1, h2, … that reach "here" and not one another; a context manager that ends them."""
+
+    here: RigHost
+    each: tuple[RigHost, ...]
+
+    def __init__(self, count: int, *, disk_bytes: int = 0) -> None:
+        """`disk_bytes`: size of each host's own disk; 0: none."""
+        self._count = count
+        self._disk_bytes = disk_bytes
+
+    def __enter__(self) -> Self:
+        """Raises HostsError where hosts cannot be made."""
+        if os.geteuid() != 0 or not all(map(shutil.which, ("ip", "nsenter", "unshare"))):
+            raise HostsError("hosts are network namespaces: they need root, and the programs ip and nsenter")
+        with ExitStack() as stack:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc-host-"))
+            names = ["here", *(f"h{number}" for number in range(1, self._count + 1))]
+            holders = [self._hold(stack, name, folder) for name in names]
+            _link(holders)
+            disk = Path(folder) if self._disk_bytes else None
+            self.here = RigHost("here", HERE, None, holders[0])
+            self.each = tuple(
+                RigHost(names[number], f"10.77.{number}.2", disk, holders[number])
+                for number in range(1, self._count + 1)
+            )
+            for host in (self.here, *self.each):
+                stack.callback(host.signal, signal.SIGKILL)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def _hold(self, stack: ExitStack, name: str, folder: str) -> int:
+        size = 0 if name == "here" else self._disk_bytes
+        words = ("unshare", "--net", "--uts", "--mount", "sh", "-c", _HOLD, name, str(size), folder)
+        holder = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
+        stack.callback(holder.communicate)
+        assert holder.stdout is not None
+        if holder.stdout.readline() != "ready\n":
+            raise HostsError(f"host {name} cannot be made: unshare failed")
+        return holder.pid
+
+    def delay(self, milliseconds: float) -> None:
+        """Delay all packets by so much each way. Raises HostsError where the kernel has no netem."""
+        for host in self.each:
+            for there, link in ((host, "here"), (self.here, host.name)):
+                words = ["tc", "qdisc", "replace", "dev", link, "root", "netem", "delay", f"{milliseconds}ms"]
+                done = subprocess.run(there.command(words), capture_output=True, text=True, check=False)
+                if done.returncode:
+                    raise HostsError(f"links cannot be delayed: {done.stderr.strip()}")
+
+    def stall(self, *, stalled: bool) -> None:
+        """Drop all packets to the hosts by a wrong link-layer address, or stop that."""
+        for host in self.each:
+            wrong = ("replace", host.address, "lladdr", "02:00:00:00:00:99", "nud", "permanent")
+            words = ["ip", "neigh", *(wrong if stalled else ("del", host.address)), "dev", host.name]
+            subprocess.run(self.here.command(words), check=True)
+
+
+def _uts(pid: int) -> str | None:
+    try:
+        return str(Path(f"/proc/{pid}/ns/uts").readlink())
+    except OSError:
+        return None
+
+
+def _link(holders: Sequence[int]) -> None:
+    lines = ["link set lo up", f"address add {HERE}/32 dev lo"]
+    for number, holder in enumerate(holders[1:], 1):
+        lines += (
+            f"link add h{number} type veth peer name here netns {holder}",
+            f"address add 10.77.{number}.1/24 dev h{number}",
+            f"link set h{number} up",
+        )
+    _ip(holders[0], lines)
+    for number, holder in enumerate(holders[1:], 1):
+        own = ("link set lo up", f"address add 10.77.{number}.2/24 dev here", "link set here up")
+        _ip(holder, (*own, f"route add {HERE}/32 via 10.77.{number}.1"))
+
+
+def _ip(holder: int, lines: Sequence[str]) -> None:
+    words = ["nsenter", f"--target={holder}", "--net", "ip", "-batch", "-"]
+    subprocess.run(words, input="\n".join(lines) + "\n", text=True, check=True)
+
+
+class TlsCluster:
+    """A Dask scheduler on "here" and a worker on each host, with TLS; a context manager that ends them."""
+
+    def __init__(self, hosts: Hosts, folder: Path) -> None:
+        """`folder`: made for keys, temporary files and logs (here.log, h1.log, …)."""
+        self.folder = folder.absolute()
+        self.environment = os.environ | {"DASK_CONFIG": str(self.folder / "keys")}
+        self._hosts = hosts
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Self:
+        """Return when all workers have joined. Raises HostsError where one does not."""
+        self.folder.mkdir(parents=True)
+        _write_keys(self.folder / "keys", self.folder / "scratch")
+        try:
+            where = ("--protocol", "tls", "--host", HERE, "--port", ADDRESS.rpartition(":")[2])
+            self._start(self._hosts.here, f"Scheduler at: {ADDRESS}", "dask_scheduler", *where)
+            for host in self._hosts.each:
+                self.start_worker(host)
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name in self._processes:
+            self.kill(name)
+        for host in self._hosts.each:
+            host.signal(signal.SIGKILL)
+
+    def start_worker(self, host: RigHost) -> None:
+        """Start a worker, and wait until it joins."""
+        words = (ADDRESS, "--host", host.address, "--name", host.name, "--nthreads", "1", "--no-nanny")
+        disk = () if host.disk is None else ("--local-directory", str(host.disk))
+        self._start(host, "Registered to:", "dask_worker", *words, *disk)
+
+    def kill(self, name: str) -> None:
+        """End the program on the host of that name by SIGKILL."""
+        self._processes[name].kill()
+        self._processes[name].wait()
+
+    def _start(self, host: RigHost, sign: str, program: str, *words: str) -> None:
+        path = self.folder / f"{host.name}.log"
+        command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+        with path.open("wb") as log:
+            process = self._processes[host.name] = subprocess.Popen(
+                host.command(command), cwd=self.folder, env=self.environment, stdout=log, stderr=log
+            )
+        deadline = time.monotonic() + _START_S
+        while sign not in " ".join(path.read_text("utf-8", "replace").split()):
+            if process.poll() is not None or time.monotonic() > deadline:
+                raise HostsError(f"{program} on {host.name} does not start; see {path}")
+            time.sleep(0.02)
+
+
+def _write_keys(folder: Path, scratch: Path) -> None:
+    """Write one key for all hosts and Dask's configuration."""
+    folder.mkdir(mode=0o700)
+    now = datetime.now(UTC)
+    authority = certificates.authority("hosts", now, 1)
+    both = (certificates.SERVER, certificates.CLIENT)
+    pair = certificates.machine(authority, "cluster", both, (), now, 1)
+    (folder / "key.pem").write_bytes(pair.private_pem)
+    (folder / "authority.pem").write_bytes(authority.certificate_pem)
+    (folder / "certificate.pem").write_bytes(pair.certificate_pem)
+    own = {"cert": str(folder / "certificate.pem"), "key": str(folder / "key.pem")}
+    roles = {role: dict(own) for role in ("scheduler", "worker", "client")}
+    comm = {"require-encryption": True, "tls": {"ca-file": str(folder / "authority.pem"), **roles}}
+    configuration = {"distributed": {"comm": comm}, "temporary-directory": str(scratch)}
+    (folder / "cluster.yaml").write_text(yaml.safe_dump(configuration))
+
+
+@dataclass(frozen=True)
+class HostedFigures:
+    """Speed and CPU time of one swarm on so many hosts; 0: all on this computer."""
+
+    hosts: int
+    robots: int
+    delay_ms: float
+    steps_per_s: float
+    centre_ms: float
+    """CPU of world and radio per step, ms."""
+    robot_ms: float
+    """CPU of one robot per step, ms."""
+
+
+def measure(robots: Sequence[int] | None = None, duration: float | None = None) -> Measured:
+    """Measure each number of robots on each number of hosts, with each delay that the kernel offers."""
+    found: list[HostedFigures] = []
+    notes: dict[str, None] = {}
+    numbers, seconds = tuple(robots or (6, 20, 60)), duration or 10.0
+    found += (_figures(0, 0.0, count, seconds, None, None) for count in numbers)
+    for hosted in (1, 2, 3):
+        with (
+            tempfile.TemporaryDirectory(prefix="acrc-") as name,
+            Hosts(hosted) as hosts,
+            TlsCluster(hosts, Path(name) / "cluster") as cluster,
+        ):
+            for delay_ms in _DELAYS_MS:
+                try:
+                    if delay_ms:
+                        hosts.delay(delay_ms)
+                except HostsError as error:
+                    notes[str(error)] = None
+                    break
+                found += (_figures(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers)
+    table = Table("robots", "hosts", "delay, ms", "steps/s", "world and radio, ms", "a robot, ms")
+    for one in found:
+        figures = (f"{one.steps_per_s:.1f}", f"{one.centre_ms:.2f}", f"{one.robot_ms:.2f}")
+        table.add_row(str(one.robots), str(one.hosts or "none"), f"{one.delay_ms:g}", *figures)
+    return Measured({"cores": os.cpu_count(), "swarms": [asdict(one) for one in found]}, (table, *notes))
+
+
+def _figures(
+    number: int, delay_ms: float, robots: int, seconds: float, hosts: Hosts | None, cluster: TlsCluster | None
+) -> HostedFigures:
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
+        out = Path(name) / "run"
+        words = [
+            *ACRC,
+            "run",
+            "--robots",
+            str(robots),
+            "--json",
+            "--duration",
+            f"{seconds:g}",
+            "--out",
+            str(out),
+        ]
+        environment: Mapping[str, str] = os.environ
+        if hosts is not None and cluster is not None:
+            words, environment = hosts.here.command([*words, "--on", ADDRESS]), cluster.environment
+        done = subprocess.run(
+            words, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise HostsError(f"{robots} robots on {number} hosts do not run: {done.stderr.strip()[-500:]}")
+        steps = seconds * 10
+        spent = {path.stem: _spent_s(path) for path in out.glob("*/*.mcap")}
+        centre = spent.pop("world") + spent.pop("radio")
+        rate = steps / float(json.loads(done.stdout)["wall_s"])
+        return HostedFigures(
+            number, robots, delay_ms, rate, 1000 * centre / steps, 1000 * median(spent.values()) / steps
+        )
+
+
+def _spent_s(recording: Path) -> float:
+    """Return the CPU time of an actor from its first step to its end, s."""
+    note = msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
+    return note.cpu_s - note.startup_cpu_s

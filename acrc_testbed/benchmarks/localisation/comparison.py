@@ -1,0 +1,293 @@
+"""Our particle filter on logged courses, beside the results of another localisation on the same logs."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from acrc_testbed.benchmarks.localisation import log
+from acrc_testbed.benchmarks.localisation.log import Course, CourseLogError
+from acrc_testbed.benchmarks.localisation.tracking import (
+    BEYOND,
+    LOST,
+    NEES_BOUNDS,
+    PRESETS,
+    STEP_US,
+    FilterRun,
+    Preset,
+    beside_truth,
+    localisation,
+    replay,
+)
+from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, proportion, table_of
+
+_RESAMPLES: Final = 2000
+
+
+def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (_RESAMPLES,) means of as many values, drawn with replacement."""
+    draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
+    means: NDArray[np.float64] = values[draws].mean(axis=1)
+    return means
+
+
+def root_mean_square(runs: Sequence[FilterRun]) -> ConfidenceInterval:
+    """Return the error over all poses of all runs, m, with the 95 % interval of a bootstrap over the runs.
+
+    Percentiles of the bootstrap: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    """
+    squares = np.array([run.mean_square for run in runs])
+    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
+    return ConfidenceInterval(math.sqrt(squares.mean()), low, high)
+
+
+def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
+    """Return the columns of a table, as LEGEND describes them, for at least one run."""
+    rmse, lost = root_mean_square(runs), sum(run.lost for run in runs)
+    errors = np.concatenate([run.errors for run in runs])
+    nees = np.concatenate([run.tracking for run in runs])
+    spells = [announced for run in runs for announced in run.spells]
+    costs = 1e6 * np.concatenate([run.costs for run in runs])
+    share = proportion(lost, len(runs))
+    outside = [
+        float(np.mean(beyond)) if nees.size else 0.0
+        for beyond in (nees < NEES_BOUNDS[0], nees > NEES_BOUNDS[1])
+    ]
+    return {
+        "rmse": f"{rmse.value:.3f} [{rmse.low:.2f}, {rmse.high:.2f}]",
+        "median run": f"{np.median([run.rmse for run in runs]):.3f}",
+        "median": f"{np.median(errors):.3f}",
+        "max": f"{errors.max():.2f}",
+        f"> {BEYOND:g} m": f"{np.mean(errors > BEYOND):.1%}",
+        "lost": f"{lost}/{len(runs)} [{share.low:.0%}, {share.high:.0%}]",
+        "NEES": f"{np.median(nees):.2f}" if nees.size and math.isfinite(np.median(nees)) else "∞",
+        "low/high": "/".join(f"{one:.0%}" for one in outside),
+        "told": f"{sum(spells)}/{len(spells)}",
+        "false": f"{sum(run.false_alarms for run in runs)} in {errors.size * STEP_US / 3.6e9:.1f} h",
+        "µs": f"{costs.mean():.0f} ({costs.min():.0f})" if costs.size else "-",
+    }
+
+
+LEGEND: Final = (
+    "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
+    f"lost: > {LOST:g} m off at the end, of all runs [95 %, Wilson]; NEES: median while at most {BEYOND:g} m "
+    "off, where 2.37 is right; low/high: share of that time below and above its two-sided 95 % bounds, where "
+    "2.5 % each is right; told: spells of being lost that the robot announced, of all that took 3 s; false: "
+    f"announcements while it was at most {BEYOND:g} m off for 5 s before and after; µs: CPU per update, mean "
+    "(minimum)."
+)
+
+
+_LARGEST: Final = 10_000_000
+
+
+class OtherRun(msgspec.Struct):
+    """What another localisation made of a log, from one seed; fields that are not needed may be there too."""
+
+    rmse: float
+    """Over all poses, m."""
+    lost: bool
+    """More than 1 m off at the end."""
+    nmed: float | None = None
+    """Median of the normalised error (NEES)."""
+
+
+class Other(msgspec.Struct):
+    """All runs on one log."""
+
+    log: str
+    """The log's file name, without .zip."""
+    runs: list[OtherRun]
+
+
+@dataclass(frozen=True)
+class PairedRow:
+    """One log, or all of them together."""
+
+    log: str
+    preset: str
+    ours: float
+    """Mean error, m; of all logs, the geometric mean."""
+    theirs: float
+    ratio: float
+    low: float
+    high: float
+    """The ratio of the two, with its 95 % interval: a bootstrap over the runs of each, and over the logs."""
+    lost: str
+    """Runs, ours and theirs."""
+    nees: str
+    """Median over the runs, ours and theirs."""
+
+
+def load_other(file: Path) -> dict[str, Other]:
+    """By log, what another localisation made of it. Raises LogError."""
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(_LARGEST + 1)
+        if len(data) > _LARGEST:
+            raise CourseLogError(f"{file}: may have at most {_LARGEST} bytes, and has more.")
+        others = msgspec.json.decode(data, type=list[Other])
+    except OSError as error:
+        raise CourseLogError(f"{file}: cannot be read: {error.strerror}.") from None
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise CourseLogError(
+            f"{file}: must be a list of logs, each with its runs (docs/localisation-log.md): {error}."
+        ) from None
+    for other in others:
+        if not other.runs or not all(math.isfinite(run.rmse) and run.rmse > 0 for run in other.runs):
+            raise CourseLogError(f"{file}: {other.log[:80]}: must have runs, each with an rmse above 0.")
+    return {other.log: other for other in others}
+
+
+def paired(
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]], others: Mapping[str, Other]
+) -> list[PairedRow]:
+    """A row per preset and log, and one for all logs. `ours`: runs by log and preset, as others have them."""
+    found = []
+    for preset in dict.fromkeys(preset for by_preset in ours.values() for preset in by_preset):
+        its = [_row(log, preset, by[preset], others[log]) for log, by in ours.items()]
+        found += its
+        if len(its) > 1:
+            found.append(_together(preset, its, ours, others))
+    return found
+
+
+def as_good(
+    found: Sequence[PairedRow],
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
+    others: Mapping[str, Other],
+    preset: str,
+) -> bool:
+    """Whether that preset errs no more than the other one, over all logs, and is lost no more often."""
+    ratio = [row.ratio for row in found if row.preset == preset][-1]
+    lost = sum(run.lost for by_preset in ours.values() for run in by_preset[preset])
+    of = sum(len(by_preset[preset]) for by_preset in ours.values())
+    their = [run.lost for log in ours for run in others[log].runs]
+    return ratio <= 1.0 and lost / of <= sum(their) / len(their)
+
+
+def paired_table(found: Sequence[PairedRow]) -> Table:
+    """Return the rows as a table for people."""
+    rows = [
+        {
+            "log": row.log,
+            "preset": row.preset,
+            "error, m": f"{row.ours:.3f}",
+            "other's": f"{row.theirs:.3f}",
+            "ratio": f"{row.ratio:.2f} [{row.low:.2f}, {row.high:.2f}]",
+            "lost": row.lost,
+            "NEES": row.nees,
+        }
+        for row in found
+    ]
+    return table_of(rows, "beside another localisation, on the same logs")
+
+
+def _row(log: str, preset: str, runs: Sequence[FilterRun], other: Other) -> PairedRow:
+    ours = np.array([run.rmse for run in runs])
+    theirs = np.array([run.rmse for run in other.runs])
+    drawn = resampled(ours) / resampled(theirs)
+    low, high = np.percentile(drawn, (2.5, 97.5)).tolist()
+    lost = f"{sum(run.lost for run in runs)}/{len(runs)}, {sum(run.lost for run in other.runs)}/{len(theirs)}"
+    nees = (_median([float(np.median(run.nees)) for run in runs]), _median([r.nmed for r in other.runs]))
+    return PairedRow(
+        log=log,
+        preset=preset,
+        ours=float(ours.mean()),
+        theirs=float(theirs.mean()),
+        ratio=float(ours.mean() / theirs.mean()),
+        low=low,
+        high=high,
+        lost=lost,
+        nees=f"{nees[0]}, {nees[1]}",
+    )
+
+
+def _together(
+    preset: str,
+    its: Sequence[PairedRow],
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
+    others: Mapping[str, Other],
+) -> PairedRow:
+    ratios = np.log([row.ratio for row in its])
+    low, high = np.exp(np.percentile(resampled(ratios), (2.5, 97.5))).tolist()
+    own = [run.lost for row in its for run in ours[row.log][preset]]
+    their = [run.lost for row in its for run in others[row.log].runs]
+    return PairedRow(
+        log=f"all {len(its)}",
+        preset=preset,
+        ours=_geometric([row.ours for row in its]),
+        theirs=_geometric([r.theirs for r in its]),
+        ratio=float(np.exp(ratios.mean())),
+        low=low,
+        high=high,
+        lost=f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}",
+        nees="",
+    )
+
+
+def _geometric(values: Sequence[float]) -> float:
+    return float(np.exp(np.mean(np.log(values))))
+
+
+def _median(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return f"{np.median(known):.2f}" if known else "-"
+
+
+def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
+    """Feed each preset, and the odometry alone, with each log.
+
+    `source`: a log, or a folder with logs, *.zip. `seeds`: of the filter's own chance, from 1 on. `other`:
+    what another localisation made of the same logs (docs/localisation-log.md); it holds where preset
+    `chapter` errs no more than that one over all logs, and is lost no more often. Raises LogError.
+    """
+    known = None if other is None else load_other(other)
+    runs = {file.stem: _run_all(file, seeds) for file in _logs(source, other, known)}
+    told: dict[str, Any] = {
+        log: {preset: [one.figures() for one in its] for preset, its in by_preset.items()}
+        for log, by_preset in runs.items()
+    }
+    figures = told if source.is_dir() else next(iter(told.values()))
+    if known is None:
+        tables = [
+            table_of([{"preset": preset, **table_row(its)} for preset, its in by_preset.items()], log)
+            for log, by_preset in runs.items()
+        ]
+        return Measured(figures, [*tables, LEGEND])
+    beside = {log: {str(preset): by[preset] for preset in PRESETS} for log, by in runs.items()}
+    rows = paired(beside, known)
+    figures = {"logs": figures, "against": [asdict(row) for row in rows]}
+    return Measured(figures, (paired_table(rows),), as_good(rows, beside, known, PRESETS[0]))
+
+
+def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> Sequence[Path]:
+    files = sorted(source.glob("*.zip")) if source.is_dir() else [source]
+    if not files:
+        raise CourseLogError(f"{source}: this folder holds no log, which would be a *.zip.")
+    if known is None:
+        return files
+    unknown = [file.stem for file in files if file.stem not in known]
+    if unknown:
+        raise CourseLogError(
+            f"{other}: says nothing of the log {unknown[0]!r}; it must have every log's runs."
+        )
+    return files
+
+
+def _run_all(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
+    course = log.read(file)
+    return {
+        preset: [_run(course, preset, 1 + seed) for seed in range(seeds)] for preset in (*PRESETS, "odometry")
+    }
+
+
+def _run(course: Course, preset: Preset, seed: int) -> FilterRun:
+    track = replay(course, localisation(course, preset, seed))
+    return beside_truth(seed, course.truth, course.odometry, track)

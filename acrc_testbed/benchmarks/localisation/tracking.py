@@ -1,0 +1,240 @@
+"""Runs of the particle filter on logged courses, and their errors against the ground truth."""
+
+import math
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.benchmarks.localisation.log import Course
+from actors.floor.grid import OccupancyGrid
+from actors.geometry import Pose
+from actors.instant import Instant
+from actors.messages import Scan
+from actors.randomness import generator
+from actors.robot.localisation import (
+    PRESETS as PARAMETERS,
+)
+from actors.robot.localisation import (
+    Amcl,
+    DeadReckoning,
+    LikelihoodField,
+    Localisation,
+    likelihood_field,
+)
+from actors.robot.sweep import Sweeps
+
+Preset = Literal["chapter", "robust", "odometry"]
+"""A preset of the filter, or the odometry alone."""
+PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
+STEP_US: Final = 100_000
+"""Interval between odometry poses of the simulated courses, µs."""
+BEYOND: Final = 0.5
+"""An error above this counts as time off, m."""
+LOST: Final = 1.0
+"""A robot so far off at the end of its course is lost, m."""
+NEES_BOUNDS: Final = (0.2158, 9.3484)
+"""The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
+ANNOUNCED: Final = 0.95
+"""A robot announces that it is lost above this probability. With 0.5, more than half of the announcements
+among many others at 58° are short doubts."""
+SPELL: Final = 30
+"""A robot farther off than LOST for so many steps on end is lost in a spell of its own; 3 s."""
+AROUND: Final = 50
+"""An announcement is false if the robot was nowhere beyond BEYOND so many steps before and after it; 5 s."""
+FOUND: Final = (0.5, math.radians(15.0))
+"""Nearer than both, m and rad, a robot that was lost has found itself."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedTrack:
+    """Estimates of a localisation along a course."""
+
+    poses: Floats
+    """(n, 3): x, y, heading, m and rad, map frame."""
+    covariances: Floats
+    """(n, 3, 3)."""
+    lost: Floats
+    """(n,): its estimated probability of being lost."""
+    costs: Floats
+    """(n,), CPU s of each call."""
+    outcome: dict[str, object]
+    """Counters of the localisation."""
+
+
+def localisation(course: Course, preset: Preset, seed: int, *, placed: bool = True) -> Localisation:
+    """Return a new localisation for that course, with its own random stream.
+
+    `placed`: the filter is given the start pose; otherwise the robot may be anywhere on the map.
+    """
+    if preset == "odometry":
+        return DeadReckoning(course.origin)
+    parameters = PARAMETERS[preset]
+    field = _field(course.grid, parameters.max_distance)
+    draws = generator(seed, "localisation/filter", "robot")
+    first = Pose(*course.odometry[0].tolist())
+    return Amcl(field, course.sensor, course.start if placed else None, draws, parameters, origin=first)
+
+
+@lru_cache(maxsize=8)
+def _field(grid: OccupancyGrid, max_distance: float) -> LikelihoodField:
+    return likelihood_field(grid, max_distance)
+
+
+def replay(course: Course, localisation: Localisation) -> EstimatedTrack:
+    """Feed the whole course: per odometry pose one call, with the newest scan since the previous call."""
+    sweeps = Sweeps(course.sensor)
+    newest = np.searchsorted(course.stamps, course.instants, side="right") - 1
+    poses = course.odometry.tolist()
+    track = np.empty((len(poses), 13))
+    costs = np.empty(len(poses))
+    taken = -1
+    for step, here in enumerate(poses):
+        scan = None
+        if newest[step] > taken:
+            taken = int(newest[step])
+            scan = Scan(int(course.stamps[taken]), course.scans[taken].astype("<u2").tobytes())
+        sweep = sweeps.take(Instant(int(course.instants[step])), Pose(*here), scan)
+        begun = time.process_time_ns()
+        estimate = localisation.update(Pose(*here), sweep)
+        costs[step] = (time.process_time_ns() - begun) / 1e9
+        track[step] = *estimate.pose, *estimate.covariance, estimate.lost
+    covariances = track[:, 3:12].reshape(-1, 3, 3)
+    return EstimatedTrack(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())
+
+
+@dataclass(frozen=True, eq=False)
+class FilterRun:
+    """Errors of one run."""
+
+    seed: int
+    errors: NDArray[np.float32]
+    """(n,), m: distance from the true position, at every odometry pose, nothing aligned."""
+    turns: NDArray[np.float32]
+    """(n,), rad ≥ 0: how far the heading was off."""
+    nees: NDArray[np.float32]
+    """(n,): normalised estimation error squared; inf where the covariance is singular."""
+    announced: NDArray[np.bool_]
+    """(n,): it announces that it is lost."""
+    costs: NDArray[np.float32]
+    """(m,), CPU s of the calls that weighed a scan."""
+    outcome: dict[str, object]
+
+    @property
+    def rmse(self) -> float:
+        """Root of the mean square error, m: the absolute trajectory error."""
+        return math.sqrt(self.mean_square)
+
+    @property
+    def mean_square(self) -> float:
+        """m²."""
+        return float(np.mean(np.square(self.errors, dtype=np.float64)))
+
+    @property
+    def tracking(self) -> NDArray[np.float32]:
+        """The NEES of the steps at which it was no farther off than BEYOND."""
+        return self.nees[self.errors <= BEYOND]
+
+    @property
+    def spells(self) -> list[bool]:
+        """Of each spell of being lost, whether it was announced while it lasted."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], self.errors > LOST, [False])).astype(int)))
+        pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= SPELL]
+
+    @property
+    def false_alarms(self) -> int:
+        """Number of announcements while it was not lost."""
+        said = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
+        return sum(
+            bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in said.tolist()
+        )
+
+    @property
+    def lost(self) -> bool:
+        """True if the end finds it more than LOST off."""
+        return bool(self.errors[-1] > LOST)
+
+    def found(self, step: int) -> bool:
+        """True if it is within FOUND at that step; steps beyond the last are the last."""
+        step = min(step, len(self.errors) - 1)
+        return bool(self.errors[step] <= FOUND[0] and self.turns[step] <= FOUND[1])
+
+    def figures(self) -> dict[str, Any]:
+        """The run in JSON."""
+        low, high = NEES_BOUNDS
+        return {
+            "seed": self.seed,
+            "rmse": self.rmse,
+            "median": float(np.median(self.errors)),
+            "max": float(self.errors.max()),
+            "share_beyond": float(np.mean(self.errors > BEYOND)),
+            "end": float(self.errors[-1]),
+            "lost": self.lost,
+            "nees_median": finite(np.median(self.nees)),
+            "nees_tracking": finite(np.median(self.tracking)) if self.tracking.size else None,
+            "spells": len(self.spells),
+            "spells_announced": sum(self.spells),
+            "false_alarms": self.false_alarms,
+            "nees_below": float(np.mean(self.nees < low)),
+            "nees_above": float(np.mean(self.nees > high)),
+            "updates": len(self.costs),
+            "cpu_us_mean": finite(1e6 * self.costs.mean()) if self.costs.size else None,
+            "cpu_us_min": finite(1e6 * self.costs.min()) if self.costs.size else None,
+            "outcome": self.outcome,
+        }
+
+
+def beside_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTrack) -> FilterRun:
+    """The run's errors. `truth`, `odometry`: (n, 3), m and rad."""
+    off = track.poses - truth
+    off[:, 2] -= math.tau * np.rint(off[:, 2] / math.tau)
+    return FilterRun(
+        seed,
+        np.hypot(off[:, 0], off[:, 1]).astype(np.float32),
+        np.abs(off[:, 2]).astype(np.float32),
+        nees(off, track.covariances).astype(np.float32),
+        track.lost > ANNOUNCED,
+        track.costs[weighed(odometry, track.poses)].astype(np.float32),
+        track.outcome,
+    )
+
+
+def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
+    """(n,): which calls did more than to move the estimate as the odometry moved; both arrays (n, 3)."""
+    turn = poses[:, 2] - odometry[:, 2]
+    c, s = np.cos(turn), np.sin(turn)
+    x = poses[:, 0] - c * odometry[:, 0] + s * odometry[:, 1]
+    y = poses[:, 1] - s * odometry[:, 0] - c * odometry[:, 1]
+    frame = np.column_stack([x, y, c, s])
+    changed = np.ones(len(frame), np.bool_)
+    changed[1:] = np.abs(np.diff(frame, axis=0)).max(axis=1) > 1e-9
+    return changed
+
+
+def nees(off: Floats, covariances: Floats) -> Floats:
+    """Normalised estimation error squared eᵀ P⁻¹ e: (n,) of errors (n, 3) and covariances (n, 3, 3).
+
+    inf where P is not positive definite, to which even no error at all is no excuse (Bar-Shalom, Li and
+    Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.2).
+    """
+    values = np.full(len(off), math.inf)
+    # scaled to a unit diagonal first, as m² and rad² may be worlds apart
+    scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    sound = (scale > 0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+    scale, unit = scale[sound], off[sound] / scale[sound]
+    correlation = covariances[sound] / (scale[:, :, None] * scale[:, None, :])
+    definite = np.linalg.eigvalsh(correlation)[:, 0] > 1e-9
+    solved = np.linalg.solve(correlation[definite], unit[definite][:, :, None])[:, :, 0]
+    values[np.flatnonzero(sound)[definite]] = np.einsum("ij,ij->i", unit[definite], solved)
+    return values
+
+
+def finite(value: Any) -> float | None:
+    """The value for JSON, which has no infinity: None then."""
+    return float(value) if math.isfinite(value) else None

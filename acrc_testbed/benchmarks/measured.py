@@ -1,0 +1,118 @@
+"""Result of a benchmark or a comparison: figures, tables, goals, intervals, and a verdict."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist, mean, stdev
+from typing import Any, Final, NamedTuple, Self
+
+from rich.table import Table
+
+from acrc_testbed.field_trial.clock_alignment import quantile
+from actors.console import print_table, screen
+
+_WIDTH: Final = 250
+"""Characters that the widest table needs, where no terminal says how wide it is."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The figures, and how a person reads them."""
+
+    figures: Any
+    """For JSON."""
+    shown: Sequence[Table | str]
+    """Tables and sentences, in their order."""
+    holds: bool | None = None
+    """Whether what was claimed holds; None: nothing was claimed."""
+
+    def with_line(self, line: str) -> Self:
+        """Return the same with one more sentence at the end."""
+        return replace(self, shown=(*self.shown, line))
+
+    def show(self) -> None:
+        """Print it for people, on standard output."""
+        console = screen(width=None if sys.stdout.isatty() else _WIDTH)
+        for one in self.shown:
+            if isinstance(one, str):
+                console.print(one)
+            else:
+                print_table(console, one)
+
+
+def tell(found: Measured, *, json_output: bool) -> int:
+    """Print it for people or as JSON; return the exit code, 1 if the claim does not hold."""
+    if json_output:
+        sys.stdout.write(json.dumps(found.figures) + "\n")
+    else:
+        found.show()
+    return 1 if found.holds is False else 0
+
+
+@dataclass(frozen=True)
+class SpeedGoal:
+    """A goal, beside what was reached."""
+
+    words: str
+    figure: float
+    goal: float
+    met: bool
+
+    def __str__(self) -> str:
+        """A sentence."""
+        figure = f"{self.figure:,.0f}" if abs(self.figure) >= 1000 else f"{self.figure:.4g}"
+        return f"goal, {self.words}: {figure}, {'met' if self.met else 'MISSED'}"
+
+
+def at_least(what: str, figure: float, goal: float) -> SpeedGoal:
+    """That the figure is no less than the goal."""
+    return SpeedGoal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
+
+
+def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
+    """That the figure is no more than the goal."""
+    return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
+
+
+def table_of(rows: Sequence[Mapping[str, object]], title: str) -> Table:
+    """The rows, at least one, as a table; each has the same columns, by name, in this order."""
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        table.add_row(*map(str, row.values()))
+    return table
+
+
+_PROBABILITY: Final = 0.975
+
+
+class ConfidenceInterval(NamedTuple):
+    """An estimate and how far it may be off."""
+
+    value: float
+    low: float
+    high: float
+
+
+def proportion(successes: int, trials: int) -> ConfidenceInterval:
+    """The share of successes in `trials` > 0 independent trials.
+
+    Wilson's score interval (Wilson, "Probable inference, the law of succession, and statistical inference",
+    JASA 22, 1927), which holds for few trials and for shares of 0 and 1, too.
+    """
+    z = NormalDist().inv_cdf(_PROBABILITY)
+    share = successes / trials
+    scale = 1 + z * z / trials
+    centre = (share + z * z / (2 * trials)) / scale
+    half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    return ConfidenceInterval(share, max(centre - half, 0.0), min(centre + half, 1.0))
+
+
+def average(values: Sequence[float]) -> ConfidenceInterval:
+    """The mean of independent values, at least one; Student's t interval, infinite for one value."""
+    middle = mean(values)
+    if len(values) < 2:
+        return ConfidenceInterval(middle, -math.inf, math.inf)
+    half = quantile(_PROBABILITY, len(values) - 1) * stdev(values) / math.sqrt(len(values))
+    return ConfidenceInterval(middle, middle - half, middle + half)

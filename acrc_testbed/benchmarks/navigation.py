@@ -1,0 +1,315 @@
+"""Preset `chapter` of navigation, held against what the original ROS stack made of the same inputs.
+
+A folder of rows holds local_*.npz, global_*.npz and inflation.npz. Of each control cycle they have the marks,
+the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; of pairs of points the
+plans of navfn; of marks the costs of costmap_2d.
+"""
+
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from acrc_testbed.benchmarks.measured import Measured
+from actors.bounds import ParameterError
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
+from actors.geometry import Point, Pose, Twist
+from actors.instant import Instant
+from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
+from actors.robot.local_planning.local_planner import DwaLocalPlanner
+from actors.robot.navigation.navfn import NavfnPlanner, global_costs
+from actors.robot.navigation.planning import PLANNER_PRESETS
+from actors.robot_model import RobotModel, load_model
+from actors.runtime.errors import AcrcError
+
+PRESET: Final = "chapter"
+CATEGORIES: Final = ("free", "near_goal", "turning")
+"""By their number in the rows."""
+LEAST_SAME, LEAST_WITHIN_ONE, LEAST_EQUAL = 0.95, 0.99, 0.999
+MOST_REGRET, MOST_LONGER = 1.0, 0.005
+"""The claim: shares of cycles and of cells, the regret that 90 % of cycles do not exceed, and by what share a
+plan is longer or shorter."""
+_SAME: Final = 1e-4
+"""Velocities that differ by less are the same, m/s and rad/s."""
+_NOW: Final = Instant(1)
+Rows = Mapping[str, NDArray[Any]]
+_T = TypeVar("_T")
+_DAMAGE: Final = (
+    *(OSError, EOFError, zipfile.BadZipFile, zlib.error),
+    *(ValueError, TypeError, IndexError, AttributeError, ParameterError),
+)
+"""What comes of files that are none of these, or whose arrays do not fit together."""
+
+
+class RowsError(AcrcError):
+    """A folder of rows that cannot be read."""
+
+
+@dataclass(frozen=True)
+class JudgedCycle:
+    """One choice beside the original's."""
+
+    category: int
+    here: bool
+    """There is a valid trajectory."""
+    there: bool
+    same: bool = False
+    within_one: bool = False
+    """Speed and turn rate are at most a sample away."""
+    refused: bool = False
+    """The original would not drive it."""
+    regret: float = math.nan
+    """The original's cost of the choice, less that of its own; nan if one of the two has none."""
+
+
+@dataclass(frozen=True)
+class CycleFigures:
+    """Some cycles together; shares are of those in which both have a valid trajectory."""
+
+    cycles: int
+    same: float
+    within_one: float
+    regret_median: float
+    regret_90: float
+    refused: float
+    only_ours: int
+    only_theirs: int
+
+
+@dataclass(frozen=True)
+class PlanFigures:
+    """The plans on one map."""
+
+    pairs: int
+    none: int
+    """Pairs between which there is no plan here."""
+    length_ratio_median: float
+    """Ours by the original's."""
+    length_ratio_max: float
+    farthest_apart: float
+    """From any point of one of ours to the nearest of the original's, m."""
+
+
+def _body() -> RobotModel:
+    return load_model("turtlebot2", None)
+
+
+def check(folder: Path) -> Measured:
+    """Compare with all rows of a folder. Raises RowsError."""
+    logs = dict(_of_files(folder, "local_*.npz", _cycles))
+    judged = [cycle for of_file in logs.values() for cycle in of_file]
+    if not judged:
+        raise RowsError(f"{folder}: holds no local_*.npz; must be a folder of rows of the original")
+    cycles = _by_category(judged)
+    files = {name: _by_category(of_file) for name, of_file in logs.items()}
+    costs = next((found for _, found in _of_files(folder, "inflation.npz", _inflation)), None)
+    plans = dict(found for _, found in _of_files(folder, "global_*.npz", _plans))
+    figures: dict[str, Any] = _as_dicts(cycles)
+    figures["files"] = {name: _as_dicts(of_file) for name, of_file in files.items()}
+    figures["plans"] = {name: asdict(one) for name, one in plans.items()}
+    figures["inflation"] = costs
+    shown: list[Table | str] = [_cycles_shown(cycles), _files_shown(files), *_maps_told(plans, costs)]
+    return Measured(figures, shown, _holds(cycles, plans, costs))
+
+
+def _by_category(judged: Sequence[JudgedCycle]) -> dict[str, CycleFigures]:
+    """All of these cycles, and those of each category."""
+    named = {
+        name: [one for one in judged if one.category == number] for number, name in enumerate(CATEGORIES)
+    }
+    return {"all": _figures(judged), **{name: _figures(of_it) for name, of_it in named.items()}}
+
+
+def _as_dicts(cycles: Mapping[str, CycleFigures]) -> dict[str, Any]:
+    return {name: asdict(one) for name, one in cycles.items()}
+
+
+def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
+    """The name of each of these files, and what comes of it.
+
+    Raises RowsError: a file is somebody's, with any arrays in it.
+    """
+    for file in sorted(folder.glob(pattern)):
+        try:
+            with np.load(file, allow_pickle=False) as rows:
+                found = compare({name: rows[name] for name in rows.files})
+        except KeyError as error:
+            raise RowsError(f"{file}: lacks {error}; must hold the rows of the original") from None
+        except _DAMAGE as error:
+            wrong = f"{file}: cannot be compared: {error}; must hold the rows of the original"
+            raise RowsError(wrong) from None
+        yield file.stem, found
+
+
+def _cycles(rows: Rows) -> list[JudgedCycle]:
+    """Every cycle of a log, chosen anew from what the original got."""
+    model = _body()
+    local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
+    planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
+    for name in ("plan_points", "pose_odometry", "pose_map", "velocity"):
+        if not np.isfinite(rows[name]).all():  # kernels take numbers for places in their arrays
+            raise ValueError(f"{name} must hold finite numbers")
+    side = len(local.squared)
+    if rows["costs"].shape[1:] != (side, side):
+        raise ValueError(f"the windows of costs must have {side} by {side} cells")
+    return [_judged(rows, index, local, planner) for index in range(len(rows["time"]))]
+
+
+def _judged(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> JudgedCycle:
+    column, row = rows["corner"][index]
+    local.restore(_NOW, Cell(int(row), int(column)), (rows["costs"][index] == 254).astype(np.uint8))
+    begin, end = rows["plan_start"][rows["plan"][index] :][:2]
+    planner.follow(np.ascontiguousarray(rows["plan_points"][begin:end]))
+    here, estimate = (Pose(*map(float, rows[name][index])) for name in ("pose_odometry", "pose_map"))
+    barred = np.array([False, False, *rows["barred"][index]])
+    chosen = planner.dynamic_window(here, estimate, Twist(*map(float, rows["velocity"][index])), barred)
+    category, there = int(rows["category"][index]), bool(rows["indigo_valid"][index])
+    if chosen.cost < 0.0 or not there:
+        return JudgedCycle(category, chosen.cost >= 0.0, there)
+    return _compared(rows, index, category, (chosen.speed, chosen.turn))
+
+
+def _compared(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> JudgedCycle:
+    """Both have a valid trajectory."""
+    samples = [values[~np.isnan(values)] for values in (rows["vx"][index], rows["omega"][index])]
+    spacing = [np.ptp(values) / (count - 1) for values, count in zip(samples, (15, 20), strict=True)]
+    nearest = tuple(int(np.abs(values - one).argmin()) for values, one in zip(samples, choice, strict=True))
+    apart = [abs(float(one) - other) for one, other in zip(rows["indigo_choice"][index], choice, strict=True)]
+    refused = bool(rows["indigo_refused"][index][nearest] != 0)
+    regret = math.nan
+    if not refused:
+        # the rows' costs are of 32 bits
+        regret = round(float(rows["indigo_total"][index][nearest] - rows["indigo_cost"][index]), 3) + 0.0
+    return JudgedCycle(
+        category,
+        here=True,
+        there=True,
+        same=max(apart) < _SAME,
+        within_one=all(gap <= 1.01 * step + _SAME for gap, step in zip(apart, spacing, strict=True)),
+        refused=refused,
+        regret=regret,
+    )
+
+
+def _figures(judged: Sequence[JudgedCycle]) -> CycleFigures:
+    both = [one for one in judged if one.here and one.there]
+    regrets = [one.regret for one in both if not math.isnan(one.regret)] or [0.0]
+    share = 1.0 / max(len(both), 1)
+    return CycleFigures(
+        cycles=len(judged),
+        same=share * sum(one.same for one in both),
+        within_one=share * sum(one.within_one for one in both),
+        regret_median=float(np.percentile(regrets, 50)),
+        regret_90=float(np.percentile(regrets, 90)),
+        refused=share * sum(one.refused for one in both),
+        only_ours=sum(one.here and not one.there for one in judged),
+        only_theirs=sum(one.there and not one.here for one in judged),
+    )
+
+
+def _plans(rows: Rows) -> tuple[str, PlanFigures]:
+    """The map's name, and the plans between its pairs of points beside navfn's."""
+    about = json.loads(str(rows["about"]))
+    cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
+    grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
+    parameters = PLANNER_PRESETS[PRESET]
+    planner = NavfnPlanner(global_costs(grid, _body().footprint.circumradius, parameters), parameters)
+    ratios, apart = [], []
+    theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
+    for start, goal, way in zip(rows["starts"], rows["goals"], theirs, strict=True):
+        ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
+        if ours is not None:
+            ratios.append(_length(ours) / _length(way))
+            apart.append(max(map(min, np.hypot(*(ours[:, None] - way[None]).T))))
+    if not ratios:
+        raise ValueError("there is no plan between any of the pairs")
+    middle, most = float(np.median(ratios)), max(ratios)
+    return about["map"], PlanFigures(len(theirs), len(theirs) - len(ratios), middle, most, float(max(apart)))
+
+
+def _length(way: NDArray[np.float64]) -> float:
+    """Return the length of a path of (n, 2) points, m."""
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())
+
+
+def _inflation(rows: Rows) -> dict[str, float]:
+    """Cells, and the share of them with the original's cost."""
+    about = json.loads(str(rows["about"]))
+    marks = np.unpackbits(rows["marks"], axis=-1)
+    parts = {"costs_local": "local", "costs_global": "glob"}
+    equal = sum(_equal(marks, rows[name], about[numbers]) for name, numbers in parts.items())
+    return {"cells": 2 * marks.size, "equal": equal / (2 * marks.size)}
+
+
+def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
+    model = _body()
+    parameters: CostMapParameters = replace(
+        LOCAL_MAP_PRESETS[PRESET],
+        inflation_radius=numbers["inflation_radius"],
+        scaling=numbers["cost_scaling_factor"],
+    )
+    local = CostMap(model.sensor, model.footprint.circumradius, parameters)
+    equal = 0
+    for window, costs in zip(marks, theirs, strict=True):
+        local.restore(_NOW, Cell(0, 0), np.ascontiguousarray(window))
+        equal += int((local.costs() == costs).sum())
+    return equal
+
+
+def _holds(
+    cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
+) -> bool:
+    agree = all(
+        one.same >= LEAST_SAME and one.within_one >= LEAST_WITHIN_ONE and one.regret_90 <= MOST_REGRET
+        for one in cycles.values()
+        if one.cycles
+    )
+    lengths = all(
+        not one.none and abs(ratio - 1) <= MOST_LONGER
+        for one in plans.values()
+        for ratio in (one.length_ratio_median, one.length_ratio_max)
+    )
+    return agree and lengths and (costs is None or costs["equal"] >= LEAST_EQUAL)
+
+
+def _cycles_shown(cycles: Mapping[str, CycleFigures]) -> Table:
+    columns = ("cycles", "n", "same", "within one sample", "regret: median", "90 %", "refused")
+    title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
+    table = Table(*columns, "only ours", "only theirs", title=title)
+    for name, one in cycles.items():
+        shares = (f"{one.same:.1%}", f"{one.within_one:.1%}")
+        regrets = (f"{one.regret_median:.3f}", f"{one.regret_90:.3f}")
+        counts = (f"{one.refused:.1%}", str(one.only_ours), str(one.only_theirs))
+        table.add_row(name.replace("_", " "), str(one.cycles), *shares, *regrets, *counts)
+    return table
+
+
+def _files_shown(files: Mapping[str, Mapping[str, CycleFigures]]) -> Table:
+    names = [name.replace("_", " ") for name in ("all", *CATEGORIES)]
+    table = Table("file", *names, title="same, within one sample, of n cycles")
+    for file, cycles in files.items():
+        cells = [f"{one.same:.1%}, {one.within_one:.1%}, {one.cycles}" for one in cycles.values()]
+        table.add_row(file, *cells)
+    return table
+
+
+def _maps_told(plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None) -> list[str]:
+    told = []
+    for name, plan in plans.items():
+        lengths = f"{plan.length_ratio_median:.4f} in the median, at most {plan.length_ratio_max:.4f}"
+        told.append(
+            f"plans on {name}: {plan.pairs - plan.none} of {plan.pairs}; length by navfn's {lengths}; "
+            f"at most {plan.farthest_apart:.3f} m apart"
+        )
+    if costs is not None:
+        told.append(f"costs after inflation: {costs['equal']:.2%} of {costs['cells']:.0f} cells are equal")
+    return told

@@ -1,0 +1,420 @@
+"""`acrc bench radio`: speed of the medium, the firmware's carrier sense, and the figures of docs/radio.md."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from acrc_testbed.benchmarks.measured import Measured, table_of
+from acrc_testbed.benchmarks.radio.trials import SECOND, LossTable, OperatingPoint, contend, points, scene
+from acrc_testbed.picture import style
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.ieee802154 import airtime_ns
+from actors.installation.repository import SHIPPED
+from actors.installation.usage import OptionError
+from actors.radio.medium.medium import Medium, Poisson, Request
+from actors.radio.medium.reception import frame_error_rate
+from actors.radio.medium.state import Outcome, Transceiver
+from actors.radio.propagation.indoor import IndoorPropagation, ShadowingParameters
+from actors.radio.propagation.interferers import Wifi, WifiParameters
+from actors.radio.propagation.walls import build
+from actors.radio.radio_model import RadioParameters, RadioSetup, needed_dbm, preset, radio_model
+
+PER_FLOOR: Final = 20
+"""Robots to each copy of the floor plan."""
+_CROWD_OCTETS: Final = 100
+_STEP_NS: Final = SECOND // 10
+
+
+def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int = 1) -> float:
+    """CPU time, µs, of one frame: preset `chapter`, a frame a second from each robot, everybody listens.
+
+    Copies of the plan lie side by side in a rectangle, with 20 robots to each; robots stand at random on free
+    cells and swing to and fro by up to 0.3 m, so that no loss is known from before.
+    """
+    parameters = preset("chapter")
+    copies = max(1, round(robots / PER_FLOOR))
+    wide = math.ceil(math.sqrt(copies))
+    floor = OccupancyGrid(np.tile(plan.cells, (-(-copies // wide), wide)), plan.resolution, plan.origin)
+    medium = Medium(
+        [parameters.transceiver.numbered(1 + number) for number in range(robots)],
+        IndoorPropagation(parameters.propagation, build(floor, parameters.propagation.walls)),
+        parameters.phy,
+        seed=seed,
+    )
+    rng = np.random.default_rng(seed)
+    free = np.argwhere(floor.free)
+    places = (free[rng.integers(0, len(free), robots)][:, ::-1] + 0.5) * plan.resolution + plan.origin
+    swing = rng.uniform(-0.3, 0.3, (robots, 2))
+
+    def where(instant_ns: int) -> NDArray[np.float64]:
+        at: NDArray[np.float64] = places + swing * math.sin(instant_ns / 1e9)
+        return at
+
+    medium.follow(where)
+    for number in range(robots):
+        medium.offer(number, Poisson(_CROWD_OCTETS, 1.0))
+    medium.run(SECOND)  # kernels are loaded, queues filled
+    sent = int(medium.counters()["sent"].sum())
+    begun = time.process_time()
+    for until_ns in range(SECOND + _STEP_NS, (1 + seconds) * SECOND + 1, _STEP_NS):
+        medium.run(until_ns)
+    spent = time.process_time() - begun
+    return 1e6 * spent / (int(medium.counters()["sent"].sum()) - sent)
+
+
+_SPACING_NS: Final = 45_000_000
+"""Between frames that shall not meet: longer than the longest channel access."""
+_ARRIVES: Final = "share of frames that arrive"
+_WIDTH, _HEIGHT = 7.6, 3.8
+"""Inches."""
+_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#000000")
+"""Told apart by the colour-blind (Okabe and Ito, "Color Universal Design", 2008); black: others' dots."""
+_LENGTHS: Final = (20, 60, 127)
+_PLOTTED_LOADS: Final = ("0.200", "0.800", "sat")
+MEASURED_LINKS: Final[Mapping[int, float]] = {
+    -96: 0.1494, -95: 0.2340, -94: 0.4071, -93: 0.6359, -92: 0.6866, -91: 0.7476, -90: 0.8603, -89: 0.8702,
+    -88: 0.9324, -87: 0.9427, -86: 0.9562, -85: 0.9611, -84: 0.9739, -83: 0.9745, -82: 0.9844, -81: 0.9854,
+    -80: 0.9903,
+}  # fmt: skip
+"""Share of frames over signal strength, dBm, as measured by motes in a building: the connectivity data "dust"
+of wsn.eecs.berkeley.edu, as the 6TiSCH simulator gives them (SimEngine/Connectivity.py)."""
+
+
+@dataclass(frozen=True)
+class PlotTask:
+    """What is drawn from how much."""
+
+    frames: int = 1000
+    """Per measured point."""
+    places: int = 4000
+    """Pairs of places that shadowing is averaged over."""
+    seeds: int = 2
+    """Runs per point of contention."""
+    senders: tuple[int, ...] = (2, 5, 10, 20, 50)
+    transmitter: tuple[float, float] = (12.0, 5.0)
+    """Of the map of the corridor, m: the first robot's start."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points that belong together: joined by a line, or as dots."""
+
+    name: str
+    """Empty: not in the legend."""
+    x: Sequence[float]
+    y: Sequence[float]
+    colour: int
+    """Index into _COLOURS."""
+    dots: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Lines and dots over two axes."""
+
+    title: str
+    label: str
+    """Of x."""
+    ticks: Sequence[float]
+    """Of x, which goes from the first to the last."""
+    series: Sequence[Series]
+    shares: str = _ARRIVES
+    """What y shows."""
+    logarithmic: bool = False
+
+
+_KEY_COUNTED: Final = Series("dots: counted", (), (), 3, dots=True)
+_KEY_NS3: Final = Series("dots: ns-3.44", (), (), 3, dots=True)
+
+
+def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None) -> Measured:
+    """Write the figures into the folder; without the reference's data, without its dots."""
+    task = task or PlotTask()
+    folder.mkdir(parents=True, exist_ok=True)
+    charts = {
+        "reach.svg": _reach(task),
+        "error_rate.svg": _error_rate(_points(data, "a_per")),
+        "grey_zone.svg": _grey_zone(task),
+        "wifi.svg": _wifi(task),
+        "contention.svg": _contention(task, _points(data, "c_contention")),
+    }
+    for name, one in charts.items():
+        _drawn(one, folder / name)
+    _corridor(folder / "corridor.png", map_file, task)
+    written = [str(folder / name) for name in (*charts, "corridor.png")]
+    dots = [] if data else ["Without the dots of ns-3, whose figures --data gives."]
+    return Measured({"written": written, "reference": data is not None}, [*written, *dots])
+
+
+def _drawn(chart: Chart, path: Path) -> None:
+    with style.applied(style.LOOK):
+        figure = style.new_figure(_WIDTH, _HEIGHT)
+        axes = figure.subplots()
+        if chart.logarithmic:
+            axes.set_xscale("log")
+        for one in chart.series:
+            form = {"linestyle": "none", "marker": "o", "markersize": 4} if one.dots else {"linewidth": 1.5}
+            axes.plot(one.x, one.y, color=_COLOURS[one.colour], label=one.name or "_", **form)
+        axes.set(title=chart.title, xlabel=chart.label, ylabel=chart.shares)
+        axes.set(xlim=(chart.ticks[0], chart.ticks[-1]), ylim=(0.0, 1.02))
+        axes.set_xticks(chart.ticks, [f"{tick:g}" for tick in chart.ticks])
+        axes.minorticks_off()
+        axes.grid(color="#dddddd")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        style.save(figure, path)
+
+
+def _points(data: Path | None, family: str) -> list[OperatingPoint]:
+    return [] if data is None else points(data, family)
+
+
+def _heard(
+    parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
+) -> float:
+    """The share of 127-octet frames over a distance in line of sight, counted in the medium."""
+    propagation = IndoorPropagation(parameters.propagation)
+    stations = [Wifi(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))] if wifi else []
+    pair = [replace(parameters.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(pair, propagation, parameters.phy, seed=1, interferers=stations)
+    medium.place(np.array([[0.0, 0.0], [distance, 0.0]]))
+    medium.submit(Request(k * _SPACING_NS, 0, 127, tag=k) for k in range(task.frames))
+    medium.run(task.frames * _SPACING_NS)
+    return float(medium.outcomes()[1, Outcome.HEARD]) / task.frames
+
+
+def _arriving(
+    parameters: RadioParameters, loss_db: NDArray[np.float64], octets: int = 127
+) -> NDArray[np.float64]:
+    """The same by the formula, for losses."""
+    snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
+    arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, octets)
+    return arriving
+
+
+def _reach(task: PlotTask) -> Chart:
+    distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
+    away = np.stack([distances, np.zeros(300)], axis=1)
+    series = [_KEY_COUNTED]
+    for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
+        parameters = preset(name)
+        propagation = IndoorPropagation(parameters.propagation)
+        shares = _arriving(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
+        series.append(Series(name, distances.tolist(), shares.tolist(), colour))
+        grey = distances[(shares > 0.005) & (shares < 0.995)]
+        measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()
+        counted = [_heard(parameters, d, task) for d in measured]
+        series.append(Series("", measured, counted, colour, dots=True))
+    label, ticks = "distance in line of sight, m", (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
+    return Chart("How far 127-octet frames get", label, ticks, series, logarithmic=True)
+
+
+def _error_rate(reference: list[OperatingPoint]) -> Chart:
+    ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
+    series = [_KEY_NS3] if reference else []
+    for colour, octets in enumerate(_LENGTHS):
+        rates = frame_error_rate(ratios, octets).tolist()
+        series.append(Series(f"{octets} octets", ratios.tolist(), rates, colour))
+        found = [p for p in reference if p.settings["psdu"] == str(octets)]
+        at = [float(p.settings["rx_dbm"]) - float(p.settings["noise_dbm"]) for p in found]
+        series.append(Series("", at, [p.figures["per"].value for p in found], colour, dots=True))
+    label, ticks = "signal to noise, dB", (-3, -2, -1, 0, 1, 2, 3, 4)
+    return Chart("Frames lost in white noise", label, ticks, series, "share of frames lost")
+
+
+def _grey_zone(task: PlotTask) -> Chart:
+    """Over the mean received power: that of a link whose shadowing is not known."""
+    parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
+    ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, task.places, 2))
+    series = []
+    for colour, sigma in enumerate((0.0, 3.0, 6.0)):
+        shadows: NDArray[np.float64] = np.zeros(task.places)
+        if sigma:
+            flat = replace(
+                parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf
+            )
+            told = replace(parameters.propagation, path_loss=flat, shadowing=ShadowingParameters(sigma))
+            propagation = IndoorPropagation(told, None, np.random.default_rng(2))
+            rows = [
+                propagation.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)
+            ]
+            shadows = np.array(rows) - 200.0
+        losses = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
+        shares = _arriving(parameters, losses).mean(axis=1).tolist()
+        series.append(Series(f"shadowing {sigma:g} dB", powers.tolist(), shares, colour))
+    series.append(Series("dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()), 3, dots=True))
+    label, ticks = "mean received power, dBm", (-100, -96, -92, -88, -84, -80)
+    return Chart("The grey zone of 127-octet frames", label, ticks, series)
+
+
+def _wifi(task: PlotTask) -> Chart:
+    parameters, series = preset("chapter"), []
+    distances = np.geomspace(1.0, 40.0, 12).tolist()
+    for colour, duty in enumerate((0.1, 0.3, 0.6)):
+        shares = [_heard(parameters, 3.0, task, WifiParameters(3.0, d, 1, duty)) for d in distances]
+        series.append(Series(f"on {duty:.0%} of the time", distances, shares, colour, dots=True))
+        series.append(Series("", distances, shares, colour))
+    title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
+    label, ticks = "distance of the Wi-Fi station from the receiver, m", (1, 2, 3, 5, 8, 12, 20, 40)
+    return Chart(title, label, ticks, series, logarithmic=True)
+
+
+def _contention(task: PlotTask, reference: list[OperatingPoint]) -> Chart:
+    series = [_KEY_NS3] if reference else []
+    for colour, load in enumerate(_PLOTTED_LOADS):
+        name = "backlogged" if load == "sat" else f"G = {float(load):g}"
+        shares = []
+        for senders in task.senders:
+            stage = scene("c_contention", {"n": str(senders), "psdu": "60", "load": load})
+            shares.append(
+                float(np.mean([contend(stage, seed)["pdr_tx"] for seed in range(1, task.seeds + 1)]))
+            )
+        series.append(Series(name, task.senders, shares, colour))
+        found = [p for p in reference if (p.settings["psdu"], p.settings["load"]) == ("60", load)]
+        at = [float(p.settings["n"]) for p in found]
+        heard = [p.figures["pdr_tx"].value for p in found]
+        series.append(Series("", at, heard, colour, dots=True))
+    label, ticks = "senders, all in range of each other", (2, 5, 10, 20, 50)
+    return Chart("60-octet broadcasts that arrive, of those sent", label, ticks, series, logarithmic=True)
+
+
+def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
+    """Received power on the free floor: darker is stronger; red: fewer than half of the frames arrive."""
+    setup = RadioSetup(1, 100_000, (), "chapter", str(map_file))
+    found, grid = radio_model(setup), load_map(map_file)
+    x, y = (axis[1::4] for axis in grid.centres())
+    spots = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    loss = found.propagation.loss_db(np.array([task.transmitter]), spots)[0].reshape(len(y), len(x))
+    power = found.parameters.transceiver.tx_power_dbm - loss
+    weakest = needed_dbm(found.parameters)
+    light = np.clip((-40.0 - power) / (-40.0 - weakest), 0.0, 1.0)
+    colours = np.stack([60 + 160 * light, 90 + 140 * light, 160 + 70 * light], axis=-1)
+    colours[power < weakest] = (230, 150, 130)
+    cells = grid.cells[1::4, 1::4]
+    colours[cells != FREE] = (255, 255, 255)
+    for shift_y, shift_x in np.ndindex(4, 4):  # a wall is thinner than a pixel
+        rows, columns = len(y), len(x)
+        part = np.zeros((rows, columns), np.bool_)
+        some = grid.cells[shift_y::4, shift_x::4][:rows, :columns] == OCCUPIED
+        part[: some.shape[0], : some.shape[1]] = some
+        colours[part] = (0, 0, 0)
+    image = Image.fromarray(np.flipud(colours).astype(np.uint8))
+    image.resize((image.width * 3, image.height * 3), Image.Resampling.NEAREST).save(file, optimize=True)
+
+
+_CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
+_SENDERS: Final = (1, 10, 50, 200)
+_CROWDS: Final = (20, 50, 100, 200, 500)
+_FRAMES_EACH: Final = 2000
+"""About as many does a crowd send in one measurement."""
+_LOADS: Final = (0.2, 0.8)
+"""G, of all senders together; arrivals are Poisson."""
+_OCTETS: Final = 60
+_FRAMES: Final = 50_000
+"""About as many are offered in one measurement of speed."""
+_REPEATS: Final = 5
+"""The median counts."""
+_ROBOTS: Final = 10
+"""Where assessments are compared: at random in a square, exponent 3, all at -10 dBm."""
+_SIDES: Final = (3.0, 10.0, 20.0, 30.0)
+"""Of the square, m."""
+_PAIR_LOADS: Final = (0.1, 0.4)
+_SECONDS: Final = 60
+_DRAWS: Final = 10
+"""Of where the robots stand."""
+
+
+def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:
+    """Measure; or, with `out`, only draw the figures of docs/radio.md into that folder.
+
+    `data`: a folder with figures of ns-3, for its dots. `map_file`: whose floor crowds and the last figure
+    have.
+    """
+    if out is not None:
+        return draw(out, map_file, data)
+    if data is not None:
+        raise OptionError("--data: needs --out; without it nothing is drawn")
+    speeds = [
+        {"senders": senders, "load": load, "medium": round(_speed(senders, load))}
+        for senders in _SENDERS
+        for load in _LOADS
+    ]
+    crowds = [{"robots": robots, "us": _crowd(robots, map_file)} for robots in _CROWDS]
+    costs = [_cost(side, load) for side in _SIDES for load in _PAIR_LOADS]
+    rows = [{name: f"{value:.3g}" for name, value in one.items()} for one in costs]
+    shown = (
+        table_of(speeds, "the medium alone: frames on the air per CPU second"),
+        table_of(
+            [{"robots": one["robots"], "µs": f"{one['us']:.0f}"} for one in crowds],
+            f"the medium alone, {PER_FLOOR} driving robots to each copy of the floor: CPU time of a frame",
+        ),
+        table_of(rows, "mean pair delivery, robots in a square"),
+    )
+    return Measured({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
+
+
+def _crowd(robots: int, map_file: Path) -> float:
+    """CPU time of a frame, µs."""
+    plan, seconds = load_map(map_file), -(-_FRAMES_EACH // robots)
+    return median(frame_cost(plan, robots, seconds, seed) for seed in range(1, _REPEATS + 1))
+
+
+def _speed(senders: int, load: float) -> float:
+    return median(medium_speed(senders, load, _OCTETS, _FRAMES, seed) for seed in range(1, _REPEATS + 1))
+
+
+def medium_speed(senders: int, load: float, octets: int, frames: int, seed: int = 1) -> float:
+    """Frames on the air per CPU second of the medium, all transceivers in range of one another."""
+    parameters = preset("ns3")
+    losses = LossTable(np.full((senders + 1, senders + 1), 60.0))
+    transceivers = [parameters.transceiver.numbered(address) for address in range(senders + 1)]
+    medium = Medium(transceivers, losses, parameters.phy, seed=seed, watched=[senders])
+    medium.place(losses.places)
+    per_second = load * SECOND / airtime_ns(octets)
+    for sender in range(senders):
+        medium.offer(sender, Poisson(octets, per_second / senders))
+    medium.run(SECOND)  # kernels are loaded and rows of losses known
+    before = int(medium.counters()["sent"].sum())
+    begun = time.process_time()
+    medium.run(SECOND + round(frames / per_second * SECOND))
+    spent = time.process_time() - begun
+    return (int(medium.counters()["sent"].sum()) - before) / spent
+
+
+def _cost(side: float, load: float) -> dict[str, float]:
+    """What pairs deliver with a textbook's clear channel assessment and with the BEE-click firmware's.
+
+    Textbook: energy from 10 dB above the sensitivity, or while receiving. Firmware: energy from -69 dBm alone
+    (d3scomp/beeclickarm, MRF24J40.cpp, CCAEDTH and BBREG2). All else is as in preset `ns3`, also places and
+    arrivals, so that only the assessment differs.
+    """
+    textbook = replace(preset("ns3").transceiver, tx_power_dbm=-10.0)
+    hardware = preset("beeclick").transceiver
+    firmware = replace(textbook, cca=hardware.cca, cca_threshold_dbm=hardware.cca_threshold_dbm)
+    means = [
+        float(np.mean([_delivery(settings, side, load, draw) for draw in range(_DRAWS)]))
+        for settings in (textbook, firmware)
+    ]
+    loss = (1 - means[1]) / (1 - means[0])
+    return {"side": side, "load": load, "textbook": means[0], "firmware": means[1], "times_the_loss": loss}
+
+
+def _delivery(settings: Transceiver, side: float, load: float, draw: int) -> float:
+    """Mean over all pairs: frames heard of those sent."""
+    ns3 = preset("ns3")
+    transceivers = [settings.numbered(address) for address in range(_ROBOTS)]
+    medium = Medium(transceivers, IndoorPropagation(ns3.propagation), ns3.phy, seed=draw, watched=())
+    medium.place(np.random.default_rng(draw).uniform(0.0, side, (_ROBOTS, 2)))
+    for robot in range(_ROBOTS):
+        medium.offer(robot, Poisson(_OCTETS, load * SECOND / airtime_ns(_OCTETS) / _ROBOTS))
+    medium.run(_SECONDS * SECOND)
+    heard, sent = medium.outcomes()[:, Outcome.HEARD].sum(), medium.counters()["sent"].sum()
+    return float(heard / (sent * (_ROBOTS - 1)))

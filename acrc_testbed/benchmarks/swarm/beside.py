@@ -1,0 +1,246 @@
+"""`acrc bench beside`: runs of this state of the project and of another one in turn, and how they compare."""
+
+import json
+import math
+import os
+import subprocess
+import tempfile
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Final, get_args
+
+from rich.table import Table
+
+from acrc_testbed.benchmarks.commands import spent
+from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average
+from actors.console import screen
+from actors.installation.repository import REPOSITORY, clone
+from actors.installation.usage import OptionError, wrong_value
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS
+from actors.runtime.errors import AcrcError
+from deploy.run.options import Bus
+
+HERE: Final = "here"
+ROBOTS: Final = (4, 20, 100)
+_FOREIGN: Final = ("PYTHONPATH", "NUMBA_")
+"""Prefixes of environment variables that would bring code of one state into the other."""
+_MOST_S: Final = 120.0
+_LEAST_S: Final = 20.0
+_ROBOT_S: Final = 1200.0
+"""Robots times simulated seconds of a run, so that all sizes take about as long."""
+_WARM_UP_S: Final = 2.0
+_WORDS: Final = {
+    "wall_s": "wall, first step to last, s",
+    "command_s": "wall, the whole command, s",
+    "cpu_s": "CPU, all processes, s",
+}
+
+
+@dataclass(frozen=True)
+class PairedCase:
+    """A swarm that both states run."""
+
+    robots: int
+    seconds: float
+    """Simulated."""
+    bus: str
+    seed: int | None = None
+    """None: the scenario's."""
+    scenario: Path | None = None
+    """Absolute; None: the scenario `chapter` of each state."""
+    navigation: str | None = None
+    """Preset of this state only; None: the scenario's."""
+
+
+@dataclass(frozen=True)
+class RunCost:
+    """Digest and cost of one run."""
+
+    digest: str
+    wall_s: float
+    """From the first step to the last."""
+    command_s: float
+    """Of the whole command."""
+    cpu_s: float
+    """Of all processes of the command."""
+
+
+@dataclass(frozen=True)
+class ProjectState:
+    """A clone whose `acrc` makes its own `.venv` at its first call."""
+
+    name: str
+    folder: Path
+
+    @property
+    def chapter(self) -> Path:
+        """Return its scenario `chapter`."""
+        return self.folder / "scenarios" / "chapter.toml"
+
+    def run(self, case: PairedCase) -> RunCost:
+        """Run the case once, in a temporary folder. Raises AcrcError."""
+        seed = () if case.seed is None else ("--seed", str(case.seed))
+        own = () if case.navigation is None or self.name != HERE else ("--navigation", case.navigation)
+        env = {name: value for name, value in os.environ.items() if not name.startswith(_FOREIGN)}
+        with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+            words = (
+                *(str(self.folder / "acrc"), "run", str(case.scenario or self.chapter)),
+                *("--robots", str(case.robots), "--duration", f"{case.seconds:g}", *seed, *own),
+                *("--bus", case.bus, "--json", "--out", str(Path(folder) / "out")),
+            )
+            of = spent(words, self.folder, env)
+        try:
+            told = json.loads(of.answer)
+            return RunCost(told["digest"], told["wall_s"], of.wall_s, of.cpu_s)
+        except (ValueError, KeyError, TypeError):
+            raise AcrcError(f"{self.name}: acrc run --json answers {of.answer[:80]!r}, no result") from None
+
+    def properties(self) -> dict[str, object]:
+        """Return Python version and number of packages of its `.venv`, once it has run, and its scenario."""
+        try:
+            scenario = tomllib.loads(self.chapter.read_text())
+        except (OSError, ValueError) as error:
+            raise OptionError(
+                f"{self.chapter}: cannot be read ({error}); --scenario FILE replaces it"
+            ) from None
+        packages = self.folder.glob(".venv/lib/python*/site-packages/*.dist-info")
+        python = spent([str(self.folder / ".venv" / "bin" / "python"), "-V"]).answer.strip()
+        return {"Python": python, "number of packages": len(list(packages)), "scenario chapter": scenario}
+
+
+Pair = tuple[RunCost, RunCost]
+"""Of this state and of the other one."""
+
+
+@contextmanager
+def other(what: str) -> Iterator[ProjectState]:
+    """Open the folder of a clone, or a commit in a temporary worktree. Raises OptionError and AcrcError."""
+    if Path(what).is_dir():
+        if not (Path(what) / "acrc").is_file():
+            raise wrong_value("COMMIT", what, "a clone, which has a file acrc")
+        yield ProjectState(what, Path(what).resolve())
+        return
+    if _git("rev-parse", "--verify", "--quiet", f"{what}^{{commit}}", "--").returncode != 0:
+        raise wrong_value("COMMIT", what, "a commit of this repository, or the folder of a clone")
+    with tempfile.TemporaryDirectory(prefix="acrc-") as scratch:
+        folder = Path(scratch) / "clone"
+        try:
+            made = _git("worktree", "add", "--detach", str(folder), what)
+            if made.returncode != 0:
+                raise AcrcError(f"git worktree add {what} fails: {made.stderr.strip()[-300:]}")
+            if not (folder / "acrc").is_file():
+                raise wrong_value("COMMIT", what, "one that has a file acrc")
+            yield ProjectState(what, folder)
+        finally:
+            _git("worktree", "remove", "--force", str(folder))
+
+
+def _git(*words: str) -> "subprocess.CompletedProcess[str]":
+    try:
+        return subprocess.run(
+            ["git", "-C", str(REPOSITORY), *words], capture_output=True, text=True, check=False
+        )
+    except OSError as error:
+        raise AcrcError(f"git cannot be started: {error.strerror}; give the folder of a clone") from None
+
+
+def measure(
+    commit: str | None = None,
+    robots: Sequence[int] = ROBOTS,
+    duration: float | None = None,
+    seed: int | None = None,
+    scenario: Path | None = None,
+    bus: str = "zenoh",
+    pairs: int = 5,
+    navigation: str | None = None,
+) -> Measured:
+    """Run each number of robots in `pairs` pairs, beside `commit` or the clone in that folder.
+
+    `duration`: simulated s; None: 120 s for few robots, 20 s for many. `navigation`: preset of this state, to
+    compare it with a state that has another one and no option for it.
+    """
+    if commit is None:
+        raise OptionError("COMMIT: is missing; must be as in acrc bench beside HEAD~1")
+    if bus not in get_args(Bus):
+        raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
+    if navigation is not None and navigation not in NAVIGATION_PRESETS:
+        raise wrong_value("--navigation", navigation, " or ".join(NAVIGATION_PRESETS))
+    if scenario is not None and not scenario.is_file():
+        raise wrong_value("--scenario", scenario, "a file")
+    path = None if scenario is None else scenario.resolve()
+    lengths = {count: duration or min(_MOST_S, max(_LEAST_S, _ROBOT_S // count)) for count in robots}
+    cases = [PairedCase(count, lengths[count], bus, seed, path, navigation) for count in robots]
+    mine = ProjectState(HERE, clone("acrc bench beside"))
+    with other(commit) as theirs:
+        for state in (mine, theirs):
+            _say(f"{state.name}: installs packages and compiles kernels …")
+            state.run(replace(min(cases, key=lambda case: case.robots), seconds=_WARM_UP_S))
+        warnings = list(_differences(mine, theirs, scenario is None))
+        for sentence in warnings:
+            _say(sentence)
+        found = [(case, _measured(case, mine, theirs, pairs)) for case in cases]
+    figures = [
+        {
+            "robots": case.robots, "simulated_s": case.seconds, "bus": case.bus,
+            "pairs": [{mine.name: asdict(one), theirs.name: asdict(two)} for one, two in of_case],
+            "times_as_fast": {name: _times(of_case, name)._asdict() for name in _WORDS},
+            "digests_equal": _digests_equal(of_case),
+        }
+        for case, of_case in found
+    ]  # fmt: skip
+    shown = [one for case, of_case in found for one in _shown(case, of_case, theirs.name)]
+    return Measured({"unlike": warnings, "cases": figures}, [*shown, *warnings])
+
+
+def _say(sentence: str) -> None:
+    screen(stderr=True).print(sentence)
+
+
+def _differences(mine: ProjectState, theirs: ProjectState, own_scenarios: bool) -> Iterator[str]:
+    """Name the differences of the states that change their times or their work."""
+    one, two = mine.properties(), theirs.properties()
+    for name, value in one.items():
+        if name != "scenario chapter" and value != two[name]:
+            yield f"{name}: {value} here, {two[name]} there; times do not compare"
+        elif own_scenarios and value != two[name]:
+            yield f"{name}: differs; --scenario FILE has both run the same one"
+
+
+def _measured(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs: int) -> list[Pair]:
+    """Run the pairs in alternating order, so that a drift of the machine affects both states alike."""
+    found: list[Pair] = []
+    for number in range(pairs):
+        _say(f"{case.robots} robots, pair {number + 1} of {pairs} …")
+        if number % 2 == 0:
+            one = mine.run(case)
+            found.append((one, theirs.run(case)))
+        else:
+            two = theirs.run(case)
+            found.append((mine.run(case), two))
+    return found
+
+
+def _times(pairs: Sequence[Pair], name: str) -> ConfidenceInterval:
+    """Return the mean ratio of the other state's figure to ours, over pairs, on the logarithmic scale."""
+    logs = [math.log(getattr(theirs, name) / getattr(mine, name)) for mine, theirs in pairs]
+    return ConfidenceInterval(*map(math.exp, average(logs)))
+
+
+def _digests_equal(pairs: Sequence[Pair]) -> bool:
+    return len({one.digest for pair in pairs for one in pair}) == 1
+
+
+def _shown(case: PairedCase, pairs: Sequence[Pair], name: str) -> list[Table | str]:
+    title = f"{case.robots} robots, {case.seconds:g} s simulated, --bus {case.bus}, {len(pairs)} pairs"
+    table = Table("medians", HERE, name, "here, times as fast", "95 % interval", title=title)
+    for figure, words in _WORDS.items():
+        one, two = (median(getattr(run, figure) for run in runs) for runs in zip(*pairs, strict=True))
+        times = _times(pairs, figure)
+        interval = f"{times.low:.2f} to {times.high:.2f}"
+        table.add_row(words, f"{one:.2f}", f"{two:.2f}", f"{times.value:.2f}", interval)
+    equal = "equal" if _digests_equal(pairs) else "different, so the two do different work"
+    return [table, f"digests: {equal}"]

@@ -1,0 +1,332 @@
+"""Speed of physics and scans alone, beside navground, pymunk and given figures of Stage."""
+
+import dataclasses
+import importlib.util
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from statistics import median
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import pymunk
+from numpy.random import Generator
+from numpy.typing import NDArray
+from rich.table import Table
+
+from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
+from actors.floor.grid import OccupancyGrid, outline
+from actors.floor.map_file import load_map
+from actors.floor.placement import draw_points
+from actors.geometry import Pose, Twist
+from actors.installation.repository import SHIPPED
+from actors.messages import NO_ECHO_MM
+from actors.robot_model import RobotModel, load_model, scan_angles
+from actors.world.physics import Arena
+from actors.world.sensing import RangeSensors
+
+T = TypeVar("T")
+
+
+def best(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) -> float:
+    """CPU seconds of the fastest of several repeats of `work`, after one that does not count.
+
+    Each gets a new result of `prepare`, whose own time is left out.
+    """
+    work(prepare())
+    times = []
+    for _ in range(repeats):
+        thing = prepare()
+        begun = time.process_time()
+        work(thing)
+        times.append(time.process_time() - begun)
+    return min(times)
+
+
+def turtlebot(rays: int) -> RobotModel:
+    """The chapter's robot with so many rays."""
+    model = load_model("turtlebot2", "chapter")
+    return dataclasses.replace(model, sensor=model.sensor.model_copy(update={"rays": rays}))
+
+
+def strewn(grid: OccupancyGrid, count: int, rng: Generator) -> list[Pose]:
+    """So many poses on the largest region of the map, apart from each other and from the walls."""
+    points = draw_points(grid, count, rng=rng, clearance=0.25, apart=0.5)
+    return [Pose(x, y, rng.uniform(-np.pi, np.pi)) for x, y in points]
+
+
+def wishes(count: int, seconds_long: int, seed: int) -> list[list[Twist]]:
+    """A new random velocity for each robot and second: forward up to 0.5 m/s, turning up to 1 rad/s."""
+    draws: NDArray[np.float64] = np.random.default_rng(seed).uniform(
+        (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (seconds_long, count, 3)
+    )
+    return [[Twist(*draw) for draw in second] for second in draws.tolist()]
+
+
+def navground_version() -> str | None:
+    """Of the installed navground; None if there is none."""
+    return metadata.version("navground") if importlib.util.find_spec("navground") else None
+
+
+def navground_speed(
+    grid: OccupancyGrid, robots: int, rays: int, seconds_long: int, repeats: int, seed: int
+) -> float | None:
+    """Simulated seconds per CPU second; None if it is not installed."""
+    if navground_version() is None:
+        return None
+    steps = wishes(robots, seconds_long, seed)
+    return seconds_long / best(
+        lambda: _NavgroundSwarm(grid, robots, rays, seed), lambda swarm: swarm.simulate(steps), repeats
+    )
+
+
+class _NavgroundSwarm:
+    """Robots with lidars among walls."""
+
+    def __init__(self, grid: OccupancyGrid, robots: int, rays: int, seed: int) -> None:
+        self.core, self.sim = (importlib.import_module(f"navground.{name}") for name in ("core", "sim"))
+        self.model = turtlebot(rays)
+        self.world = self.sim.World()
+        for x0, y0, x1, y1 in outline(grid).tolist():
+            self.world.add_wall(self.sim.Wall((x0, y0), (x1, y1)))
+        poses = strewn(grid, robots, np.random.default_rng(seed))
+        self.robots = [self._robot(pose) for pose in poses]
+
+    def simulate(self, steps: list[list[Twist]]) -> None:
+        """Drive and scan in steps of 0.1 s, with new wishes every second."""
+        for twists in steps:
+            for (agent, _, _), twist in zip(self.robots, twists, strict=True):
+                wish = self.core.Twist2((twist.vx, 0.0), twist.omega, self.core.Frame.relative)
+                agent.behavior.target = self.core.Target.Twist(wish)
+            for _ in range(10):
+                self.world.run(1, 0.1)
+                for agent, lidar, scan in self.robots:  # by hand: its agents scan for learned behaviours only
+                    lidar.update(agent, self.world, scan)
+
+    def _robot(self, pose: Pose) -> tuple[Any, Any, Any]:
+        """An agent, its lidar, and what that writes to."""
+        drive = self.core.kinematics.TwoWheelsDifferentialDriveKinematics(
+            max_speed=self.model.drive.speed * 2, wheel_axis=0.23, max_forward_speed=self.model.drive.speed
+        )
+        agent = self.sim.Agent(
+            radius=self.model.footprint.circumradius,
+            behavior=self.core.Behavior.make_type("Dummy"),
+            kinematics=drive,
+            control_period=0.1,
+        )
+        agent.pose = self.core.Pose2((pose.x, pose.y), pose.heading)
+        self.world.add_agent(agent)
+        sensor = self.model.sensor
+        lidar = self.sim.state_estimations.LidarStateEstimation(
+            range=sensor.range_max, resolution=sensor.rays, position=(sensor.x, sensor.y)
+        )
+        scan = self.core.SensingState()
+        lidar.prepare_state(scan)
+        return agent, lidar, scan
+
+
+@dataclass(frozen=True)
+class ScanTask:
+    """Size of a measurement."""
+
+    rays: tuple[int, ...] = (64, 128, 640)
+    robots: int = 20
+    repeats: int = 15
+    """The fastest counts."""
+    peer_repeats: int = 3
+    """The same for pymunk."""
+    seed: int = 1
+    ratio_goal: float = 20.0
+    difference_goal_mm: float = 5.0
+
+
+def measure_scans(map_file: Path, task: ScanTask | None = None) -> Measured:
+    """The speeds for each number of rays on that map."""
+    task = task or ScanTask()
+    speeds = [_measure_scan(map_file, rays, task) for rays in task.rays]
+    goals = []
+    for speed in speeds:
+        rays = f"pymunk with {speed['rays']} rays"
+        goals.append(at_least(f"times {rays}", speed["ratio"], task.ratio_goal))
+        goals.append(at_most(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
+    figures = {"task": asdict(task), "speeds": speeds, "goal_met": all(goal.met for goal in goals)}
+    title = f"scans by {task.robots} robots on {map_file.name}; disagreements: share of rays beyond 5 mm"
+    return Measured(figures, (_table(speeds, title), *map(str, goals)))
+
+
+def _table(rows: Sequence[Mapping[str, float | None]], title: str) -> Table:
+    """Return a table of numbers with four significant digits."""
+    shown = [{name: "-" if value is None else f"{value:.4g}" for name, value in row.items()} for row in rows]
+    return table_of(shown, title)
+
+
+def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]:
+    """Return scans per CPU second of ours and of pymunk, one query per ray, and how far both differ."""
+    grid, model = load_map(map_file), turtlebot(rays)
+    rng = np.random.default_rng(task.seed)
+    poses = strewn(grid, task.robots, rng)
+    everyone, where, nothing = range(task.robots), np.array(poses), np.empty((0, 3))
+    sensors = RangeSensors(grid, [model] * task.robots, rng.spawn(task.robots))
+    sensor, radius = model.sensor, model.footprint.circumradius
+    peer = _PymunkScene(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
+    ours = task.robots / best(lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats)
+    theirs = task.robots / best(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
+    scans = np.array(sensors.scan(everyone, where, nothing), np.float64)
+    scans[scans == NO_ECHO_MM] = np.inf
+    others = np.array([peer.scan(k) for k in everyone]) * 1000
+    with np.errstate(invalid="ignore"):
+        difference = np.abs(scans - others)
+    both = np.isfinite(scans) & np.isfinite(others)
+    neither = np.isinf(scans) & np.isinf(others)
+    agreeing = neither | (both & (difference <= 5.0))
+    return {
+        "rays": rays,
+        "scans_per_second": ours,
+        "pymunk_scans_per_second": theirs,
+        "ratio": ours / theirs,
+        "median_difference_mm": median(difference[both].tolist()),
+        "disagreements": 1 - float(agreeing.mean()),
+    }
+
+
+class _PymunkScene:
+    """The same scene in pymunk, asked ray by ray."""
+
+    def __init__(
+        self,
+        segments: NDArray[np.float64],
+        poses: list[Pose],
+        radius: float,
+        angles: NDArray[np.float64],
+        mount: float,
+        reach: float,
+    ) -> None:
+        self._reach = reach
+        self.space = pymunk.Space()
+        for x0, y0, x1, y1 in segments.tolist():
+            self.space.add(pymunk.Segment(self.space.static_body, (x0, y0), (x1, y1), 0.0))
+        self.filters, self.rays = [], []
+        for index, pose in enumerate(poses):
+            body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+            body.position = pose.x, pose.y
+            disc = pymunk.Circle(body, radius)
+            disc.filter = pymunk.ShapeFilter(group=index + 1)
+            self.space.add(body, disc)
+            self.filters.append(disc.filter)
+            x, y, heading = pose.compose(Pose(mount, 0.0, 0.0))
+            ends = np.stack([np.cos(heading + angles), np.sin(heading + angles)], axis=1) * reach
+            self.rays.append(((x, y), (ends + np.array([x, y])).tolist()))
+        self.space.step(1e-6)  # so that the shapes are where their bodies are
+
+    def scan(self, robot: int) -> list[float]:
+        """Ranges, m; inf where nothing was met. Where the rays end was computed beforehand."""
+        start, ends = self.rays[robot]
+        hits = [self.space.segment_query_first(start, end, 0.0, self.filters[robot]) for end in ends]
+        return [hit.alpha * self._reach if hit else np.inf for hit in hits]
+
+
+_CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
+STAGE: Final = {
+    **{(640, 4): 71.0, (640, 20): 9.3, (640, 50): 3.5, (640, 100): 1.9},
+    **{(60, 4): 422.0, (60, 20): 61.0, (60, 50): 24.0, (60, 100): 9.6},
+}
+"""Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine."""
+
+
+@dataclass(frozen=True)
+class WorldTask:
+    """Size of a measurement."""
+
+    robots: tuple[int, ...] = (4, 20, 50, 100)
+    rays: tuple[int, ...] = (640, 60)
+    seconds_long: int = 10
+    """Simulated time of a run; steps of 0.1 s, a scan of each robot per step."""
+    repeats: int = 3
+    """The fastest counts."""
+    seed: int = 1
+    stage_goal: float = 20.0
+    """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage or navground."""
+
+
+def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measured:
+    """The speeds for each number of robots and rays on that map, and those of scans beside pymunk's."""
+    task = task or WorldTask()
+    grid = load_map(map_file)
+    speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
+    goals, peer, scans = _judged(speeds, task), navground_version(), measure_scans(map_file)
+    figures = {
+        "task": asdict(task),
+        "navground": peer,
+        "speeds": speeds,
+        "goals": [asdict(goal) for goal in goals],
+        "scans": scans.figures,
+    }
+    beside = "navground is not installed: it was NOT measured."
+    if peer is not None:
+        beside = f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans."
+    shown = (
+        _table(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s"),
+        "Stage: given figures of Stage 4.3, one core of such a machine.",
+        beside,
+        *map(str, goals),
+        *scans.shown,
+    )
+    return Measured(figures, shown)
+
+
+def _judged(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
+    """Each goal that can be judged from what was measured."""
+    dense = [speed["ratio"] for speed in speeds if (speed["rays"], speed["robots"]) == (640, 20)]
+    goals = [at_least("times Stage with 640 rays and 20 robots", dense[0], task.stage_goal)] if dense else []
+    goals.append(at_least("times Stage everywhere", min(speed["ratio"] for speed in speeds), 1))
+    beside = [one["speed"] / one["navground"] for one in speeds if one["navground"] is not None]
+    return [*goals, at_least("times navground everywhere", min(beside), 1)] if beside else goals
+
+
+def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> dict[str, Any]:
+    """Return speeds, simulated s per CPU s, and CPU time of a sub-step of 10 ms and of a scan, µs."""
+
+    def swarm() -> _WanderingSwarm:
+        return _WanderingSwarm(grid, robots, rays, task)
+
+    contacts: list[int] = []
+    whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
+    physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
+    speed, stage = task.seconds_long / whole, STAGE[rays, robots]
+    return {
+        "robots": robots,
+        "rays": rays,
+        "speed": speed,
+        "stage": stage,
+        "ratio": speed / stage,
+        "navground": navground_speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
+        "substep_us": physics / (task.seconds_long * 100) * 1e6,
+        "scan_us": (whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
+        "contacts": contacts[0],
+    }
+
+
+class _WanderingSwarm:
+    """Robots that wander and scan."""
+
+    def __init__(self, grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> None:
+        rng = np.random.default_rng(task.seed)
+        models = [turtlebot(rays)] * robots
+        names = [f"r{index}" for index in range(robots)]
+        self.arena = Arena(outline(grid), names, models, strewn(grid, robots, rng))
+        self.sensors = RangeSensors(grid, models, rng.spawn(robots))
+        self.wishes = wishes(robots, task.seconds_long, task.seed)
+
+    def wander(self, scanning: bool) -> int:
+        """Drive, and scan, in steps of 0.1 s, with new wishes every second; gives how many contacts began."""
+        arena, everyone = self.arena, range(len(self.arena))
+        for twists in self.wishes:
+            for _ in range(10):
+                for index, twist in enumerate(twists):
+                    arena.command(index, twist, arena.now)
+                arena.advance(10)
+                if scanning:
+                    self.sensors.scan(everyone, arena.poses, arena.obstacles)
+        return arena.contacts

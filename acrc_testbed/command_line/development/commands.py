@@ -1,0 +1,162 @@
+"""`acrc test` and `acrc check`, for those who change the testbed."""
+
+import os
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self, TextIO
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from actors.console import screen
+from actors.installation.repository import clone
+
+
+@dataclass(frozen=True)
+class Check:
+    """A program that says whether the sources are in order."""
+
+    name: str
+    command: tuple[str, ...]
+    """Arguments of this Python."""
+
+
+CHECKS: Final = (
+    Check("ruff format --check", ("-m", "ruff", "format", "--check", ".")),
+    Check("ruff check", ("-m", "ruff", "check", ".")),
+    Check("portable arithmetic", ("-m", "acrc_testbed.command_line.development.portability")),
+    Check("mypy", ("-m", "mypy")),
+    Check("lint-imports", ("-c", "import sys; from importlinter import cli; cli.lint_imports_command()")),
+)
+
+
+def run_checks(root: Path, console: Console, checks: tuple[Check, ...] = CHECKS) -> bool:
+    """Run every check in the folder `root`, also after one has failed; True if all are content."""
+    failed = []
+    for check in checks:
+        console.rule(Text(check.name, style="bold"), align="left")
+        if subprocess.run([sys.executable, *check.command], cwd=root, check=False).returncode:
+            failed.append(check.name)
+    console.rule(align="left")
+    if failed:
+        console.print(f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}", style="bold red")
+    else:
+        console.print(f"all {len(checks)} checks passed: {', '.join(c.name for c in checks)}", style="green")
+    return not failed
+
+
+NIGHTLY: Final = "nightly"
+"""The marker of tests that the suite leaves to `acrc test --nightly`."""
+BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "0")
+"""Each file runs on one worker, which makes its fixtures once, in the order of tests/conftest.py. A crashed
+worker ends the suite: replaced, it can block the others (pytest-dev/pytest-xdist#1378)."""
+BUDGET: Final = Path("tests", "development", "budget.toml")
+"""The file with the number of processes that the suite may start."""
+_PERIOD_S: Final = 0.02
+
+
+def run_suite(root: Path, words: Sequence[str]) -> int:
+    """Run pytest in the folder `root` and return its exit code.
+
+    `words` go to pytest unchanged, in one process. Without words the suite runs in several workers and its
+    processes are counted; the only word `--nightly` runs all tests in several workers.
+    """
+    whole = list(words) == [f"--{NIGHTLY}"]
+    if words and not whole:
+        return run_pytest(root, words)
+    selected = () if whole else ("-m", f"not {NIGHTLY}")
+    workers = str((os.cpu_count() or 1) + 1)  # some tests wait while others compute
+    with ProcessCounter() as started:
+        code = run_pytest(root, (*selected, "-n", workers, *BY_FILE))
+    exceeded = not whole and _is_over_budget(root, started.count)
+    return code or int(exceeded)
+
+
+class ProcessCounter:
+    """Counts descendants started from now on by sampling /proc; processes of under 20 ms may be missed."""
+
+    def __init__(self) -> None:
+        self._own, self._foreign = {os.getpid()}, set[int]()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._foreign = _processes() - self._own
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    @property
+    def count(self) -> int:
+        """Number of descendants so far."""
+        return len(self._own) - 1
+
+    def _watch(self) -> None:
+        while not self._ended.wait(_PERIOD_S):
+            present = _processes()
+            self._foreign &= present
+            for pid in sorted(present - self._own - self._foreign):
+                with suppress(OSError):
+                    stat = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
+                    parent = int(stat.rpartition(")")[2].split()[1])
+                    (self._own if parent in self._own else self._foreign).add(pid)
+
+
+def _processes() -> set[int]:
+    return {int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()}
+
+
+def _is_over_budget(root: Path, started: int) -> bool:
+    """Print the number of started processes; return whether it exceeds the limit of the budget file."""
+    if not (root / BUDGET).is_file():
+        return False
+    limit = int(tomllib.loads((root / BUDGET).read_text())["suite"]["processes"])
+    sys.stderr.write(f"{started} processes were started; {BUDGET} allows {limit}\n")
+    return started > limit
+
+
+def run_pytest(root: Path, words: Sequence[str], stdout: TextIO | None = None) -> int:
+    """Run pytest; byte code is kept, since the tests start many interpreters that import the same modules."""
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
+    }
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, stdout=stdout, check=False
+    ).returncode
+
+
+def test(context: typer.Context) -> None:
+    """Run the tests; arguments go to pytest (-h: its help)."""
+    root = clone("test")
+    words = [_absolute(word) for word in context.args]
+    here = str(Path.cwd())
+    os.environ["PYTHONPATH"] = here  # nothing else: a sourced ROS brings plugins for pytest
+    from actors.processes.kernels import compile_kernels
+
+    compile_kernels()  # or the first tests would wait for it, and see it said where a result is due
+    raise typer.Exit(run_suite(root, words))
+
+
+def check() -> None:
+    """Check style, types and imports of the sources."""
+    if not run_checks(clone("check"), screen()):
+        raise typer.Exit(1)
+
+
+def _absolute(word: str) -> str:
+    """An argument that names a file, or a test in one, as it is found from any folder."""
+    path, colons, name = word.partition("::")
+    return f"{Path(path).absolute()}{colons}{name}" if Path(path).exists() else word

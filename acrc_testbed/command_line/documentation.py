@@ -1,0 +1,110 @@
+"""`acrc docs`: the documentation as a site, and its page of all commands, made from the command line."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+_HEAD: Final = (
+    "# Commands\n\n`acrc COMMAND --help` says the same. `acrc docs` makes this page from the command line."
+)
+
+
+def docs(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pages.")] = Path("build/docs"),
+    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
+) -> None:
+    """Build the documentation as a site of plain files.
+
+    It needs no network and no server.
+    """
+    from actors.installation.repository import clone
+
+    home = build(clone("docs") / "docs", out)
+    print(home)
+    if show:
+        import webbrowser
+
+        webbrowser.open(home.as_uri())
+
+
+def build(pages: Path, out: Path) -> Path:
+    """Write the site of the folder `pages` into the folder `out` and return its home page.
+
+    Raises AcrcError where Sphinx warns of anything; it prints its warnings.
+    """
+    from sphinx.cmd.build import build_main
+
+    from actors.processes.launch import scratch_folder
+    from actors.runtime.errors import AcrcError
+
+    reference = pages / "reference" / "commands.md"
+    if reference.read_text() != (page := as_markdown()):
+        reference.write_text(page)
+    with scratch_folder() as trees:
+        options = ("--fail-on-warning", "--keep-going", "--quiet", "--fresh-env", "-d", str(trees))
+        if build_main([*options, str(pages), str(out)]):
+            raise AcrcError(f"docs: {pages} has faults, see above")
+    return (out / "index.html").resolve()
+
+
+def tree() -> dict[str, Any]:
+    """Return every visible command and group by the words that call it, the root by "acrc"."""
+    from acrc_testbed.command_line.app import app
+
+    found: dict[str, Any] = {}
+    todo: list[tuple[str, Any]] = [("acrc", typer.main.get_command(app))]
+    while todo:
+        words, command = todo.pop(0)
+        found[words] = command
+        todo[:0] = [(f"{words} {name}", one) for name, one in _below(command)]
+    return found
+
+
+def _below(command: Any) -> list[tuple[str, Any]]:
+    """Return the visible commands of a group, in its order."""
+    if not hasattr(command, "list_commands"):
+        return []
+    named = [(name, command.get_command(None, name)) for name in command.list_commands(None)]
+    return [(name, one) for name, one in named if not one.hidden]
+
+
+def as_markdown() -> str:
+    """Return the page: a section per command with its usage, its help and a table of its parameters."""
+    sections = [_section(words, command) for words, command in tree().items()]
+    return "\n\n".join([_HEAD, *sections]) + "\n"
+
+
+def _section(words: str, command: Any) -> str:
+    context = command.make_context(words, [], resilient_parsing=True)
+    usage = " ".join(f"{words} {' '.join(command.collect_usage_pieces(context))}".split())
+    level = "#" * min(4, len(words.split()) + 1)
+    parts = [f"{level} {words}", _escaped(_first_paragraphs(command)), f"```text\n{usage}\n```"]
+    if rows := list(_rows(command, context)):
+        parts.append("\n".join(["| | |", "|---|---|", *rows]))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _first_paragraphs(command: Any) -> str:
+    return re.sub(r"[ \t]*\n[ \t]*", "\n", (command.help or "").partition("\f")[0].strip())
+
+
+def _rows(command: Any, context: Any) -> Iterator[str]:
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None and "--help" not in parameter.opts:
+            yield f"| `{record[0].replace('|', chr(92) + '|')}` | {_escaped(record[1])} |"
+    for name, one in _below(command):
+        anchor = f"{context.info_name} {name}".replace(" ", "-")
+        yield f"| [`{name}`](#{anchor}) | {_escaped(one.get_short_help_str(200))} |"
+
+
+def _escaped(text: str) -> str:
+    """Return plain text as Markdown, in which only backticks have a meaning."""
+    pieces = re.split(r"(`[^`\n]+`)", " ".join(text.split()))
+    return "".join(
+        piece.replace("|", r"\|") if number % 2 else re.sub(r"([\\*_<>\[\]|#])", r"\\\1", piece)
+        for number, piece in enumerate(pieces)
+    )

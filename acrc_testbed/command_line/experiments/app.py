@@ -1,0 +1,258 @@
+"""Command lines of experiments: campaign, compare, causes, report, bundle, study."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acrc_testbed.command_line import options
+from acrc_testbed.command_line.options import Json, Modules, Robots, Setting, Trust
+
+
+def campaign(
+    study: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="STUDY.toml",
+            show_default=False,
+            help="What to compare. A scenario here is the same as --scenario.",
+        ),
+    ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Without a study: run this scenario.  [default: scenarios/chapter.toml]"
+        ),
+    ] = None,
+    strategies: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Without a study: compare these strategies.  [default: none,chapter]",
+            autocompletion=options.strategies,
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=100_000, help="Use seeds 1 to N.  [default: 10]")
+    ] = None,
+    robots: Robots = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds of each run.")] = None,
+    setting: Setting = None,
+    tuning: Annotated[
+        bool, typer.Option("--tuning", help="Use other seeds than tests do, to choose settings.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder for the results; an interrupted one is resumed.  [default: in campaigns/]",
+        ),
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Run a shipped study: chapter, the chapter's experiment."),
+    ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Hold it against this frozen plan.  [default: STUDY.frozen.json if there is one]",
+        ),
+    ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option(
+            "--until-decided",
+            help="Stop once the primary comparisons are decided, at planned interim looks.",
+        ),
+    ] = False,
+    check_every: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Repeat the first run of each strategy, and every Nth, as processes to check them; 0: none.",
+        ),
+    ] = 20,
+    isolate: Annotated[
+        bool,
+        typer.Option(
+            "--isolate", help="Run every strategy in a sandbox: for strategies that you have not read."
+        ),
+    ] = False,
+    on: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster: tls://HOST:PORT.  [default: here]"),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option(metavar="N", min=0, max=1024, help="Number of parallel runs; 0: one per core.")
+    ] = 0,
+    modules: Modules = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
+    """Run every strategy with the same seeds, and compare.
+
+    It runs each strategy in each variant of a scenario. An interrupted campaign is resumed.
+    """
+    from acrc_testbed.command_line.experiments import campaigns
+    from acrc_testbed.experiments.campaign.campaign import CampaignOptions
+    from acrc_testbed.experiments.study.study_wishes import StudyWishes
+    from actors.robot.behaviour.foreign import permit_of
+
+    wishes = StudyWishes(
+        study=study,
+        preset=preset,
+        scenario=scenario,
+        strategies=strategies,
+        seeds=seeds,
+        robots=robots,
+        duration=duration,
+        settings=tuple(setting or ()),
+        tuning=tuning,
+        isolate=isolate,
+    )
+    options = CampaignOptions(jobs, check_every=check_every, on=on)
+    permit = permit_of(modules, trust=trust)
+    campaigns.campaign(wishes, out, options, permit, plan=plan, until_decided=until_decided, json_output=json)
+
+
+def causes(
+    folder: Annotated[
+        Path, typer.Argument(metavar="OUT", show_default=False, help="A simulated run's folder.")
+    ],
+    json: Json = False,
+) -> None:
+    """Say where the robots' time went, by cause.
+
+    Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
+    decisions changed.
+    """
+    from acrc_testbed.command_line.experiments.causes import causes as print_causes
+
+    print_causes(folder, json_output=json)
+
+
+def compare(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Compare only this: places, contacts, radio, driven, completion, settled, lexicographic; "
+            "or outcome.NAME, a number that strategies report.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say which strategies differ, by how much, how surely."""
+    from acrc_testbed.command_line.experiments import results
+
+    results.compare(folder, metric, json_output=json)
+
+
+def report(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR…",
+            show_default=False,
+            help="Folder of a campaign, of a run, or of `acrc fleet collect`.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the report.  [default: report in the first DIR]"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Write an HTML report of runs, with the data behind it."""
+    from acrc_testbed.command_line.experiments import campaigns
+
+    campaigns.report(folders, out, json=json)
+
+
+def bundle(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.zip", help="File for the bundle.  [default: DIR.zip beside it]"),
+    ] = None,
+    author: Annotated[
+        list[str] | None, typer.Option("--author", metavar="NAME", help="Author to cite. Repeatable.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Pack a campaign so that others can check and repeat it."""
+    from acrc_testbed.command_line.experiments import campaigns
+
+    campaigns.bundle(folder, out, tuple(author or ()), json=json)
+
+
+def plan(
+    a12: Annotated[
+        float,
+        typer.Option(metavar="A", min=0.0, max=1.0, help="Effect size to detect (Vargha and Delaney's A12)."),
+    ] = 0.71,
+    power: Annotated[
+        float, typer.Option(metavar="P", min=0.5, max=0.999, help="Probability of detecting it.")
+    ] = 0.9,
+    correlation: Annotated[
+        float,
+        typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
+    ] = 0.0,
+    comparisons: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, max=1000, help="Number of declared comparisons that share the 5 %."),
+    ] = 1,
+    pilot: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Draw campaigns from this one, and judge them."),
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Compute how many pairs of runs an effect needs."""
+    from acrc_testbed.command_line.experiments import results
+
+    if pilot is not None:
+        results.plan_from_pilot(pilot, metric, power, comparisons, json=json)
+    else:
+        results.plan(a12, power, correlation, comparisons, json=json)
+
+
+def freeze(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY.toml", show_default=False, help="What is to be compared.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File for the plan.  [default: STUDY.frozen.json beside it]"),
+    ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option("--until-decided", help="Plan interim looks, as the campaign's --until-decided."),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Freeze a study before its first run, and print the plan's SHA-256.
+
+    The plan has the commit, margins, primary comparisons, number of seeds, stop rule, and a hash of every
+    file that the study reads. Campaigns are held against it, and acrc compare says what was declared before.
+    """
+    from acrc_testbed.command_line.experiments import campaigns
+
+    campaigns.freeze(study, out, until_decided=until_decided, json=json)
+
+
+study_app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Plan a study, and freeze the plan.",
+)
+for _command in (plan, freeze):
+    study_app.command()(_command)

@@ -1,0 +1,364 @@
+"""`acrc fleet`: what makes computers robots, and what is done with them then."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from acrc_testbed.command_line.options import Endpoints, FleetFile, Json, Modules, OperatorKeys, answer
+from actors.console import screen
+from actors.installation.repository import clone
+from actors.processes.signals import Interrupted
+
+if TYPE_CHECKING:
+    from actors.orders import Order
+    from deploy.fleet.fleet_file import Fleet
+    from deploy.fleet.keys import FleetKeys
+
+
+def collect(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FOLDER…", help="A robot's folder, such as runs/mine/r2, or a folder of these."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for run.json and places.csv.  [default: print only]"),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Ground truth, by the laboratory of emulated devices."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Collect recordings of a field trial and align their clocks."""
+    from acrc_testbed.field_trial.trial_result import print_field_trial
+    from deploy.fleet import collect as recordings
+
+    print_field_trial(recordings.collect(folders, out, truth), json=json)
+
+
+def watch(
+    endpoints: Endpoints,
+    keys: OperatorKeys,
+    view: Annotated[
+        Path | None,
+        typer.Option(metavar="FLEET.toml", help="Show robots in the viewer, on the fleet's map."),
+    ] = None,
+) -> None:
+    """Watch robots from a laptop, until Ctrl-C."""
+    from deploy.fleet import watch as laptop
+
+    with contextlib.suppress(Interrupted):
+        if view is None:
+            laptop.watch(endpoints, keys)
+        else:
+            _show(endpoints, keys, view)
+    _leave(130)
+
+
+def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
+    """What `--view` alone needs."""
+    from deploy.fleet import watched
+    from deploy.fleet.fleet_file import load_fleet
+
+    watched.show(endpoints, keys, load_fleet(fleet))
+
+
+def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
+    """Stop all robots for good.
+
+    Within 2 s each robot has confirmed, or is named with what is in the way; then the exit code is 1.
+    """
+    from actors.orders import Stop
+
+    _give(endpoints, keys, Stop(), json=json)
+
+
+def pause(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
+    """Pause all robots until resume; answers as of stop."""
+    from actors.orders import Pause
+
+    _give(endpoints, keys, Pause(), json=json)
+
+
+def resume(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
+    """Resume paused robots; answers as of stop."""
+    from actors.orders import Resume
+
+    _give(endpoints, keys, Resume(), json=json)
+
+
+def _give(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
+    """Give an order to all robots, and say what became of it."""
+    from deploy.fleet import watch as laptop
+
+    answers = laptop.give(endpoints, keys, order)
+    for one in answers:
+        if one.failure:
+            print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
+    said = [f"acrc: {one.endpoint}: {laptop.done(order)}" for one in answers if not one.failure]
+    answer(said, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
+    _leave(1 if any(one.failure for one in answers) else 0)
+
+
+def _leave(code: int) -> NoReturn:
+    """End at once: attempts that hang in the network keep their interpreter, and are not waited for."""
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def onboard(
+    fleet: FleetFile,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder for the recordings.  [default: in runs/]")
+    ] = None,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Run the robot's process in a sandbox that leaves it base and bridge only.  "
+            "[default: where the machine can]",
+        ),
+    ] = None,
+    debugpy: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            min=1,
+            max=65535,
+            help="Let an editor attach to the robot's process at 127.0.0.1:PORT.",
+        ),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="Where the robot stands: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
+            "[default: near its last pose, which it verifies; `start` the first time]",
+        ),
+    ] = None,
+    modules: Modules = None,
+) -> None:
+    """Be a robot: drive the plugged-in TurtleBot and radio board."""
+    from actors.processes.kernels import compile_kernels
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet import onboard_run
+    from deploy.fleet.fleet_file import load_fleet
+    from deploy.run import out_folder
+
+    console = screen(stderr=True)
+    loaded = load_fleet(fleet)
+    named = permit_of(modules).modules
+    folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
+    with out_folder.dropped_if_empty(folder):
+        prepared = onboard_run.prepare(loaded, robot, options, console.print)
+        compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board
+        onboard_run.run(prepared, console.print)
+
+
+def bundle(
+    fleet: FleetFile,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that the bundle is for.")],
+    machine: Annotated[
+        str, typer.Option(metavar="NAME", help="Processor of its computer: x86-64 or aarch64.")
+    ] = "x86-64",
+    python: Annotated[
+        str, typer.Option(metavar="3.N", help="Python of its computer, from 3.11 to 3.14.")
+    ] = "3.11",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="New archive.  [default: acrc-ID.tar]")
+    ] = None,
+    modules: Modules = None,
+    json: Json = False,
+) -> None:
+    """Pack all that a robot needs, for a computer without a network.
+
+    The archive holds wheels, program, map, fleet file and the robot's keys. Only you can read it. Faults of
+    fleet file, map and keys that `acrc fleet doctor` would report are refused.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet import bundle as robot_bundle
+    from deploy.fleet.fleet_file import load_fleet
+
+    root = clone("fleet bundle")
+    made = robot_bundle.make(
+        root,
+        load_fleet(fleet),
+        robot,
+        permit_of(modules),
+        machine=machine,
+        python=python,
+        out=out or Path(f"acrc-{robot}.tar"),
+    )
+    said = (
+        f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.files} files, for {machine} with Python {python}\n"
+        f"SHA-256 {made.sha256}\n\n"
+        "Copy it onto the robot's computer, then in /srv there:\n\n"
+        f"  tar -xf {made.file.name}\n"
+        f"  acrc-{robot}/acrc fleet units acrc-{robot}/{made.fleet} --robot {robot}"
+        + (f" --modules acrc-{robot}/modules" if made.own_code else "")
+    )
+    answer([said], made._asdict(), json=json)
+    if made.lacks:
+        sys.stderr.write(f"acrc: the bundle lacks what requirements.txt names: {made.lacks}\n")
+
+
+def units(
+    fleet: FleetFile,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("units"),
+    user: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Run the robot as this user.  [default: the clone's owner]"),
+    ] = None,
+    modules: Modules = None,
+    json: Json = False,
+) -> None:
+    """Write a robot's systemd service and udev rules.
+
+    Run it on the robot's own computer with all devices plugged in: the service holds the paths of this clone
+    and of the fleet file, the rules hold the serial numbers of the devices. It installs nothing, and prints
+    the commands that do.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet import units as unit_files
+    from deploy.fleet.fleet_file import load_fleet
+    from deploy.fleet.units import usb_ports
+
+    root = clone("fleet units")
+    loaded = load_fleet(fleet)
+    chosen = loaded.robot(robot)
+    written = unit_files.write(
+        loaded,
+        chosen,
+        out,
+        program=root / "acrc",
+        user=user or unit_files.everyday_user(root),
+        plugged=usb_ports(),
+        modules=permit_of(modules).modules,
+    )
+    service, rules = written.service_file, written.rules_file
+    said = (
+        f"{service}\n{rules}\n\n"
+        "Look at them, then install them, here on the robot's own computer:\n\n"
+        f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
+        f"  sudo install -m 644 {service} /etc/systemd/system/\n"
+        "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
+        "  sudo systemctl daemon-reload\n"
+        f"  sudo systemctl enable --now {service.name}\n\n"
+        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
+        "wrong."
+    )
+    answer([said], {"service": service, "rules": rules}, json=json)
+    for sentence in written.unnamed:
+        sys.stderr.write(f"acrc: {sentence}\n")
+
+
+def keys(
+    fleet: FleetFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for the keys.  [default: as in the fleet file]"),
+    ] = None,
+    host: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID=HOST", help="Name or address of a robot. Repeatable."),
+    ] = None,
+    days: Annotated[int, typer.Option(metavar="N", help="Days that the keys are valid.")] = 730,
+    revoke: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="Replace all keys after this robot (or the operator) lost its own. Repeatable.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make the keys of a fleet.
+
+    They are a certificate authority, and a certificate for each robot and the operator. Only the operator's
+    laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, the
+    address it listens at, and what --host says.
+    """
+    from deploy.fleet import keys as fleet_keys
+    from deploy.fleet.fleet_file import load_fleet
+
+    loaded = load_fleet(fleet)
+    hosts = fleet_keys.hosts_of(host or [], loaded)
+    folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
+    if not revoke:
+        made = fleet_keys.issue(loaded, folder, hosts, now=now, days=days)
+        _answer_keys(loaded, made, [], None, json=json)
+        return
+    made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
+    said = [
+        f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
+        "the operator's first, and start the robots again.",
+        f"The old keys are in {aside}; delete them after that.",
+    ]
+    _answer_keys(loaded, made, said, aside, json=json)
+
+
+def doctor(
+    fleet: Annotated[
+        Path | None, typer.Argument(metavar="FLEET.toml", help="Fleet file: which robots there are.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="ID", help="Id of the robot that this computer is.")
+    ] = None,
+    modules: Modules = None,
+    json: Json = False,
+) -> None:
+    """Find what is wrong with this computer, and say the remedy.
+
+    With a fleet file and a robot it also checks the robot's ports, map and keys. It changes nothing, except
+    that it compiles numeric kernels. The exit code is 1 if anything is wrong.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet.doctor import consult
+
+    if not consult(fleet, robot, permit_of(modules), json=json):
+        raise typer.Exit(1)
+
+
+def _answer_keys(
+    fleet: "Fleet", made: "FleetKeys", revoked: list[str], aside: Path | None, *, json: bool
+) -> None:
+    """Say where the keys are, then what was `revoked`, and where the old keys are now: `aside`."""
+    told = {"home": made.home, "valid_until": made.valid_until, "machines": made.machines, "old_keys": aside}
+    answer([*_keys_told(fleet, made), *revoked], told, json=json)
+    for machine in made.machines:
+        if machine.listens_unnamed:
+            sys.stderr.write(
+                f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
+                f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
+            )
+
+
+def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
+    yield (
+        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted"
+    )
+    for machine in made.machines:
+        if machine.hosts:
+            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            yield f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}"
+        else:
+            yield f"{machine.folder}\n  to the laptop of whoever watches and stops the robots"
+    yield f"All hold until {made.valid_until:%Y-%m-%d}."
+
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+for _command in (keys, units, bundle, doctor, onboard, watch, stop, pause, resume, collect):
+    app.command()(_command)

@@ -1,0 +1,206 @@
+"""`acrc list`: strategies, presets, robot models, scenarios and maps, as tables or JSON.
+
+Summaries come from docstrings and from the comments at the head of files.
+"""
+
+import ast
+import contextlib
+import inspect
+import json as json_format
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from acrc_testbed.command_line.options import Json
+from actors.installation.repository import REPOSITORY, SHIPPED
+
+Row = Mapping[str, Any]
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.command()
+def strategies(json: Json = False) -> None:
+    """List strategies, also those of installed packages."""
+    from cleaning.strategies import strategies as known
+
+    with contextlib.redirect_stdout(sys.stderr):  # imported modules may print
+        rows = [_strategy(one) for one in known()]
+    columns = {
+        "name": [row["name"] for row in rows],
+        "from": [row["source"] for row in rows],
+        "what it does, and its entry": [f"{row['error'] or row['summary']}\n{row['entry']}" for row in rows],
+    }
+    _print(rows, columns, json=json)
+
+
+@app.command()
+def presets(json: Json = False) -> None:
+    """List presets of radio, localisation and navigation."""
+    # read from the sources: importing them takes as long as starting a simulation
+    actors, tables = REPOSITORY / "actors", REPOSITORY / "deploy" / "scenario" / "stack_tables.py"
+    odometry = {
+        "table": "localisation",
+        "name": "odometry",
+        "summary": constant_doc(tables, "ODOMETRY").removesuffix("."),
+    }
+    rows = [
+        *_presets("radio", actors / "radio" / "radio_model.py", "PRESETS"),
+        *_presets("localisation", actors / "robot" / "localisation" / "parameters.py", "PRESETS"),
+        odometry,
+        *_presets("navigation", actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
+    ]
+    columns = {
+        "table": [f"[{row['table']}]" for row in rows],
+        "preset": [row["name"] for row in rows],
+        "what it is": [row["summary"] for row in rows],
+    }
+    _print(rows, columns, json=json)
+
+
+@app.command()
+def models(json: Json = False) -> None:
+    """List shipped robot models and their range sensors."""
+    rows = [_model(path) for path in sorted((REPOSITORY / "actors" / "models").glob("*.toml"))]
+    columns = {
+        "model": [row["name"] for row in rows],
+        "drive": [row["drive"] for row in rows],
+        "sensors": ["\n".join(map(_sensor_words, row["sensors"])) for row in rows],
+        "what it is": [row["summary"] for row in rows],
+    }
+    _print(rows, columns, json=json)
+
+
+@app.command()
+def scenarios(json: Json = False) -> None:
+    """List shipped scenarios."""
+    rows = [
+        {"name": path.stem, "path": os.path.relpath(path), "summary": head_comment(path.read_text("utf-8"))}
+        for path in sorted((SHIPPED / "scenarios").glob("*.toml"))
+    ]
+    columns = {"scenario": [row["path"] for row in rows], "what it is": [row["summary"] for row in rows]}
+    _print(rows, columns, json=json)
+
+
+@app.command()
+def maps(json: Json = False) -> None:
+    """List shipped floor plans and their sizes."""
+    rows = [_map(path) for path in sorted((SHIPPED / "maps").glob("*.yaml"))]
+    columns = {
+        "map": [row["path"] for row in rows],
+        "west to east": [f"{row['width']:.2f} m" for row in rows],
+        "south to north": [f"{row['depth']:.2f} m" for row in rows],
+        "cell": [f"{row['resolution']:g} m" for row in rows],
+    }
+    _print(rows, columns, json=json)
+
+
+def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
+    """Print all rows as JSON, or the cells of each column by its title."""
+    if json:
+        print(json_format.dumps(rows, ensure_ascii=False, separators=(",", ":")))
+        return
+    from rich.table import Table
+
+    from actors.console import print_table, screen
+
+    table = Table(*columns, box=None, pad_edge=False)
+    for cells in zip(*columns.values(), strict=True):
+        table.add_row(*cells)
+    print_table(screen(), table)
+
+
+def _strategy(strategy: Any) -> Row:
+    """Return the row of a strategy; a broken one has an `error`."""
+    from actors.robot.behaviour.entry import entry_function
+    from actors.runtime.errors import AcrcError
+
+    summary = error = ""
+    try:
+        summary = (inspect.getdoc(entry_function(strategy.entry)) or "").partition("\n")[0]
+    except AcrcError as fault:
+        error = str(fault)
+    except (Exception, SystemExit) as fault:
+        error = f"cannot be imported: {type(fault).__name__}: {fault}"
+    names = {"name": strategy.name, "entry": strategy.entry, "source": strategy.source}
+    return {**names, "summary": summary, "error": strategy.fault or error}
+
+
+def _presets(table: str, source: Path, constant: str) -> list[Row]:
+    doc = constant_doc(source, constant)
+    names = constant_keys(source, constant)
+    return [{"table": table, "name": name, "summary": preset_summary(name, doc)} for name in names]
+
+
+def _model(path: Path) -> Row:
+    text = path.read_text("utf-8")
+    file: dict[str, Any] = tomllib.loads(text)
+    keys = ("field_of_view_deg", "rays", "range_max", "rate")
+    sensors = [
+        {"name": name, "default": name == file["default_sensor"], **{key: sensor[key] for key in keys}}
+        for name, sensor in file["sensors"].items()
+    ]
+    summary = head_comment(text)
+    return {"name": path.stem, "drive": file["drive"]["kind"], "sensors": sensors, "summary": summary}
+
+
+def _sensor_words(sensor: Row) -> str:
+    rays = f"{sensor['rays']} rays over {sensor['field_of_view_deg']:g}°"
+    default = " (default)" if sensor["default"] else ""
+    return f"{sensor['name']}{default}: {rays}, to {sensor['range_max']:g} m, {sensor['rate']:g} Hz"
+
+
+def _map(path: Path) -> Row:
+    from actors.floor.map_file import load_map
+
+    grid = load_map(path)
+    size = {"width": grid.columns * grid.resolution, "depth": grid.rows * grid.resolution}
+    return {"name": path.stem, "path": os.path.relpath(path), **size, "resolution": grid.resolution}
+
+
+def head_comment(text: str) -> str:
+    """Return the first sentence of the comment that a TOML file begins with, or ""."""
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.removeprefix("#").strip())
+    return re.split(r"(?<=\.)\s", " ".join(lines), maxsplit=1)[0]
+
+
+def constant_doc(source: Path, name: str) -> str:
+    """Return the docstring below the module's constant `name`, on one line."""
+    body = ast.parse(source.read_text("utf-8")).body
+    for here, below in pairwise(body):
+        if _assigns(here, name) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            return " ".join(str(below.value.value).split())
+    return ""
+
+
+def constant_keys(source: Path, name: str) -> list[str]:
+    """Return the keys of the module's constant `name`, a dict display."""
+    for statement in ast.parse(source.read_text("utf-8")).body:
+        if _assigns(statement, name):
+            written = next(node for node in ast.walk(statement) if isinstance(node, ast.Dict))
+            return [ast.literal_eval(key) for key in written.keys if key is not None]
+    return []
+
+
+def _assigns(statement: ast.stmt, name: str) -> bool:
+    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+    return any(isinstance(target, ast.Name) and target.id == name for target in targets)
+
+
+def preset_summary(name: str, doc: str) -> str:
+    """Return the part about `name` of a docstring "`name`: this. `other`: that.", or "".
+
+    Brackets are left out; the part ends at the first full stop, colon or semicolon.
+    """
+    found = re.search(rf"`{re.escape(name)}`[^:`]*: (.+?)[.:;](?: |$)", re.sub(r" \([^()]*\)", "", doc))
+    return found[1] if found else ""

@@ -1,0 +1,350 @@
+"""`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
+
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from acrc_testbed.command_line import options
+from acrc_testbed.command_line.options import Json, Modules, Robots, Seed, Setting, Trust, answer
+from actors.console import screen
+from actors.installation.usage import OptionError, output_file, typed
+from actors.runtime.errors import AcrcError
+
+if TYPE_CHECKING:
+    from acrc_testbed.evidence.run_evidence import RunEvidence
+    from actors.robot.behaviour.foreign import Permit
+
+_PAGES: Final = (".png", ".svg", ".html")
+_JUDGED_S: Final = 5.0
+"""Simulated; before that no robot has stood or driven for long enough to say anything of it."""
+
+
+def demo(
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for both runs and the picture.  [default: in runs/]"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show two robots in a doorway, without and with adaptation."""
+    from acrc_testbed.evidence.run_reader import read_run
+    from acrc_testbed.picture import side_by_side
+    from actors.processes.kernels import compile_kernels
+    from deploy.run import demonstration, out_folder
+    from deploy.run.options import RunOptions, checked, folder_name
+
+    name = folder_name(Path("demo"))
+    options = checked(RunOptions(out or Path("runs", name), json=json))
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        shown = list(demonstration.demonstrate(options))
+    runs = [read_run(options.out / one.strategy) for one in shown]
+    pictures = [options.out / "demo.png", options.out / "demo.svg"]
+    with out_folder.writing(options.out):
+        for picture in pictures:
+            side_by_side.write(runs, picture)
+    said = demonstration.sentences(shown, len(runs[-1].taken_over), pictures)
+    results = {one.strategy: one.result for one in shown}
+    answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
+    if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        typer.launch(str(pictures[0]))
+
+
+def view(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="OUT|FILE",
+            help="OUT: a run's folder, or one with folders collected from robots.  [default: the newest in "
+            "runs/]  FILE: where a page goes, by its suffix, as in --html page.html.",
+        ),
+    ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Draw the run on one page: FILE.png.  [default: OUT/run.png]")
+    ] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.  [default: OUT/run.svg]")] = False,
+    html: Annotated[
+        bool, typer.Option("--html", help="The same with sentences and tables.  [default: OUT/run.html]")
+    ] = False,
+    movie: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="This run, too, beside it, at the same instant; with --png or --svg on one picture.  "
+            "[default: OUT/beside.png] Repeatable.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+    ] = 20.0,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the view to a file.rrd, and open nothing.")
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a picture of the window to a file.png.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0, help="Of which simulated second.  [default: half-way]"),
+    ] = None,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="Show everything that this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
+    why: Annotated[
+        bool,
+        typer.Option("--why", help="Tell why robots decided what they did; replays them once more."),
+    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate", help="Replay robots in a sandbox.  [default: where the machine can]"
+        ),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print how the run stands and the files as JSON; open nothing.")
+    ] = False,
+) -> None:
+    """Open a run in the viewer, or draw it.
+
+    The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
+    it lacks something, such as a robot whose strategy may not run.
+
+    It replays the robots to compute what was not recorded. With --png, --svg, --html or
+    --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
+    """
+    folder, files = _folder_and_files(paths or ())
+    out = folder or _newest()
+    name = "beside" if beside else "run"
+    for wished, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
+        if wished:
+            files.setdefault(suffix, out / f"{name}{suffix}")
+    if beside and (".html" in files or movie or why):
+        raise OptionError("--beside: cannot be combined with --html, --movie or --why")
+    pages = list(files.values())
+    if beside and pages:
+        _answer_drawn(out, _draw_beside((out, *beside), pages), json=json)
+        return
+    if pages or movie or (json and save is None and screenshot is None):
+        drawn = _draw_page(out, pages, movie, speed) if pages or movie else []
+        _answer_drawn(out, drawn, json=json)
+        return
+    if save is not None:
+        output_file("--save", save, ".rrd")
+    if screenshot is not None:
+        output_file("--screenshot", screenshot, ".png")
+    from actors.robot.behaviour.foreign import permit_of
+
+    wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
+    _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+    if json:
+        _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
+
+
+def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Path]]:
+    """Return the run's folder, and the files for its pages by suffix. Raises OptionError."""
+    files = {path.suffix: path for path in paths if path.suffix in _PAGES and not path.is_dir()}
+    folders = [path for path in paths if path not in files.values()]
+    for suffix, file in files.items():
+        output_file(f"--{suffix[1:]}", file, suffix)
+    if folders[1:]:
+        right = typed("view", folders[0], "--html", "page.html")
+        raise OptionError(f"view: has no use for {folders[1]}; must be as in {right}, or with --beside DIR")
+    return next(iter(folders), None), files
+
+
+def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
+    """Name the files that were written, and with `json` how the run stands."""
+    from acrc_testbed.recordings.topics import standing
+
+    told = {"out": out, "stands": standing(out).value, "files": files} if json else None
+    answer(map(str, files), told, json=json)
+
+
+def _newest() -> Path:
+    """The run that was begun last, which is named. Raises OptionError if there is none."""
+    from deploy.run import out_folder
+
+    found = out_folder.newest(Path("runs"))
+    if found is None:
+        raise OptionError("OUT: is missing, and there is no run in runs/ here; must be a run's folder")
+    sys.stderr.write(f"acrc: {found}: the newest run\n")
+    return found
+
+
+def _show(
+    folders: Sequence[Path],
+    wishes: "tuple[tuple[str, ...], Permit, bool | None, bool]",
+    *,
+    save: Path | None,
+    screenshot: Path | None,
+    at: float | None,
+) -> None:
+    """Show one run, or several beside one another; `wishes`: as in `acrc_testbed.view.drawn`."""
+    from acrc_testbed.view import beside, command
+    from acrc_testbed.view.drawn import Wishes
+    from deploy.run import out_folder
+
+    console = screen(stderr=True)
+
+    def say(sentence: str) -> None:
+        console.print(sentence)
+
+    wished, one, complete = Wishes(*wishes), folders[0], True
+    with out_folder.writing((save or screenshot or one).absolute().parent):
+        if save is not None and folders[1:]:
+            complete = beside.save(folders, wished, save, say)
+        elif save is not None:
+            complete = command.save(one, wished, save, say)
+        if screenshot is not None and folders[1:]:
+            complete &= beside.picture(folders, wished, screenshot, at, say)
+        elif screenshot is not None:
+            complete &= command.picture(one, wished, screenshot, at, say)
+        if save is None and screenshot is None:
+            complete = beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
+    if not complete:
+        raise AcrcError(f"{one}: the view lacks what is named above")
+
+
+def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
+    """Draw several runs beside one another into each file; return the files."""
+    from acrc_testbed.evidence.run_reader import read_run
+    from acrc_testbed.picture import side_by_side
+    from deploy.run import out_folder
+
+    runs = [read_run(folder) for folder in folders]
+    for folder, run in zip(folders, runs, strict=True):
+        _warn_of_lack(folder, run)
+    for picture in pictures:
+        with out_folder.writing(picture.parent):
+            side_by_side.write(runs, picture)
+    return pictures
+
+
+def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
+    """Say that a run is too short to say anything, or that recordings of it are elsewhere, if so."""
+    from acrc_testbed.results.seal import elsewhere, where
+
+    if left := elsewhere(out):
+        sys.stderr.write(f"acrc: {where(out, left)}; until then it is drawn as seen from outside\n")
+    if run.end < _JUDGED_S:
+        short = f"the run lasts {run.end:g} s; nothing can be judged from less than {_JUDGED_S:g} s"
+        sys.stderr.write(f"acrc: {out}: {short}\n")
+
+
+def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
+    """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
+    from acrc_testbed.evidence.run_reader import read_run
+    from acrc_testbed.picture import moving, run_html, run_page
+    from acrc_testbed.recordings.topics import drawn_until
+    from deploy.run import out_folder
+
+    if movie is not None:
+        moving.check(movie)
+    run = read_run(out)
+    if run.result is None:
+        screen(stderr=True).print(drawn_until(out, run.end))
+    _warn_of_lack(out, run)
+    for page in pages:
+        with out_folder.writing(page.parent):
+            (run_html if page.suffix == ".html" else run_page).write(run, page)
+    if movie is None:
+        return pages
+    with out_folder.writing(movie.parent):
+        moving.write(run, movie, speed)
+    return [*pages, movie]
+
+
+def scenario(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=options.scenarios
+        ),
+    ],
+    robots: Robots = None,
+    seed: Seed = None,
+    setting: Setting = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
+    """Check a scenario, a map or a robot model.
+
+    It prints what the file means on its floor. Options replace what the scenario says. The strategy is
+    created once, as for a run, to check its module and its settings.
+    """
+    from actors.floor import offices
+    from actors.robot.behaviour.foreign import admitted, permit_of
+    from deploy.run import out_folder
+    from deploy.run.swarm import preflight_here
+    from deploy.scenario import survey
+    from deploy.scenario.resolve import resolve
+    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+
+    if png is not None:
+        output_file("--png", png, ".png", ".svg")
+    if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
+        if robots is not None or seed is not None or setting:
+            raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
+        _part(file, png, is_map=is_map, json=json)
+        return
+    permit = permit_of(modules, trust=trust)
+    overrides = Overrides(robots, seed, settings=settings(setting or ()))
+    settled = resolve(load_scenario(file, overrides))
+    found = survey.survey(settled)
+    if png is not None:
+        from deploy.scenario import scenario_picture
+
+        with out_folder.writing(png.parent):
+            scenario_picture.write(found, png)
+    _answer_surveyed(survey.sentences(found), survey.as_json(found), png, json=json)
+    folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
+    preflight_here(settled, folders)
+
+
+def _part(file: Path, png: Path | None, *, is_map: bool, json: bool) -> None:
+    """The same for a map or a robot model."""
+    from actors.robot_model import load_model
+    from deploy.run import out_folder
+    from deploy.scenario import survey
+
+    floor = survey.survey_map(file) if is_map else None
+    model = None if is_map else load_model(str(file))
+    if png is not None:
+        from deploy.scenario import scenario_picture
+
+        with out_folder.writing(png.parent):
+            if floor:
+                scenario_picture.write_map(floor, png)
+            elif model:
+                scenario_picture.write_model(model, png)
+    if floor:
+        _answer_surveyed(survey.map_sentences(floor), survey.map_as_json(floor), png, json=json)
+    elif model:
+        _answer_surveyed(survey.model_sentences(model), survey.model_as_json(model), png, json=json)
+
+
+def _answer_surveyed(sentences: Iterable[str], told: dict[str, Any], png: Path | None, *, json: bool) -> None:
+    """What a file means, and where it was drawn."""
+    answer([*sentences, *([] if png is None else [str(png)])], told | {"picture": png}, json=json)

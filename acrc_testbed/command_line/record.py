@@ -1,0 +1,172 @@
+"""`acrc record`: what a run has recorded, in figures, in full, drawn, and checked."""
+
+import json as json_
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from acrc_testbed.command_line.options import Json, answer
+from actors.installation.usage import OptionError, output_file
+
+if TYPE_CHECKING:
+    from acrc_testbed.recordings.lines import Rate
+    from acrc_testbed.recordings.topics import Recorded
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+_Recorded = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
+_Growing = Annotated[
+    Path, typer.Argument(metavar="OUT", help="A run's folder, also while it goes on, or one recording.")
+]
+_KEY = "r1/drive, truth, */senses for all robots, or in full"
+_Begin = Annotated[float, typer.Option("--from", metavar="S", min=0, help="Begin at this simulated second.")]
+_End = Annotated[float | None, typer.Option("--to", metavar="S", min=0, help="End at this simulated second.")]
+_Follow = Annotated[bool, typer.Option("--follow", "-f", help="Follow what the run adds, to its end.")]
+_EVERY_S = 1.0
+
+
+@app.command()
+def info(
+    out: _Growing,
+    keys: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEY…]", help=f"{_KEY}.  [default: a line per recording]")
+    ] = None,
+    begin: _Begin = 0.0,
+    end: _End = None,
+    follow: _Follow = False,
+    json: Json = False,
+) -> None:
+    """Say what recordings hold, or what is on a key.
+
+    Of each recording: span, messages, bytes, whether it is whole. Of each KEY ('*': all): its fields, and how
+    often and how much, per simulated second.
+    """
+    if keys:
+        _tell_keys(_messages(out, keys, begin, end, follow), follow=follow, json=json)
+        return
+    if follow or begin or end is not None:
+        raise OptionError("--follow, --from, --to: must stand beside a KEY, such as '*'")
+    from acrc_testbed.recordings import lines as figures
+
+    found = figures.info(out)
+    if json:
+        print(json_.dumps([figures.as_json(one) for one in found]))
+        return
+    for one in found:
+        for text in figures.sentences(one, topics=out.is_file()):
+            print(text)
+    if len(found) > 1:
+        print(figures.total(found))
+
+
+@app.command()
+def echo(
+    out: _Growing,
+    keys: Annotated[
+        list[str],
+        typer.Argument(metavar="KEY…", help=f"{_KEY}; r1/log: what r1's strategy printed."),
+    ],
+    begin: _Begin = 0.0,
+    end: _End = None,
+    follow: _Follow = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print a table: a column for each field.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each line.")] = False,
+) -> None:
+    """Print messages, or lines of a log, with their time."""
+    from acrc_testbed.recordings import lines
+
+    if csv and json:
+        raise OptionError("--csv, --json: must be one of them")
+    form = lines.LineForm.CSV if csv else lines.LineForm.JSON if json else lines.LineForm.TEXT
+    if all(lines.is_log(key) for key in keys):
+        told = lines.read_logs(out, keys, begin, end, follow=follow)
+        texts = lines.shown_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
+    else:
+        texts = lines.shown(_messages(out, keys, begin, end, follow), form)
+    for text in texts:
+        print(text, flush=follow)
+
+
+@app.command()
+def plot(
+    out: _Growing,
+    key: Annotated[str, typer.Argument(metavar="KEY", help=f"{_KEY}.")],
+    field: Annotated[str, typer.Argument(metavar="FIELD", help="A number: vx, odometry.x, robots[0].x.")],
+    file: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The drawing: a .png, or an .svg for papers.")
+    ],
+    begin: _Begin = 0.0,
+    end: _End = None,
+    json: Json = False,
+) -> None:
+    """Draw a field over simulated time."""
+    output_file("--out", file, ".png", ".svg")
+    from acrc_testbed.recordings import lines
+    from acrc_testbed.recordings.topics import short
+
+    found = lines.series(_messages(out, [key], begin, end, False), field)
+    from acrc_testbed.picture import style
+    from deploy.run import out_folder
+
+    with out_folder.writing(file.parent):
+        style.write({short(name): values for name, values in found.items()}, field, file)
+    answer([str(file)], {"file": file}, json=json)
+
+
+@app.command()
+def check(out: _Recorded, json: Json = False) -> None:
+    """Check whether a run's files are as it left them.
+
+    Compare recordings with their checksums, one another and the result, and all files with the seal. A single
+    recording is compared with its checksums only.
+    """
+    from acrc_testbed.replay import record_check
+    from acrc_testbed.results import seal
+
+    if out.is_file():
+        plainly, said = record_check.check_recording(out)
+        answer([said], plainly, json=json)
+        return
+    if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
+        answer([seal.sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
+        return
+    report = record_check.check(out)
+    told = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
+    answer([*record_check.sentences(report), seal.sentence(out, report.sealed)], told, json=json)
+
+
+def _messages(
+    out: Path, keys: list[str], begin: float, end: float | None, follow: bool
+) -> Iterator["Recorded"]:
+    from acrc_testbed.recordings import topics
+
+    recorded = topics.follow(out, keys, lambda: not follow or topics.has_ended(out))
+    return topics.within(recorded, begin, end)
+
+
+def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> None:
+    """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
+    from acrc_testbed.recordings.lines import Rate
+
+    found: dict[str, Rate] = {}
+    due = time.monotonic() + _EVERY_S
+    for one in recorded:
+        found.setdefault(one.key, Rate()).take(one)
+        if follow and time.monotonic() >= due:
+            _print_keys(found, json=json)
+            due = time.monotonic() + _EVERY_S
+    _print_keys(found, json=json)
+
+
+def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
+    from acrc_testbed.recordings import lines
+    from acrc_testbed.recordings.topics import short
+
+    by_key = sorted(found.items(), key=lambda item: short(item[0]))
+    if json:
+        print(json_.dumps([lines.rate_as_json(key, rate) for key, rate in by_key]), flush=True)
+        return
+    for key, rate in by_key:
+        print("\n".join(lines.rate_sentences(key, rate)), flush=True)

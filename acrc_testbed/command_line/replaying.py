@@ -1,0 +1,212 @@
+"""`acrc replay` and `acrc explain`: a run or one actor replayed, to compare, to stop in, to ask why."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
+
+from acrc_testbed.command_line import options
+from acrc_testbed.command_line.options import Json, Modules, Trust, answer
+from actors.console import screen
+from actors.installation.usage import OptionError
+
+if TYPE_CHECKING:
+    from acrc_testbed.replay.record_replay import ReplayReport
+
+
+def replay(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Only this actor, from what it took in: r1, r1.1 once restarted, world or radio.",
+        ),
+    ] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Stop there, in a debugger.", min=0.0)
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Stop replaying there.", min=0.0)
+    ] = None,
+    pdb: Annotated[
+        bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
+    ] = False,
+    debugpy: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT", help="The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535
+        ),
+    ] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let another strategy decide, and say where it decides differently.",
+            autocompletion=options.strategies,
+        ),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="With --robot: replay it in a sandbox.  [default: where the machine can]",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Replay a run, or one robot of it, and compare every message.
+
+    --robot replays one actor alone.
+    """
+    options = {
+        "--isolate": isolate,
+        "--from": begin,
+        "--to": end,
+        "--pdb": pdb or None,
+        "--debugpy": debugpy,
+        "--strategy": strategy,
+    }
+    if robot is None:
+        alone = [name for name, value in options.items() if value is not None]
+        if alone:
+            raise OptionError(f"{alone[0]}: requires --robot; it is about one actor")
+        from actors.robot.behaviour.foreign import permit_of
+        from deploy.branches.swarm_replay import replay_swarm
+
+        again = replay_swarm(out, permit=permit_of(modules, trust=trust))
+        orders = "" if not again.orders else f", with {again.orders} orders from outside"
+        whole = "" if again.complete else ", as far as it was recorded"
+        answer(
+            [f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}"], again, json=json
+        )
+        return
+    if json and (pdb or debugpy is not None):
+        raise OptionError("--json: cannot be combined with --pdb and --debugpy")
+    if pdb and debugpy is not None:
+        raise OptionError("--pdb: cannot be combined with --debugpy")
+    if begin is not None and not pdb and debugpy is None:
+        raise OptionError("--from: requires --pdb or --debugpy; a debugger stops there")
+    if begin is not None and end is not None and begin > end:
+        raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
+    watched = pdb or debugpy is not None or end is not None or strategy is not None
+    if isolate and watched:
+        raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
+    if watched:
+        prints = sys.stderr if json else sys.stdout
+        report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust), prints)
+    else:
+        from acrc_testbed.replay import trusted_replay
+        from actors.robot.behaviour.foreign import permit_of
+
+        report = trusted_replay.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
+    until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
+    answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
+
+
+def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
+    """`own`: the strategy is the user's."""
+    from acrc_testbed.replay import record_replay
+
+    if pdb:
+        return record_replay.terminal(own=own)
+    return None if port is None else record_replay.debugpy_at(port)
+
+
+def _one(
+    out: Path,
+    robot: str,
+    begin: float,
+    end: float | None,
+    debugger: tuple[bool, int | None],
+    strategy: str | None,
+    words: tuple[list[Path] | None, bool],
+    prints: TextIO,
+) -> "ReplayReport":
+    from acrc_testbed.replay import record_replay
+    from acrc_testbed.replay.record_replay import Onlook, replay_actor
+    from acrc_testbed.replay.sandboxed_calls import check_trust
+    from actors.robot.behaviour.foreign import admitted, permit_of
+    from actors.robot.behaviour.modules import look_in
+    from actors.runtime.errors import AcrcError
+    from actors.runtime.prints import on
+    from cleaning.strategies import entry
+    from deploy.branches import swarm_replay
+
+    permit = permit_of(words[0], trust=words[1])
+    if strategy is None:
+        folders = check_trust(out, robot, permit) or ()
+    else:
+        folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
+    look_in(folders, any_content=permit.trust)
+    stop = _debugger(*debugger, own=bool(folders))
+    stretch, reached = record_replay.Stretch(begin, end), list[bool]()
+
+    def stopping() -> None:
+        assert stop is not None
+        reached.append(True)
+        stop()
+
+    wanted = None if stop is None else stopping
+    shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
+    onlook = Onlook(lambda core, step_us: record_replay.watch(core, step_us, stretch, wanted), prints=shown)
+    if strategy is None:
+        report = replay_actor(out, robot, onlook)
+    else:
+        report = swarm_replay.replay_otherwise(out, robot, entry(strategy), onlook)
+    if wanted is not None and not reached:
+        raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+    return report
+
+
+def explain(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    who: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT[@S]", help="r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."
+        ),
+    ],
+    json: Json = False,
+    modules: Modules = None,
+    trust: Trust = False,
+) -> None:
+    """Say why a robot decided as it did.
+
+    It names the knowledge, the frame that brought it, and the frames that were lost before.
+
+    It replays the robot and the radio if that was not done before, in a sandbox where the machine has one.
+    """
+    from acrc_testbed.explanation import explain as explanation
+    from actors.robot.behaviour.foreign import permit_of
+    from actors.runtime.errors import printable
+    from actors.runtime.isolation.sandbox import choose, warn
+
+    permit = permit_of(modules, trust=trust)
+    console = screen()
+    asked, choice = explanation.wish(who), choose(None)
+    warn(choice.warning)
+    explainer = explanation.Explainer(out, permit=permit, isolate=choice.isolate)
+    if asked.at_s is None:
+        rows = explainer.listed(asked.robot)
+        if json:
+            print(explanation.as_json(rows))
+            return
+        for row in rows:
+            console.print(printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})"))
+        if not rows:
+            console.print(f"{asked.robot} never decides anything.")
+        return
+    found = explainer.explain(asked)
+    if json:
+        print(explanation.as_json(found))
+        return
+    for number, one in enumerate(found):
+        for line in ([""] if number else []) + list(explanation.sentences(one)):
+            console.print(printable(line))

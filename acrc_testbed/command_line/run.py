@@ -1,0 +1,360 @@
+"""`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
+
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from acrc_testbed.command_line import options
+from acrc_testbed.command_line.options import (
+    Json,
+    Modules,
+    Robots,
+    ScenarioFile,
+    Seed,
+    Setting,
+    Trust,
+    answer,
+)
+from actors.console import screen
+from actors.installation.usage import OptionError, typed
+from actors.runtime.errors import AcrcError
+
+_BASELINES: Final = ("none", "none-original", "none-giving-up")
+"""Strategies without adaptation."""
+
+
+def run(
+    scenario: ScenarioFile = None,
+    robots: Robots = None,
+    seed: Seed = None,
+    key: Annotated[
+        str | None,
+        typer.Option(metavar="HEX", help="Secret part of the random seed, which no strategy can guess."),
+    ] = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
+    step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Adaptation strategy: a name from `acrc list strategies`, or module:function. "
+            "Drops the scenario's settings of another strategy.",
+            autocompletion=options.strategies,
+        ),
+    ] = None,
+    navigation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESET",
+            help="Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
+            autocompletion=options.navigation,
+        ),
+    ] = None,
+    setting: Setting = None,
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X", help="Simulated seconds per second, or max.  [default: max; with --control: 1]"
+        ),
+    ] = None,
+    bus: Annotated[
+        str,
+        typer.Option(
+            metavar="zenoh|memory",
+            help="Run each robot as a process (zenoh), or all in one process (memory).",
+            autocompletion=lambda: ["zenoh", "memory"],
+        ),
+    ] = "zenoh",
+    spawn: Annotated[
+        str,
+        typer.Option(
+            metavar="forkserver|exec",
+            help="How to start processes.",
+            autocompletion=lambda: ["forkserver", "exec"],
+        ),
+    ] = "forkserver",
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Run each robot in a sandbox that leaves it its own senses and radio only.  "
+            "[default: where the machine can]",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
+        ),
+    ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --view: show what this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
+    debug: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+        ),
+    ] = None,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Serve a map page on this computer: drag robots, add walls, pause."),
+    ] = False,
+    hardware: Annotated[
+        bool,
+        typer.Option(
+            "--hardware-in-the-loop",
+            help="Run the processes of real robots, with emulated devices, in wall time.",
+        ),
+    ] = False,
+    board: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
+            "repeatable.  [default: all]",
+        ),
+    ] = None,
+    on: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run the robots on the computers of a Dask cluster: tls://HOST:PORT.  [default: here]",
+        ),
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST[:PORT]",
+            help="With --on: where those computers connect to, at PORT and the next.  [default: any]",
+        ),
+    ] = None,
+    leave: Annotated[
+        bool,
+        typer.Option(
+            "--leave", help="With --on: leave recordings there, until `acrc cluster fetch`.  [default: bring]"
+        ),
+    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=N",
+            help="Limit each robot's process: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            "processes. Repeatable.",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            min=1,
+            max=86400,
+            help="End the run if one process keeps all others waiting for longer.",
+        ),
+    ] = 30.0,
+    json: Json = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Replay every robot afterwards, and fail if one depends on more than its inputs."
+        ),
+    ] = False,
+) -> None:
+    """Run a swarm and say what came of it. Options replace what the scenario says."""
+    from actors.robot.behaviour import foreign
+    from deploy.scenario.scenario_file import module_folders
+
+    permit = foreign.permit_of(modules, trust=trust)
+    from deploy.clusters.address import plain
+    from deploy.run.options import RunOptions, checked, folder_name
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
+
+    overrides = Overrides(
+        robots=robots,
+        seed=seed,
+        key=key,
+        duration=duration,
+        step=step,
+        strategy=strategy,
+        navigation=navigation,
+        settings=settings(setting or ()),
+    )
+    name = folder_name(scenario or DEFAULT_SCENARIO)
+    options = RunOptions(
+        out or Path("runs", name),
+        speed=speed or ("1" if control else "max"),
+        bus=bus,
+        spawn=spawn,
+        isolate=isolate,
+        scenario=(scenario or DEFAULT_SCENARIO).name,
+        hidden=(scenario.absolute(),) if scenario else (),
+        view=view,
+        debug=debug,
+        control=control,
+        hardware=hardware,
+        boards=tuple(board or ()),
+        on=plain(on) if on else "",
+        listen=listen or "",
+        leave=leave,
+        timeout_s=timeout,
+        json=json,
+        check=check,
+        log=tuple(log or ()),
+        followed=tuple(robot or ()),
+    )
+    options = checked(options, limit or ())
+    chosen = load_scenario(scenario, overrides)
+    behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
+    permit = replace(permit, typed=behaviour if strategy is not None else "")
+    folders = foreign.admitted(scenario or DEFAULT_SCENARIO, behaviour, module_folders(chosen), permit)
+    options = replace(options, modules=folders)
+
+    from actors.processes.kernels import compile_kernels
+    from actors.processes.launch import launcher
+    from deploy.run import out_folder
+
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        if hardware:
+            from acrc_testbed.field_trial import trial_result
+            from deploy.laboratory import hardware_in_the_loop
+
+            trial_result.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+            return
+        # the server imports what all processes need while this one imports what a run needs
+        with launcher(spawn) if bus == "zenoh" else nullcontext() as launched:
+            from deploy.run import swarm
+
+            result = swarm.run(chosen, options, launched)
+    from acrc_testbed.results import summary
+    from acrc_testbed.results.result import demand_all
+
+    summary.print_result(result, json=json)
+    if not json:
+        adapted = chosen.run.strategy not in _BASELINES
+        summary.print_next(options.out, options.modules, [*_baseline(sys.argv[1:], out)] if adapted else ())
+    if view:
+        summary.print_view(options.out)
+    demand_all(result.undelivered, result.not_delivered)
+    if check:
+        _check_again(options.out, options.modules)
+
+
+def _baseline(words: Iterable[str], out: Path | None) -> Iterator[str]:
+    """Yield the words of the same run without adaptation, in a folder beside `out` if that was given."""
+    rest = iter(words)
+    for word in rest:
+        found = (word, next(rest)) if word in {"--set", "--strategy", "--out"} else (word,)
+        if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(found)):
+            yield from found
+    yield from ("--strategy", "none")
+    if out is not None:
+        yield from ("--out", f"{out}-none")
+
+
+def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
+    """Execute a run's actors again; what comes out stands on standard error, beside the result."""
+    from acrc_testbed.replay.recheck import recheck
+
+    again = recheck(out, modules)
+    screen(stderr=True).print(f"checked: {again.actors} actors replayed, all {again.outputs} messages equal")
+
+
+def _behaviour(strategy: str, *, by_option: bool) -> str:
+    """The entry string of a strategy. Raises OptionError or StrategyError, by who has named it."""
+    from cleaning.strategies import StrategyError, entry
+
+    try:
+        return entry(strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") if by_option else error from None
+
+
+def branch(
+    place: Annotated[
+        str,
+        typer.Argument(metavar="RUN@S", help="A recorded run's folder, and an instant in simulated seconds."),
+    ],
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let robots follow this strategy from then on.",
+            autocompletion=options.strategies,
+        ),
+    ] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Set a setting of --strategy: strategy.N=3. Repeatable."
+        ),
+    ] = None,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ORDER", help="Give an order: 'kill r2 at 130'. Repeatable."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for the branch.  [default: in runs/]"),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
+    """Continue a recorded run with a change and say what differs.
+
+    Without a change the branch equals the run.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.branches.branching import continue_run
+
+    permit = permit_of(modules, trust=trust)
+    continue_run(place, strategy, setting or (), event or (), out, permit=permit, json=json)
+
+
+def order(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run in progress.")],
+    verb: Annotated[
+        str,
+        typer.Argument(
+            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=options.orders
+        ),
+    ],
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,
+    json: Json = False,
+) -> None:
+    """Give an order to a run in progress.
+
+    Example: acrc order runs/mine kill r2. It prints what became of the order; the exit code is 1 if the run
+    refused it.
+    """
+    from deploy.run import orders, out_folder
+
+    if str(out) in orders.VERBS and verb not in orders.VERBS:
+        folder = out_folder.newest(Path("runs")) or "runs/NAME"
+        raise OptionError(f"OUT: is missing; must be as in {typed('order', folder, out, verb)}")
+    given = " ".join([verb, *(words or [])])
+    refusal = orders.send(out, orders.parse(verb, words or []))
+    if refusal:
+        raise AcrcError(f"the run refused the order {given!r} {refusal}")
+    answer([f"acrc: the run has carried out: {given}"], {"order": given}, json=json)

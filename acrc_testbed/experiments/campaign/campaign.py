@@ -1,0 +1,200 @@
+"""Carries a study out: as many trials at once as there are cores, whatever is missing of them."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Final
+
+from acrc_testbed.experiments.campaign.pool import EndedTrial, LocalPool, Pool
+from acrc_testbed.experiments.campaign.store import Pending, Store
+from acrc_testbed.experiments.campaign.trial_record import compared, keep, received
+from actors.processes.kernels import compile_kernels
+from actors.processes.launch import launcher, scratch_folder
+from actors.processes.signals import signals_as_interrupts
+from actors.runtime import regular_file
+
+_Kind = tuple[str, tuple[tuple[str, object], ...], bool]
+
+
+class TimeToGo:
+    """Trials of different strategies and variants take differently long, and repetitions longer still."""
+
+    def __init__(self) -> None:
+        self._took: dict[_Kind, list[float]] = {}
+
+    def learn(self, pending: Pending, took_s: float) -> None:
+        """Take in what one of them took."""
+        self._took.setdefault(_kind(pending), []).append(took_s)
+
+    def left_s(
+        self, waiting: Iterable[Pending], running: Sequence[tuple[Pending, float]], slots: int
+    ) -> float | None:
+        """What is left if so many go on at once; None before anything has ended.
+
+        `running`: what has begun, and for how long it has run. A kind of which none has ended yet takes what
+        the others took on average.
+        """
+        if not self._took:
+            return None
+        means = {kind: fmean(spans) for kind, spans in self._took.items()}
+        overall = fmean(means.values())
+        begun = [max(means.get(_kind(pending), overall) - since, 0.0) for pending, since in running]
+        to_come = sum(means.get(_kind(pending), overall) for pending in waiting)
+        return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
+
+
+def _kind(pending: Pending) -> _Kind:
+    trial = pending.trial
+    return trial.strategy, tuple((key, repr(value)) for key, value in trial.variant), pending.check
+
+
+_LOOK_S: Final = 1.0
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """How a study is carried out; of no influence on what comes out."""
+
+    jobs: int = 0
+    """Trials at once; 0: one per core."""
+    patience_s: float = 3600.0
+    """A trial that takes longer has failed."""
+    check_every: int = 0
+    """Of each strategy the first trial and every `check_every`-th from there on are repeated as processes
+    over Zenoh; 0: none."""
+    on: str | None = None
+    """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
+    modules: tuple[Path, ...] = ()
+    """Where strategies of one's own are looked for, as `actors.robot.behaviour.foreign` has admitted it."""
+
+
+@dataclass(frozen=True)
+class CampaignProgress:
+    """How far a campaign is."""
+
+    done: int
+    """Trials that have ended, those of earlier calls included."""
+    failed: int
+    total: int
+    left_s: float | None
+    """What the rest will take, from what the trials took so far; None before the first has ended."""
+    enough: bool = False
+    """True if it has stopped because no more trials are needed."""
+
+
+OnProgress = Callable[[CampaignProgress], None]
+
+
+def carry_out(
+    store: Store,
+    options: CampaignOptions,
+    follow: OnProgress = lambda progress: None,
+    enough: Callable[[], bool] = lambda: False,
+) -> CampaignProgress:
+    """Run every trial that has no record, and give how it stands then.
+
+    Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
+    dies, or takes too long, is kept as a failure. `enough`: asked at the beginning and after each trial; once
+    it says so no further trial begins.
+    """
+    with signals_as_interrupts(), _pool(store, options) as pool:
+        return _Campaign(store, options, pool, follow, enough).run()
+
+
+@contextmanager
+def _pool(store: Store, options: CampaignOptions) -> Iterator[Pool]:
+    if options.on is not None:
+        from acrc_testbed.experiments.campaign.dask_pool import DaskPool
+
+        with DaskPool(store, options.on, options.jobs, options.patience_s, options.modules) as cluster:
+            yield cluster
+        return
+    compile_kernels(quiet=True)
+    with scratch_folder() as folder, launcher("forkserver") as launched:
+        yield LocalPool(store.study, launched, folder, options.jobs, options.patience_s, options.modules)
+
+
+class _Campaign:
+    def __init__(
+        self,
+        store: Store,
+        options: CampaignOptions,
+        pool: Pool,
+        follow: OnProgress,
+        enough: Callable[[], bool],
+    ) -> None:
+        self._store = store
+        self._every = 0 if store.study.isolated else options.check_every
+        self._pool = pool
+        self._follow = follow
+        self._asked_enough = enough
+        self._trials = deque(store.pending())
+        self._checks = deque[Pending]()
+        self._total = sum(1 for _ in store.study.trials())
+        self._before = self._total - len(self._trials)
+        self._failed = 0
+        self._ended = 0
+        self._time = TimeToGo()
+        self._take_in_what_is_there()
+        self._enough = False
+
+    def _take_in_what_is_there(self) -> None:
+        """Count the failures of earlier calls, and learn from them how long a trial takes."""
+        for trial in self._store.study.trials():
+            if not self._store.path(trial).exists():
+                continue
+            result = self._store.record(trial).result
+            if result is None:
+                self._failed += 1
+            else:
+                self._time.learn(Pending(trial), result.startup_s + result.wall_s)
+
+    def run(self) -> CampaignProgress:
+        self._ask()
+        self._follow(self._progress())
+        self._work(self._trials)
+        if self._every:
+            self._checks.extend(self._store.unchecked(self._every))
+            self._work(self._checks)
+        return self._progress()
+
+    def _work(self, waiting: deque[Pending]) -> None:
+        """Have all of them run to their ends."""
+        while waiting or self._pool.running:
+            while waiting and len(self._pool.running) < self._pool.slots:
+                pending = waiting.popleft()
+                regular_file.write(self._store.log(pending.trial, check=pending.check), b"")
+                self._pool.start(pending)
+            ended = self._pool.wait(_LOOK_S)
+            for one in ended:
+                self._time.learn(one.pending, one.took_s)
+                self._note(one)
+            if ended:
+                self._ask()
+            self._follow(self._progress())
+
+    def _ask(self) -> None:
+        if not self._enough and self._asked_enough():
+            self._enough = True
+            self._trials.clear()
+
+    def _note(self, ended: EndedTrial) -> None:
+        """Keep what came of it; whatever a process has left is checked here."""
+        trial, check = ended.pending
+        store = self._store
+        regular_file.write(store.log(trial, check=check), ended.said)
+        record = received(ended.record, trial, ended.cause)
+        if check:
+            keep(store.check_path(trial), compared(store.record(trial), record))
+            return
+        self._ended += 1
+        self._failed += record.failure is not None
+        keep(store.path(trial), record)
+
+    def _progress(self) -> CampaignProgress:
+        waiting = (*self._trials, *self._checks)
+        left_s = self._time.left_s(waiting, self._pool.running, self._pool.slots)
+        return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)

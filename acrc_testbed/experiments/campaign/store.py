@@ -1,0 +1,296 @@
+"""The folder of a campaign: its study, and a file for each trial that has ended."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Final, NamedTuple
+
+import msgspec
+
+from acrc_testbed.experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from acrc_testbed.experiments.study import frozen_plan
+from acrc_testbed.experiments.study.frozen_plan import FrozenPlan
+from acrc_testbed.experiments.study.study import Study, Trial, differences
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.seal import SUMS, check_seal
+from actors.installation.version import software
+from actors.runtime import regular_file, typed_json
+from actors.runtime.errors import AcrcError
+
+_STUDY: Final = "study.json"
+_ABOUT: Final = "campaign.json"
+_TRIALS: Final = "trials"
+_CHECKS: Final = "checks"
+_LOGS: Final = "logs"
+_LOOKS: Final = "looks.json"
+_PLAN: Final = "plan.json"
+_OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
+"""What lies in a folder whose campaign was ended before it had begun."""
+
+
+class About(msgspec.Struct, frozen=True):
+    """What all trials of a campaign have in common beside the study."""
+
+    commit: str
+    plan_sha256: str | None = None
+    """Of the frozen plan that was there before the first run ended; None: there was none."""
+    departures: tuple[str, ...] = ()
+    """What its software and its files had otherwise than in the plan whenever it was begun or resumed."""
+
+
+class Looks(msgspec.Struct, frozen=True):
+    """That a campaign was looked at while it went on, which holds from the first time on."""
+
+    cap: int
+    """Pairs at most."""
+    metric: str
+
+
+class Pending(NamedTuple):
+    """A trial that is to be run, or to be repeated over Zenoh."""
+
+    trial: Trial
+    check: bool = False
+    """True: to be repeated."""
+
+
+class Store:
+    """A campaign's folder."""
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        self.folder = folder
+        self.study = study
+        self.study_file = folder / _STUDY
+        self.about_file = folder / _ABOUT
+
+    def about(self) -> About:
+        """What all trials have in common beside the study. Raises AcrcError for a damaged file."""
+        return typed_json.read(self.about_file, About, "campaign")
+
+    def pending(self) -> list[Pending]:
+        """The trials that have no record yet, in the study's order."""
+        return [Pending(trial) for trial in self.study.trials() if not self.path(trial).exists()]
+
+    def unchecked(self, every: int) -> list[Pending]:
+        """Return the first trial of each strategy and every Nth from there on, if not repeated yet."""
+        own: dict[str, list[Trial]] = {}
+        for trial in self.study.trials():
+            own.setdefault(trial.strategy, []).append(trial)
+        return [
+            Pending(trial, check=True)
+            for trials in own.values()
+            for trial in trials[::every]
+            if not self.check_path(trial).exists() and self._has_result(trial)
+        ]
+
+    def _has_result(self, trial: Trial) -> bool:
+        return self.path(trial).exists() and self.record(trial).result is not None
+
+    def check_path(self, trial: Trial) -> Path:
+        """Where the record of a trial's repetition over Zenoh is, or will be."""
+        return self.folder / _CHECKS / f"{trial.name}.json"
+
+    def checks(self) -> Iterator[CheckRecord]:
+        """Of all trials that were repeated, in the study's order. Raises AcrcError for a damaged one."""
+        for trial in self.study.trials():
+            if self.check_path(trial).exists():
+                yield self.check(trial)
+
+    def check(self, trial: Trial) -> CheckRecord:
+        """Of a trial that was repeated. Raises AcrcError for a damaged one."""
+        return typed_json.read(self.check_path(trial), CheckRecord, "record of a repeated trial")
+
+    def declare_looks(self) -> None:
+        """Keep that this campaign stops early by its rule. Raises AcrcError if it began with another."""
+        here = Looks(self.study.seeds, self.study.primary_metric)
+        before = self.looks
+        if before is not None and before != here:
+            raise AcrcError(
+                f"{self.folder}: was looked at on the way to {before.cap} pairs; with {here.cap} the error"
+                " rate would not hold, so it must stay as it is, or be another campaign"
+            )
+        keep(self.looks_file, here)
+
+    @property
+    def looks(self) -> Looks | None:
+        """None if nobody looks before the end."""
+        path = self.looks_file
+        return typed_json.read(path, Looks, "looks at a campaign") if path.exists() else None
+
+    @property
+    def looks_file(self) -> Path:
+        """Where it is kept that somebody looks before the end."""
+        return self.folder / _LOOKS
+
+    @property
+    def commit(self) -> str:
+        """What all its trials were made with."""
+        return self.about().commit
+
+    @property
+    def plan_file(self) -> Path:
+        """Where the frozen plan is if there is one."""
+        return self.folder / _PLAN
+
+    @property
+    def plan(self) -> FrozenPlan | None:
+        """The plan from before the first run; None if there was none. Raises AcrcError for another one."""
+        known = self.about().plan_sha256
+        if known is None:
+            return None
+        plan = frozen_plan.read(self.plan_file)
+        if plan.sha256 != known:
+            raise AcrcError(
+                f"{self.plan_file}: has SHA-256 {plan.sha256}, but the campaign was begun with {known}"
+            )
+        return plan
+
+    def path(self, trial: Trial) -> Path:
+        """Where a trial's record is, or will be."""
+        return self.folder / _TRIALS / f"{trial.name}.json"
+
+    def log(self, trial: Trial, *, check: bool = False) -> Path:
+        """What its process says, or that of its repetition."""
+        return self.folder / _LOGS / f"{trial.name}{'-check' if check else ''}.log"
+
+    def records(self) -> Iterator[TrialRecord]:
+        """Of all trials that have ended, in the study's order. Raises AcrcError for a damaged one."""
+        for trial in self.study.trials():
+            if self.path(trial).exists():
+                yield self.record(trial)
+
+    def record(self, trial: Trial) -> TrialRecord:
+        """Of a trial that has ended. Raises AcrcError for a damaged one."""
+        return typed_json.read(self.path(trial), TrialRecord, "record of a trial")
+
+
+def create(folder: Path, study: Study) -> Store:
+    """The store in a new folder, or the one that this study, or the same with fewer seeds, has begun there.
+
+    Raises AcrcError if the folder holds something else, or what other software has begun, and SealError
+    if it is not as it was left.
+    """
+    store, about = Store(folder, study), About(software())
+    if store.study_file.exists():
+        before = typed_json.read(store.study_file, Study, "study of a campaign")
+        if study.seeds < before.seeds:
+            raise AcrcError(
+                f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
+            )
+        if others := differences(before, study).keys() - {"seeds"}:
+            raise AcrcError(
+                f"{folder}: holds the campaign of another study ({min(others)} differs); "
+                "must be new, or that of this one"
+            )
+        commit = store.commit
+        if commit != about.commit:
+            raise AcrcError(
+                f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
+            )
+        check_seal(folder)
+        (folder / SUMS).unlink(missing_ok=True)  # what it covers is about to change
+        _check_parts(folder)
+        keep(store.study_file, study)  # with more seeds it goes on
+        return store
+    if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
+        raise AcrcError(f"{folder}: holds something that is no campaign; must be new or empty")
+    folder.mkdir(parents=True, exist_ok=True)
+    _check_parts(folder)
+    keep(folder / _ABOUT, about)
+    keep(store.study_file, study)
+    return store
+
+
+def _check_parts(folder: Path) -> None:
+    """Make what is missing. Raises AcrcError for a link in its place."""
+    for part in (_TRIALS, _CHECKS, _LOGS):
+        try:
+            regular_file.no_link(folder / part).mkdir(exist_ok=True)
+        except OSError as error:
+            raise AcrcError(f"{folder / part}: {error.strerror}") from None
+
+
+def holds(folder: Path) -> bool:
+    """True if a campaign has been begun in the folder."""
+    return (folder / _STUDY).exists()
+
+
+def load(folder: Path) -> Store:
+    """The store in a folder. Raises AcrcError if there is none, SealError if it is not as it was left."""
+    if not holds(folder):
+        raise AcrcError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
+    check_seal(folder)
+    return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
+
+
+IN_MEMORY: Final = (
+    "Made in memory: there a strategy can reach the world, the referee and its own result, so this is for "
+    "strategies that you trust; `acrc campaign --isolate` makes every run as isolated processes."
+)
+ISOLATED: Final = (
+    "Every run was made as isolated processes: no strategy could reach the world, the referee or its result."
+)
+_MOST_TOLD: Final = 3
+
+
+def protection(kept: Store) -> list[str]:
+    """What is protected in these runs and what is not, in sentences that come before all others."""
+    results = [record.result for record in kept.records() if record.result is not None]
+    other = [f"{line}." for line in other_software(kept)]
+    if kept.study.isolated:
+        open_ = sum(result.isolation != "full" for result in results)
+        isolated = (
+            f"{open_} of {len(results)} runs were NOT isolated, as the study wants." if open_ else ISOLATED
+        )
+        return [isolated, *other]
+    return [IN_MEMORY, *_repeated(kept, results), *other]
+
+
+def other_software(kept: Store) -> list[str]:
+    """Which runs were made with software that was changed or committed after the campaign had begun."""
+    made = [record.result.origin.commit for record in kept.records() if record.result is not None]
+    others = [commit for commit in made if commit != kept.commit]
+    if not others:
+        return []
+    return [
+        f"{len(others)} of {len(made)} runs were made with other software than {kept.commit}, with which the "
+        f"campaign began: {', '.join(dict.fromkeys(others))}"
+    ]
+
+
+def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
+    """Yield how many runs were repeated as processes, how many of them isolated, and both speeds."""
+    if not results:
+        return
+    checks = list(kept.checks())
+    speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
+    if not checks:
+        yield f"None of {len(results)} runs was repeated as processes; in memory {speed} (median)."
+        return
+    isolated = sum(check.isolation == "full" for check in checks)
+    speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
+    over = f", as processes {median(speeds):.3g} x" if speeds else ""
+    same = sum(check.agrees for check in checks)
+    yield (
+        f"{len(checks)} of {len(results)} runs were repeated as processes ({isolated} isolated): "
+        f"{same} gave the same result; in memory {speed} (median){over}."
+    )
+
+
+def differing(kept: Store) -> list[str]:
+    """Return a sentence for each run whose repetition had another result."""
+    return [_difference(check) for check in kept.checks() if not check.agrees]
+
+
+def _difference(check: CheckRecord) -> str:
+    run = f"{check.strategy} with seed {check.seed}"
+    if check.failure is not None:
+        return f"{run} came to its end in memory, but not over Zenoh: {check.failure}"
+    what = f"digest {check.in_memory} in memory, {check.over_zenoh} there"
+    if check.in_memory == check.over_zenoh:
+        what = "; ".join(check.differs[:_MOST_TOLD])
+        what += f"; and {len(check.differs) - _MOST_TOLD} more" if len(check.differs) > _MOST_TOLD else ""
+    return (
+        f"{run} is another run over Zenoh than in memory: {what}; nothing that this campaign shows can be "
+        "trusted before it is known why"
+    )

@@ -1,0 +1,380 @@
+"""Charts of a report: boxes, curves, stacked bars, dots; the same bytes for the same numbers."""
+
+import contextlib
+import io
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+
+from acrc_testbed.experiments.report.quantities import BoxSpread
+from acrc_testbed.experiments.statistics.paired_tests import Interval
+from acrc_testbed.experiments.statistics.survival import Completion, SurvivalCurve
+from acrc_testbed.picture.style import applied as settings_applied
+from acrc_testbed.picture.style import dark_too
+from actors.runtime import regular_file
+from actors.runtime.errors import printable
+
+INK: Final = "#1b1f24"
+FAINT: Final = "#6a737d"
+GRID: Final = "#d0d5db"
+PAPER: Final = "#fdfdfc"
+PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7f7f7f")
+"""Told apart by the colour-blind: Okabe and Ito, "Color Universal Design", 2008, less black and yellow."""
+MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X")
+LINES: Final = ("-", "--", "-.", ":")
+WIDTH: Final = 9.0
+"""Inches, of every picture."""
+TITLE: Final = 46
+"""Letters in a line above a panel of two side by side."""
+NARROW: Final = 30
+"""Letters in a line where there is less room: beside an axis, in a legend, above a panel beside names."""
+_STYLE: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "text.parse_math": False,  # names of strategies may hold anything
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": FAINT,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.facecolor": "none",
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.w_pad": 0.08,
+    "svg.hashsalt": "acrc",
+    "svg.fonttype": "path",
+}
+_DARK: Final = {INK: "#e6e8eb", FAINT: "#9aa3ad", GRID: "#3a4048", PAPER: "#16191d", PALETTE[0]: "#3d9fe0"}
+"""What these become where the reader's screen is dark."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one strategy looks in every picture."""
+
+    colour: str
+    marker: str
+    line: str
+
+
+def look(number: int) -> Look:
+    """Of the strategy of this number; further ones repeat colours with other lines and marks."""
+    turn, place = divmod(number, len(PALETTE))
+    return Look(PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)])
+
+
+def applied() -> contextlib.AbstractContextManager[None]:
+    """Pictures are made and written in here."""
+    return settings_applied(_STYLE)
+
+
+def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels in rows of two, each so many inches high. `alike`: in their axes of x."""
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(WIDTH, max(1.9, rows * height)))
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, sharex=alike, squeeze=False)
+    axes = list(grid.flat)
+    for unused in axes[count:]:
+        unused.remove()
+    for above in axes[max(0, count - columns) : count]:
+        above.xaxis.set_tick_params(labelbottom=True)
+    return figure, axes[:count]
+
+
+def wrapped(name: str, width: int, lines: int) -> str:
+    """A name in at most so many lines of so many letters; whole it stands in the tables."""
+    told = textwrap.wrap(printable(name), width)
+    if len(told) > lines:
+        told = [*told[: lines - 1], f"{told[lines - 1][: width - 1]}…"]
+    return "\n".join(told)
+
+
+def png(figure: Figure) -> bytes:
+    """On a light ground, for papers and slides."""
+    into = io.BytesIO()
+    figure.savefig(into, format="png", dpi=150, facecolor=PAPER, metadata={"Software": None})
+    return into.getvalue()
+
+
+def svg(figure: Figure) -> bytes:
+    """Without ground; its ink follows whether the reader's screen is light or dark."""
+    into = io.BytesIO()
+    figure.savefig(into, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return dark_too(into.getvalue(), _DARK)
+
+
+def save(figure: Figure, folder: Path, name: str) -> bytes:
+    """Write both, and give the SVG."""
+    drawn = svg(figure)
+    figure.set_layout_engine("none")  # once is enough: all keeps its place
+    regular_file.write(folder / f"{name}.png", png(figure))
+    regular_file.write(folder / f"{name}.svg", drawn)
+    return drawn
+
+
+_GOLDEN: Final = 0.6180339887498949
+"""Multiples of it, less their whole parts, lie nowhere near one another: dots of equal values stay apart."""
+_SEEN: Final = 0.25
+"""Part of an axis from zero below which differences are shown larger."""
+_ROW: Final = 0.42
+"""Height of a box or bar with its margins, inches."""
+_FRAME: Final = 0.95
+"""Height of a panel's title, axis and margins, inches."""
+_LEAST_TOLD: Final = 0.07
+"""Parts of a bar below this share hold no number: it would not fit."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """One row of a box plot."""
+
+    label: str
+    look: Look
+    spread: BoxSpread
+    at_least: tuple[float, ...] = ()
+    """Which of the values are only known to be so great or greater."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One strategy's completion over time."""
+
+    label: str
+    look: Look
+    survival: SurvivalCurve
+    runs: tuple[Completion, ...]
+
+
+@dataclass(frozen=True)
+class Dot:
+    """An estimate with its interval."""
+
+    label: str
+    look: Look
+    mean: Interval | None
+    """None: unknown."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Shares of a whole, which add up to 1."""
+
+    label: str
+    parts: Mapping[str, float]
+
+
+def boxes(
+    conditions: Mapping[str, Sequence[Box]],
+    says: str,
+    *,
+    limit: tuple[float, str] | None = None,
+    near: bool = False,
+) -> Figure:
+    """A panel for each condition, a row for each box.
+
+    `limit`: a value that none exceeds, and what it is. `near`: the axis may begin elsewhere than at zero.
+    """
+    tallest = max(map(len, conditions.values()))
+    figure, axes = panels(len(conditions), _FRAME + _ROW * tallest)
+    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
+        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        for place, row in enumerate(rows):
+            _box(panel, place, row)
+        if limit is not None:
+            panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+        panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
+    _label_rows_once(axes)
+    lows = [row.spread.least for rows in conditions.values() for row in rows]
+    highs = [row.spread.most for rows in conditions.values() for row in rows]
+    highest = max(*highs, limit[0] if limit else highs[0])
+    begin = _begins(min(lows), highest) if near else 0.0
+    axes[0].set_xlim(begin, highest + 0.04 * (highest - begin) if highest > begin else begin + 1.0)
+    notes = [f"dashed: {limit[1]}"] if limit else []
+    notes += ["the axis does not begin at zero"] if begin else []
+    _label_x(axes, f"{says} ({'; '.join(notes)})" if notes else says)
+    return figure
+
+
+def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
+    """A panel for each condition: the share of runs that are complete, with its 95 % band."""
+    figure, axes = panels(len(conditions), 3.4)
+    for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
+        panel.set_title(wrapped(title, TITLE, 3) if len(conditions) > 1 else "")
+        for curve in curves:
+            _curve(panel, curve, horizon)
+        panel.set_ylim(-0.03, 1.03)
+        panel.yaxis.set_major_formatter(PercentFormatter(1.0))
+        panel.set_ylabel("share of runs complete")
+        if len(conditions) > 1:
+            panel.legend(loc="best", fontsize=8.5)
+    axes[0].set_xlim(0.0, horizon * 1.02)
+    if len(conditions) == 1:
+        figure.legend(loc="outside right upper", fontsize=8.5)
+    _label_x(axes, "simulated time, s")
+    return figure
+
+
+def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str) -> Figure:
+    """A panel for each condition, a row for each bar. `looks`: colour and hatch of each part."""
+    tallest = max(map(len, conditions.values()))
+    figure, axes = panels(len(conditions), _FRAME + _ROW * tallest + 0.35)
+    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
+        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        for place, row in enumerate(rows):
+            _stack(panel, place, row, looks)
+        panel.set_xlim(0.0, 1.0)
+        panel.xaxis.set_major_formatter(PercentFormatter(1.0))
+    _label_x(axes, says)
+    _label_rows_once(axes)
+    handles, labels = axes[0].get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(unique.values()), list(unique), loc="outside lower center", ncols=5, fontsize=8.5,
+        handlelength=1.4, columnspacing=1.2,
+    )  # fmt: skip
+    return figure
+
+
+def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
+    """A panel for each quantity, each with its own axis from zero, a row for each estimate."""
+    tallest = max(map(len, quantities.values()))
+    figure, axes = panels(len(quantities), _FRAME + 0.9 * _ROW * tallest, alike=False)
+    for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
+        _begin(panel, "", [row.label for row in rows])
+        panel.set_title(wrapped(title, NARROW, 2))
+        known = [(place, row.mean, row.look) for place, row in enumerate(rows) if row.mean is not None]
+        for place, mean, how in known:
+            panel.plot(
+                [mean.low, mean.high], [place, place], color=how.colour, linewidth=2.0,
+                solid_capstyle="round",
+            )  # fmt: skip
+            panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
+        panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        farthest = (mean.value if math.isnan(mean.high) else mean.high for _, mean, _ in known)
+        panel.set_xlim(0.0, 1.05 * max(farthest) or 1.0)
+    _label_rows_once(axes)
+    return figure
+
+
+def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
+    panel.set_title(wrapped(title, TITLE, 3))
+    told = [wrapped(label, NARROW, 2) for label in labels]
+    panel.set_yticks(range(len(labels)), told, fontsize=8.5 if "\n" in "".join(told) else None)
+    panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
+    panel.grid(visible=False, axis="y")
+    panel.tick_params(axis="y", length=0)
+
+
+def _label_rows_once(axes: Sequence[Axes]) -> None:
+    """At the left of two panels side by side, where their rows are the same."""
+    for left, right in zip(axes[::2], axes[1::2], strict=False):
+        if [one.get_text() for one in left.get_yticklabels()] == [
+            one.get_text() for one in right.get_yticklabels()
+        ]:
+            right.tick_params(axis="y", labelleft=False)
+
+
+def _label_x(axes: Sequence[Axes], says: str) -> None:
+    """Below the lowest panel of each column."""
+    for panel in axes[-2:] if len(axes) > 1 else axes:
+        panel.set_xlabel(says)
+
+
+def _begins(low: float, high: float) -> float:
+    """Where an axis begins: at zero, unless nobody would see from there what differs."""
+    return 0.0 if low == high or high - low > _SEEN * high else low - 0.5 * (high - low)
+
+
+def _box(panel: Axes, place: int, row: Box) -> None:
+    spread, colour = row.spread, row.look.colour
+    if len(spread.values) > max(4, len(row.at_least)):  # of fewer the dots say it all, of limits alone too
+        low, high = spread.whiskers
+        panel.bxp(
+            [{
+                "med": spread.median, "q1": spread.q1, "q3": spread.q3, "whislo": low, "whishi": high,
+                "fliers": [],
+            }],
+            positions=[place], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
+            patch_artist=True,
+            boxprops={"facecolor": f"{colour}38", "edgecolor": colour, "linewidth": 1.2},
+            medianprops={"color": INK, "linewidth": 2.0},
+            whiskerprops={"color": colour, "linewidth": 1.2}, capprops={"color": colour, "linewidth": 1.2},
+        )  # fmt: skip
+    limits = Counter(row.at_least)
+    dots: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+    for number, value in enumerate(spread.values):
+        is_limit = limits[value] > 0
+        limits[value] -= is_limit
+        dots[is_limit].append((value, place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))
+    for hollow, points in dots.items():
+        if not points:
+            continue
+        panel.plot(
+            *zip(*points, strict=True), linestyle="none",
+            marker=">" if hollow else row.look.marker, markersize=4.5,
+            markerfacecolor=PAPER if hollow else colour, markeredgecolor=colour, markeredgewidth=1.0,
+            alpha=0.85, zorder=3, clip_on=False,
+        )  # fmt: skip
+
+
+def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
+    found, how = curve.survival, curve.look
+    ends = [*found.times.tolist(), horizon]
+    done = [0.0, *(1.0 - found.shares).tolist()]
+    count = sum(run.done for run in curve.runs)
+    panel.step(
+        [0.0, *ends], [*done, done[-1]], where="post", color=how.colour, linestyle=how.line, linewidth=1.8,
+
+        label=f"{wrapped(curve.label, NARROW, 1)}: {count} of {len(curve.runs)}",
+    )  # fmt: skip
+    if found.times.size:
+        upper, lower = (1.0 - found.low).tolist(), (1.0 - found.high).tolist()
+        panel.fill_between(
+            ends, [*lower, lower[-1]], [*upper, upper[-1]], step="post", color=how.colour, alpha=0.12,
+            linewidth=0,
+        )  # fmt: skip
+    left = [run.at for run in curve.runs if not run.done]
+    if left:
+        panel.plot(
+            left, [1.0 - found.share_at(at) for at in left], linestyle="none", marker="|", markersize=8,
+            color=how.colour, markeredgewidth=1.4, clip_on=False,
+        )  # fmt: skip
+
+
+def _stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
+    begin = 0.0
+    for name, (colour, hatch) in looks.items():
+        part = row.parts[name]
+        panel.barh(
+            [place], [part], left=begin, height=0.62, color=colour, hatch=hatch, edgecolor=PAPER,
+            linewidth=0.6, label=name,
+        )  # fmt: skip
+        if part >= _LEAST_TOLD:
+            panel.text(
+                begin + part / 2, place, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
+                color="#111111",
+                bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffcc", "linewidth": 0},
+            )  # fmt: skip
+        begin += part

@@ -1,0 +1,411 @@
+"""Sentences and tables of a report: what was asked and found, what failed, and warnings."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+from acrc_testbed.experiments.comparison.across_cells import AcrossCells
+from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample
+from acrc_testbed.experiments.comparison.family import ComparedMetric, PairVerdict
+from acrc_testbed.experiments.comparison.judgement import CampaignJudgement
+from acrc_testbed.experiments.comparison.metrics import named
+from acrc_testbed.experiments.report import quantities
+from acrc_testbed.experiments.report.cases import REAL, CaseSource
+from acrc_testbed.experiments.report.quantities import Cell, NumberTable
+from acrc_testbed.experiments.report.section import UPPER_BOUNDS, Group, ReportView, label
+from acrc_testbed.experiments.report.time_sections import deadlocks
+from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS
+from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
+from acrc_testbed.field_trial.trial_result import TrialResult
+from acrc_testbed.results.result import RunResult
+
+_TOLD = ("better", "worse", "as good", "not told apart")
+
+
+def verdict_table(name: str, verdicts: Sequence[PairVerdict]) -> NumberTable:
+    """A row for each verdict, with the estimates of the metric by which it came about."""
+    return NumberTable(
+        f"verdicts_{name}",
+        "What each declared comparison came to, by the test of the metric that decided it, or that left it "
+        "undecided. As good: within the margin, by every test. Intervals are of 95 %.",
+        (
+            *("first", "second", "condition", "the first is", "by", "first has", "second has"),
+            *("difference", "better on", "worse on", "A12", "p after Holm"),
+        ),
+        tuple(_row(one) for one in verdicts),
+    )
+
+
+def counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
+    """For each pair in how many conditions the first is better, worse, as good, or not told apart."""
+    pairs = dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts)
+    for pair in pairs:
+        words = [_word(one) for one in verdicts if (one.sample.one, one.sample.other) == pair]
+        parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
+        yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
+
+
+def _word(one: PairVerdict) -> str:
+    if one.deciding is not None:
+        return "better" if one.deciding.test.direction > 0 else "worse"
+    return "as good" if one.equivalent else "not told apart"
+
+
+def _asked_last(one: PairVerdict) -> ComparedMetric:
+    return one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
+
+
+def _row(one: PairVerdict) -> tuple[Cell, ...]:
+    sample, step = one.sample, _asked_last(one)
+    found = step.estimated()
+    estimates: tuple[Cell, ...] = (None,) * 6
+    if found is not None:
+        estimates = (found.ones, found.others, found.difference, found.better, found.worse, found.effect)
+    condition = ", ".join(f"{key} = {value}" for key, value in sample.variant)
+    p = step.adjusted if step.tested else None
+    return (sample.one, sample.other, condition, _word(one), named(step.metric).says, *estimates, p)
+
+
+_MOST_TOLD: Final = 8
+"""Verdicts that are told in a sentence each."""
+_MOST_OPEN: Final = 12
+"""Estimates whose table is shown unasked."""
+
+
+class Findings:
+    """The comparisons of a campaign's strategies."""
+
+    def __init__(self, source: CaseSource, judgement: CampaignJudgement) -> None:
+        self.source = source
+        self.judgement = judgement
+        self.estimates = [
+            replace(one, one=label(one.one), other=label(one.other)) for one in judgement.estimates
+        ]
+
+    def sentences(self) -> list[str]:
+        """What failed, and what the declared comparisons come to: many of them are a table, and counted."""
+        told = replace(
+            self.judgement,
+            verdicts=[] if self._many else self._verdicts,
+            across=[_named_across(one) for one in self.judgement.across],
+        )
+        return [*told.sentences(), *(counted(self._verdicts) if self._many else ())]
+
+    @property
+    def _verdicts(self) -> list[PairVerdict]:
+        return [_labelled(one) for one in self.judgement.verdicts if one.steps]
+
+    @property
+    def _many(self) -> bool:
+        return len(self._verdicts) > _MOST_TOLD
+
+    def tables(self) -> Iterator[NumberTable]:
+        """Every test of the family with its p-values, and every estimate with its intervals."""
+        where = ("condition",) if any(one.variant for one in self.estimates) else ()
+        if self._many:
+            yield verdict_table(self.source.name, self._verdicts)
+        steps = [step for one in self.judgement.verdicts for step in _labelled(one).steps]
+        if steps:
+            yield NumberTable(
+                f"tests_{self.source.name}",
+                "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
+                "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
+                "differ. "
+                "Equivalence is that the means differ by less than the margin.",
+                (
+                    *("first", "second", *where, "metric", "pairs", "that differ", "p", "Holm"),
+                    *("margin", "p of equivalence"),
+                ),
+                tuple(_test(step, where) for step in steps),
+            )
+        across = [one for one in map(_named_across, self.judgement.across) if one.fitted is not None]
+        if across:
+            yield NumberTable(
+                f"cells_{self.source.name}",
+                "The declared comparisons over all cells: the mean difference in places within pairs, "
+                "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
+                "random effects, fitted by restricted maximum likelihood; none of it is a test.",
+                (
+                    *("first", "second", "cells", "pairs", "difference", "in a new cell"),
+                    *("between cells", "between seeds", "of what is left"),
+                ),
+                tuple(_cells(one) for one in across),
+            )
+            maps = tuple((one.one, one.other, *each) for one in across for each in one.without)
+            if maps:
+                yield NumberTable(
+                    f"without_map_{self.source.name}",
+                    "The same difference without each map in turn.",
+                    ("first", "second", "without", "difference"),
+                    maps,
+                )
+        if self.estimates:
+            yield NumberTable(
+                f"comparisons_{self.source.name}",
+                "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
+                "probability that a run of the first is better than one of the second, ties counted half. "
+                "Intervals are of 95 %.",
+                (
+                    *("first", "second", *where, "metric", "first has", "second has", "difference"),
+                    *("better", "worse", "A12"),
+                ),
+                tuple(_estimate(one, where) for one in self.estimates),
+                folded=len(self.estimates) > _MOST_OPEN,
+            )
+
+
+def _labelled(verdict: PairVerdict) -> PairVerdict:
+    steps = tuple(replace(step, sample=_named(step.sample)) for step in verdict.steps)
+    return PairVerdict(_named(verdict.sample), steps)
+
+
+def _named_across(one: AcrossCells) -> AcrossCells:
+    return one._replace(one=label(one.one), other=label(one.other))
+
+
+def _cells(one: AcrossCells) -> tuple[Cell, ...]:
+    fitted = one.fitted
+    assert fitted is not None
+    return (
+        *(one.one, one.other, fitted.cells, fitted.values, fitted.mean, fitted.new_cell),
+        *(fitted.between_cells, fitted.between_seeds, fitted.rest),
+    )
+
+
+def _named(sample: PairedSample) -> PairedSample:
+    return sample._replace(one=label(sample.one), other=label(sample.other))
+
+
+def _condition(variant: Variant, where: Sequence[str]) -> tuple[Cell, ...]:
+    return (", ".join(f"{key} = {value}" for key, value in variant),) if where else ()
+
+
+def _test(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
+    sample, test = step.sample, step.test
+    return (
+        *(sample.one, sample.other, *_condition(sample.variant, where), named(step.metric).says),
+        *(len(sample.pairs), test.differing, test.p, step.adjusted if step.tested else None),
+        *(step.margin, step.equivalence_p),
+    )
+
+
+def _estimate(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+    unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
+    return (
+        *(one.one, one.other, *_condition(one.variant, where), one.says + unit),
+        *(one.ones, one.others, one.difference, one.better, one.worse, one.effect),
+    )
+
+
+def asked(sources: Sequence[CaseSource]) -> list[str]:
+    """What the runs were made for, a sentence for each folder."""
+    return [_asked(one) for one in sources]
+
+
+def _asked(source: CaseSource) -> str:
+    study = source.study
+    if study is None:
+        (case,) = source.cases
+        if case.condition == REAL:
+            return f"{source.name}: what real robots recorded on one field trial."
+        return f"{source.name}: one run of {label(case.strategy)} with seed {case.seed}."
+    told = [
+        f"{source.name}: {', '.join(map(label, study.strategies))} in {_file(study.scenario)}, each with the "
+        f"same {study.seeds} seeds ({_seeds(study)})"
+    ]
+    told += [f"{factor.key} is {', '.join(map(str, factor.values))} in turn" for factor in study.factors]
+    if study.cells:
+        drawn = (f"{factor.key} ({', '.join(map(str, factor.values))})" for factor in study.random)
+        told.append(f"each in {len(study.cells)} cells, drawn together from {', '.join(drawn)}")
+    if study.conditions == "drawn":
+        told.append(
+            "seeds draw starts, places, odometry's errors and shadowing where the study does not set them"
+        )
+    if study.settings:
+        told.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
+    declared = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs)
+    told.append(f"the study declares: {declared}" if declared else "the study declares no comparison")
+    return "; ".join(told) + "."
+
+
+def _seeds(study: Study) -> str:
+    first = FIRST_TUNING_SEED if study.tuning else 1
+    return f"{first} to {first + study.seeds - 1}{', for tuning' if study.tuning else ''}"
+
+
+def _file(path: str) -> str:
+    """Without the folders in which somebody keeps it."""
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
+def failures(sources: Sequence[CaseSource]) -> NumberTable | None:
+    """Runs without a result, by cause; None if there is none."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for source in sources:
+        for case in source.cases:
+            if case.failure is not None:
+                key = (case.condition, label(case.strategy), case.failure)
+                found.setdefault(key, []).append(str(case.seed))
+    if not found:
+        return None
+    rows = tuple((*key, len(seeds), _some(seeds)) for key, seeds in found.items())
+    return NumberTable(
+        "failures", "Runs that failed", ("condition", "strategy", "cause", "runs", "seeds"), rows
+    )
+
+
+def _some(seeds: Sequence[str]) -> str:
+    return ", ".join(seeds[:12]) + (", …" if len(seeds) > 12 else "")
+
+
+_CEILING: Final = 0.5
+"""Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
+
+_MOST_NAMES: Final = 4
+"""Groups of runs that are named where one thing holds for many."""
+
+
+def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: ReportView) -> list[str]:
+    """One sentence or two each, the gravest first."""
+    return [
+        *_unfit(sources),
+        *_told_by_robots(sources),
+        *(line for one in findings for line in one.judgement.too_few),
+        *_alone(sources, findings),
+        *_incomplete(sources),
+        *_bounds(view),
+        *_limits(view),
+        *_deadlocked(view),
+        *(line for group in view.groups for line in _unsound(view, group)),
+        *_software(sources),
+    ]
+
+
+def _unfit(sources: Sequence[CaseSource]) -> Iterator[str]:
+    for one in sources:
+        if one.study is not None and one.study.tuning:
+            yield (
+                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged "
+                "by others."
+            )
+    if any(not quantities.is_watched(case.outcome) for one in sources for case in one.cases if case.outcome):
+        yield (
+            "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
+            "localisation, where time went and CPU time are unknown; completion is when the last report was "
+            "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
+        )
+
+
+def _told_by_robots(sources: Sequence[CaseSource]) -> Iterator[str]:
+    """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
+    for one in sources:
+        for case in one.cases:
+            if isinstance(case.outcome, RunResult):
+                told = (f"{case.strategy}, seed {case.seed}: {said}" for said in case.outcome.refused_reports)
+                yield from (f"{one.name}: {said}." for said in told)
+            if isinstance(case.outcome, TrialResult):
+                yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
+
+
+def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Iterator[str]:
+    singles = sum(one.study is None for one in sources)
+    if singles:
+        yield (
+            f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
+            f"a comparison needs at least {LEAST_PAIRS} pairs of runs from one campaign."
+        )
+    campaigns = len(findings)
+    if campaigns > 1:
+        yield (
+            f"The {campaigns} campaigns are compared within each of them only, and p-values are adjusted "
+            "within each only."
+        )
+
+
+def _incomplete(sources: Sequence[CaseSource]) -> Iterator[str]:
+    for one in sources:
+        failed = sum(case.failure is not None for case in one.cases)
+        if one.pending:
+            yield (
+                f"{one.name}: {one.pending} of {one.pending + len(one.cases)} runs are still to be made; "
+                "what is said may change with them."
+            )
+        if failed:
+            yield (
+                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture, so a strategy "
+                "that fails where it would do badly looks better there than it is. Their causes stand below."
+            )
+
+
+def _bounds(view: ReportView) -> Iterator[str]:
+    names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
+    for name in names:
+        yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
+
+
+def _limits(view: ReportView) -> Iterator[str]:
+    """Metrics that cannot tell good from better, or bad from worse."""
+    full = [
+        f"{view.row_name(group)} ({done} of {len(group.outcomes)})"
+        for group in view.groups
+        if len(group.outcomes) > 1 and (done := _all_done(group)) >= _CEILING * len(group.outcomes)
+    ]
+    if full:
+        yield (
+            f"Half of the runs or more did all places: {_groups(full)}. The number of places is at its "
+            "ceiling there and hides differences; more robots or less time would show them."
+        )
+    never = [
+        view.row_name(group)
+        for group in view.groups
+        if not any(quantities.completion(one).done for one in group.outcomes)
+    ]
+    if never:
+        yield (
+            f"No run was complete by its end: {_groups(never)}. The restricted mean is the runs' length "
+            "there and says only that it takes longer."
+        )
+
+
+def _all_done(group: Group) -> int:
+    return sum(quantities.places(one) == one.places_total for one in group.outcomes)
+
+
+def _groups(names: Sequence[str]) -> str:
+    """The first of them, and how many more; all of them if these are few."""
+    if len(names) <= _MOST_NAMES:
+        return "; ".join(names)
+    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} groups more"
+
+
+def _deadlocked(view: ReportView) -> Iterator[str]:
+    """How often robots waited for one another in a ring: it decides many runs."""
+    told = [
+        f"{view.row_name(group)} {sum(run.pairs for run in runs) / len(runs):.2g} "
+        f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} came free)"
+        for group in view.groups
+        if (runs := deadlocks(group))
+    ]
+    if told:
+        yield f"Pairs in a deadlock, in a run on average: {_groups(told)}."
+    elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
+        yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
+
+
+def _unsound(view: ReportView, group: Group) -> Iterator[str]:
+    untrue = sum(
+        one.places_claimed - one.places_done for one in group.outcomes if one.places_done is not None
+    )
+    if untrue:
+        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
+    lost = sum(one.undelivered > 0 for one in group.outcomes if isinstance(one, RunResult))
+    if lost:
+        yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
+
+
+def _software(sources: Sequence[CaseSource]) -> Iterator[str]:
+    commits = dict.fromkeys(one.commit for one in sources if one.commit)
+    if len(commits) > 1:
+        yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."
+    if any(commit.endswith("+") for commit in commits):
+        yield "The software had been changed since its last commit, so nobody else can make these runs again."

@@ -1,0 +1,135 @@
+"""A mean over cells that differ at random: how sure it is, and what a new cell may have."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+from scipy.stats import t
+
+from acrc_testbed.experiments.statistics.paired_tests import CONFIDENCE, Interval
+
+Floats = NDArray[np.float64]
+FEWEST_CELLS: Final = 3
+_FEWEST_SEEDS: Final = 3
+"""Below which nothing can be said of how seeds differ."""
+_LARGEST: Final = 1e3
+"""A standard deviation, in those of what is left."""
+_NONE: Final = 1e-3
+"""The same: as good as none."""
+
+
+@dataclass(frozen=True)
+class RandomEffectsFit:
+    """value = mean + cell + seed + rest, each normal. Standard deviations have the values' unit."""
+
+    mean: Interval
+    """Over all cells that there might be, with its 95 % interval."""
+    new_cell: Interval
+    """The mean, and what a new cell with as many values would show, with 95 %: wider than where its true mean
+    lies, which the data often cannot tell from no difference between cells."""
+    between_cells: float
+    between_seeds: float | None
+    """Of what runs with one seed have in common in all cells; None with fewer than three seeds."""
+    rest: float | None
+    """None where every cell has one value, so that nothing tells the rest from the cell."""
+    cells: int
+    values: int
+
+
+def fit(values: ArrayLike, cells: Sequence[int], seeds: Sequence[int]) -> RandomEffectsFit:
+    """Fit values (n,) by restricted maximum likelihood, each of a cell and a seed that it shares with others.
+
+    Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of
+    Statistical Software 67(1), 2015; by Woodbury's identity, so nothing is larger than cells plus seeds.
+    The mean's interval is Student's with one degree of freedom less than there are cells, or seeds, if these
+    are fewer and differ; the new cell's likewise, of the mean's variance and that of a cell's observed mean,
+    which is exact where all cells have as many values. Raises ValueError below FEWEST_CELLS.
+    """
+    known = np.asarray(values, np.float64)
+    names, of_cell = np.unique(cells, return_inverse=True)
+    count = len(names)
+    if count < FEWEST_CELLS:
+        raise ValueError(f"{count} cells, at least {FEWEST_CELLS}")
+    seed_names, of_seed = np.unique(seeds, return_inverse=True)
+    spread = float(known.std(ddof=1))
+    if len(known) == count or spread == 0.0:
+        error = spread / math.sqrt(len(known))
+        rest = None if len(known) == count else 0.0
+        between_seeds = 0.0 if spread == 0.0 and len(seed_names) >= _FEWEST_SEEDS else None
+        return _told(float(known.mean()), error, spread, between_seeds, rest, count, len(known), count - 1)
+    groups = [of_cell, of_seed] if len(seed_names) >= _FEWEST_SEEDS else [of_cell]
+    likelihood = _Likelihood(known, groups)
+    found = minimize(
+        likelihood,
+        [1.0] * len(groups),
+        method="Nelder-Mead",
+        bounds=[(0.0, _LARGEST)] * len(groups),
+        options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 2000},
+    )
+    sizes = np.where(found.x < _NONE, 0.0, found.x)
+    mean, variance, weight = likelihood.at(sizes)[:3]
+    rest = math.sqrt(variance)
+    free = count - 1 if len(groups) == 1 or sizes[1] == 0.0 else min(count, len(seed_names)) - 1
+    seeds_differ = rest * float(sizes[1]) if len(groups) > 1 else None
+    error = rest / math.sqrt(weight)
+    return _told(mean, error, rest * float(sizes[0]), seeds_differ, rest, count, len(known), free)
+
+
+class _Likelihood:
+    """Less is likelier; of the standard deviations of the groups, in those of the rest."""
+
+    def __init__(self, values: Floats, groups: Sequence[NDArray[np.intp]]) -> None:
+        columns = [np.eye(int(group.max()) + 1)[group] for group in groups]
+        self._middle = float(values.mean())  # a mean far from 0 would cost digits
+        self._values = values - self._middle
+        self._widths = [column.shape[1] for column in columns]
+        design = np.concatenate(columns, axis=1)
+        self._crossed = design.T @ design
+        self._ones = design.sum(axis=0)
+        self._sums = design.T @ self._values
+        self._least = 1e-12 * float(self._values @ self._values)
+
+    def __call__(self, sizes: Floats) -> float:
+        _, variance, weight, logarithm = self.at(sizes)
+        return (len(self._values) - 1) * math.log(variance) + logarithm + math.log(weight)
+
+    def at(self, sizes: Floats) -> tuple[float, float, float, float]:
+        """The mean, the rest's variance, the mean's weight in units of it, and log |I + Z D Z'|."""
+        scale = np.repeat(sizes, self._widths)
+        inner = np.eye(len(scale)) + scale[:, None] * self._crossed * scale
+        ones, sums = scale * self._ones, scale * self._sums
+        by_ones, by_sums = np.linalg.solve(inner, np.stack([ones, sums], axis=1)).T
+        weight = len(self._values) - float(ones @ by_ones)
+        product = float(self._values.sum()) - float(ones @ by_sums)
+        squares = float(self._values @ self._values) - float(sums @ by_sums)
+        mean = product / weight
+        variance = max(squares - mean * product, self._least) / (len(self._values) - 1)
+        return self._middle + mean, variance, weight, float(np.linalg.slogdet(inner)[1])
+
+
+def _told(
+    mean: float,
+    error: float,
+    between_cells: float,
+    between_seeds: float | None,
+    rest: float | None,
+    cells: int,
+    values: int,
+    free: int,
+) -> RandomEffectsFit:
+    half = float(t.ppf((1 + CONFIDENCE) / 2, free)) * error
+    of_one = 0.0 if rest is None else rest / math.sqrt(values / cells)
+    wide = float(t.ppf((1 + CONFIDENCE) / 2, cells - 1)) * math.hypot(between_cells, of_one, error)
+    return RandomEffectsFit(
+        Interval(mean, mean - half, mean + half),
+        Interval(mean, mean - wide, mean + wide),
+        between_cells,
+        between_seeds,
+        rest,
+        cells,
+        values,
+    )

@@ -1,0 +1,279 @@
+"""Varied keys of a study: fixed factors, random factors with drawn cells, and distributions."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from acrc_testbed.experiments.study.draws import PARAMETERS
+from acrc_testbed.experiments.study.study import Distribution, Factor, Variant
+from actors.randomness import generator
+from actors.runtime.errors import AcrcError
+from actors.table import A_POINT, FileTable, Point, Right, as_tuples
+
+_CANDIDATES: Final = 64
+"""Latin hypercubes of which the most even one is taken."""
+_DIGITS: Final = 9
+"""Of a discrepancy: what differs less is equal, whatever the processor makes of the last bits."""
+_SPAN_DIGITS: Final = 4
+"""Significant ones of a drawn number that is not whole."""
+
+
+class RandomFactor(NamedTuple):
+    """A factor of which a study draws levels: from a list, or from all numbers between two."""
+
+    key: str
+    among: tuple[Any, ...] = ()
+    """Empty: between."""
+    between: tuple[float, float] = (0.0, 0.0)
+    """Whole numbers, both included, if both are whole."""
+
+    @property
+    def levels(self) -> float:
+        """How many there are; infinite of numbers that are not whole."""
+        if self.among:
+            return len(self.among)
+        return self.between[1] - self.between[0] + 1 if _whole(self.between) else math.inf
+
+    def level(self, share: float) -> Any:
+        """The level at this share, from 0 to below 1, of all there are."""
+        low, high = self.between
+        if self.among:
+            return self.among[int(share * len(self.among))]
+        if _whole(self.between):
+            return int(low) + int(share * (int(high) - int(low) + 1))
+        return float(f"{low + share * (high - low):.{_SPAN_DIGITS}g}")
+
+
+def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tuple[Variant, ...]:
+    """So many different cells: a level of each factor. The same seed gives the same.
+
+    A Latin hypercube (McKay, Beckman and Conover 1979): each factor's levels come up equally often, to one.
+    Of several, the one with most different cells, and of these with the lowest centred discrepancy.
+    AcrcError if the factors have fewer combinations, or no cube has enough different cells.
+    """
+    from scipy.stats import qmc
+
+    combinations = math.prod(factor.levels for factor in factors)
+    if samples > combinations:
+        raise AcrcError(
+            f"samples is {samples}, but the random factors have {combinations:g} combinations; must be at "
+            "most that many, and with all of them values = [...] says the same"
+        )
+    sampler = qmc.LatinHypercube(len(factors), rng=generator(seed, "study", "cells"))
+    best: tuple[int, float] | None = None
+    cells: tuple[Variant, ...] = ()
+    for _ in range(_CANDIDATES):
+        points = sampler.random(samples)
+        drawn = [_cell(factors, row) for row in points]
+        found = tuple({repr(cell): cell for cell in drawn}.values())
+        rank = (-len(found), round(float(qmc.discrepancy(points)), _DIGITS))
+        if best is None or rank < best:
+            best, cells = rank, found
+    if len(cells) < samples:
+        raise AcrcError(
+            f"samples is {samples}, but only {len(cells)} different cells come of random factors with "
+            f"{combinations:g} combinations; must be at most {len(cells)}, or the factors have more levels"
+        )
+    return cells
+
+
+def _cell(factors: Sequence[RandomFactor], shares: NDArray[np.float64]) -> Variant:
+    return tuple((one.key, one.level(float(share))) for one, share in zip(factors, shares, strict=True))
+
+
+def _whole(between: tuple[float, float]) -> bool:
+    return all(isinstance(one, int) for one in between)
+
+
+_NOT_RANDOM: Final = "run.duration"
+"""Runs of one comparison are watched equally long."""
+
+
+def _as_pair(value: object) -> object:
+    """A number alone is the range from it to itself."""
+    return (value, value) if isinstance(value, int | float) else as_tuples(value)
+
+
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError
+    return pair
+
+
+_RANGE: Final = "a number from 0 on, or a range [from, to] of them"
+Range = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=0, le=1e6)]],
+    BeforeValidator(_as_pair),
+    AfterValidator(_in_order),
+    Right(_RANGE),
+]
+
+
+Values = Annotated[
+    tuple[Any, ...],
+    BeforeValidator(as_tuples),
+    Field(min_length=1),
+    Right("a list of at least one value"),
+]
+
+
+class VaryTable(FileTable):
+    """[[vary]]: a factor and its values one after the other or drawn, or what is drawn for each seed."""
+
+    key: Annotated[
+        str | None, Field(min_length=1), Right('a key of the scenario, such as "robots.count"')
+    ] = None
+    factor: Annotated[str | None, Field(min_length=1), Right('a name of your own, such as "floor"')] = None
+    """In place of a key: each value is a table with a name and several keys of the scenario."""
+    values: Values | None = None
+    """Each with each of the other factors."""
+    among: Values | None = None
+    """The factor is random: levels are drawn from these."""
+    between: Annotated[
+        tuple[int | float, int | float] | None,
+        BeforeValidator(as_tuples),
+        AfterValidator(_in_order),
+        Right("two numbers [from, to]"),
+    ] = None
+    """The factor is random: levels are drawn between these, whole ones if both are."""
+    distribution: Annotated[
+        Literal["kills", "jams", "dropout", "odometry", "doors", "closures", "tasks"] | None,
+        Right('"kills", "jams", "dropout", "odometry", "doors", "closures" or "tasks"'),
+    ] = None
+    """What is drawn; its parameters are those of `study.draws.PARAMETERS`."""
+    count: Range | None = None
+    """How many."""
+    at: Range | None = None
+    """When, s."""
+    radius: Range | None = None
+    """Of a jammer's reach, or of what stands in a door, m."""
+    duration: Range | None = None
+    """s."""
+    share: Range | None = None
+    drift: Range | None = None
+    points: Annotated[
+        tuple[Point, ...] | None,
+        BeforeValidator(as_tuples),
+        Field(min_length=1),
+        Right("a list of points [x, y] in m", item=A_POINT),
+    ] = None
+
+    @property
+    def is_random(self) -> bool:
+        """True if levels of a factor are drawn."""
+        return self.among is not None or self.between is not None
+
+    @model_validator(mode="after")
+    def _whole(self) -> "VaryTable":
+        given = {name for name in _PARAMETERS if getattr(self, name) is not None}
+        of_factor = {name for name in _OF_A_FACTOR if getattr(self, name) is not None}
+        if self.distribution is None:
+            if given or of_factor not in _FACTORS:
+                raise ValueError(
+                    "have a key and its values, or a distribution and its parameters; among = [...] or "
+                    "between = [from, to] in place of values draws levels, and factor = NAME in place of key "
+                    "has tables of several keys as values"
+                )
+            return self
+        if of_factor or given != set(PARAMETERS[self.distribution]):
+            needs = ", ".join(PARAMETERS[self.distribution])
+            raise ValueError(f"have {needs} beside the distribution {self.distribution}, and nothing else")
+        return self
+
+
+_OF_A_FACTOR: Final = ("key", "factor", "values", "among", "between")
+_FACTORS: Final = (
+    {"key", "values"}, {"key", "among"}, {"key", "between"}, {"factor", "values"}, {"factor", "among"},
+)  # fmt: skip
+_PARAMETERS: Final = tuple(
+    name for name in VaryTable.model_fields if name not in {*_OF_A_FACTOR, "distribution"}
+)
+
+
+class VariedParts(NamedTuple):
+    """What the tables of a study come to."""
+
+    fixed: tuple[Factor, ...]
+    random: tuple[Factor, ...]
+    cells: tuple[Variant, ...]
+    distributions: tuple[Distribution, ...]
+
+
+def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> VariedParts:
+    """The factors of a study, and its cells drawn with this seed. AcrcError says what is wrong with them."""
+    fixed: list[Factor] = []
+    drawn: list[Factor] = []
+    spans: list[RandomFactor] = []
+    taken: set[str] = set()
+    for place, table in enumerate(tables):
+        if table.distribution is not None:
+            continue
+        made = _factor(table, f"vary[{place}]")
+        keys = {made.key, *(key for level in made.levels for key, _ in level)}
+        if keys & taken:
+            raise AcrcError(f"vary[{place}] sets {min(keys & taken)} once more; must leave it to one factor")
+        taken |= keys
+        if not table.is_random:
+            fixed.append(made)
+            continue
+        if _NOT_RANDOM in keys:
+            raise AcrcError(f"vary[{place}] draws {_NOT_RANDOM}; must be fixed, so that runs compare")
+        drawn.append(made)
+        spans.append(RandomFactor(made.key, made.values, table.between or (0, 0)))
+    if bool(spans) != (samples is not None):
+        has = (
+            f"samples is {samples}, but no factor has" if samples else "samples is missing, but a factor has"
+        )
+        raise AcrcError(f"{has} among or between; must have both or neither")
+    cells = draw_cells(spans, samples, seed) if samples is not None else ()
+    distributions = tuple(_distribution(table) for table in tables if table.distribution is not None)
+    return VariedParts(tuple(fixed), tuple(_seen(one, cells) for one in drawn), cells, distributions)
+
+
+def _factor(table: VaryTable, where: str) -> Factor:
+    values = table.values or table.among or ()
+    if table.factor is None:
+        assert table.key is not None
+        return Factor(table.key, values)
+    for place, value in enumerate(values):
+        if not (isinstance(value, Mapping) and isinstance(value.get("name"), str) and len(value) > 1):
+            raise AcrcError(
+                f"{where}.{'values' if table.values else 'among'}[{place}] is {value!r}; must be a table "
+                'with a name and keys of the scenario, such as {name = "maze", map = "../maps/maze.yaml"}'
+            )
+    names = tuple(value["name"] for value in values)
+    if len(set(names)) < len(names):
+        raise AcrcError(f"{where} has two levels of one name ({', '.join(names)}); each must have its own")
+    levels = tuple(tuple(_dotted(value, ("name",))) for value in values)
+    return Factor(table.factor, names, levels)
+
+
+def _dotted(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
+    """Keys of the scenario, also where the file has tables in tables."""
+    for key, value in table.items():
+        if key in without:
+            continue
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{part}", inner) for part, inner in _dotted(value))
+        else:
+            yield key, value
+
+
+def _seen(factor: Factor, cells: Sequence[Variant]) -> Factor:
+    """A random factor with the levels that came up, in the order of the file or of size."""
+    came = {repr(value): value for cell in cells for key, value in cell if key == factor.key}
+    if not factor.values:
+        return Factor(factor.key, tuple(sorted(came.values())))
+    places = [place for place, value in enumerate(factor.values) if repr(value) in came]
+    levels = tuple(factor.levels[place] for place in places) if factor.levels else ()
+    return Factor(factor.key, tuple(factor.values[place] for place in places), levels)
+
+
+def _distribution(table: VaryTable) -> Distribution:
+    assert table.distribution is not None
+    names = PARAMETERS[table.distribution]
+    return Distribution(table.distribution, tuple((name, getattr(table, name)) for name in names))

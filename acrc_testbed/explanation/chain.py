@@ -1,0 +1,488 @@
+"""The chain of causes of one decision: newest first, causes below their effects."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from acrc_testbed.evidence.run_evidence import taken
+from acrc_testbed.replay.run_recordings import all_recordings, setup_of
+from acrc_testbed.trace.frame_fates import Fates, fate_name, read_fates
+from acrc_testbed.trace.knowledge import AGAIN, GIVES_UP
+from acrc_testbed.trace.rows import Arrival, GoalChange, KnowledgeChange, Order, ReplicaRead, Trace, seconds
+from actors.instant import Instant, in_seconds
+from actors.messages import RECEIVED, TRANSMIT, Heard
+from actors.radio.frame import airtime_us
+from actors.radio.medium.state import Outcome
+from actors.radio.radio_model import RadioSetup
+from actors.robot.behaviour.plan import GoalStatus
+from deeco.replication.fragments import HEADER
+
+_TOGETHER_US: Final = 2_000_000
+"""Fragments of one packet lie no farther apart (`deeco.link.LinkParameters`)."""
+
+
+class Frame(NamedTuple):
+    """A frame as its receiver heard it."""
+
+    instant: Instant
+    """When its last symbol ended."""
+    sender: str
+    """The robot that sent it."""
+    octets: int
+    """Data bytes."""
+    airtime_us: int
+    rssi_dbm: float
+    lqi: int
+    handed: Instant | None
+    """When the sender gave it to its transceiver; None where the radio's recording is not there."""
+
+
+class FrameLoss(NamedTuple):
+    """A frame that did not arrive."""
+
+    instant: Instant
+    """When it ended."""
+    sender: str
+    cause: str
+
+
+@dataclass(frozen=True)
+class Air:
+    """The air of one run, as one robot's process heard it; read when it is asked for the first time."""
+
+    out: Path
+    actor: str
+
+    @property
+    def simulated(self) -> bool:
+        """True if the radio's recording is there."""
+        return "radio" in self._files
+
+    def robot(self, address: int) -> str:
+        """Whose short address it is; in words where nobody knows."""
+        return self._robots.get(address, f"the address {address}")
+
+    def frames(self, arrival: Arrival) -> tuple[Frame, ...]:
+        """The frames that brought the packet, in their order; the arrival itself is the last."""
+        last = next((one for one in self._heard if one.instant == arrival.instant), None)
+        if last is None:
+            return ()
+        packets = _packets(last.data)
+        since = Instant(arrival.instant - _TOGETHER_US)
+        return tuple(
+            self._frame(one)
+            for one in self._heard
+            if since <= one.instant <= arrival.instant
+            and one.sender == arrival.sender
+            and (one is last or packets & _packets(one.data))
+        )
+
+    def losses(self, senders: tuple[str, ...], since: Instant, until: Instant) -> tuple[FrameLoss, ...]:
+        """Frames of these robots that ended behind `since` and before `until` and that were lost here."""
+        if not self.simulated:
+            return ()
+        fates, names = self._fates, tuple(self._robots.values())
+        receiver = names.index(self.robot_here)
+        ended = np.round(fates.seconds * 1e6).astype(np.int64)
+        of = [names.index(one) for one in senders if one in names]
+        wanted = (fates.receivers == receiver) & (ended > since) & (ended < until)
+        wanted &= np.isin(fates.senders, of) & (fates.outcomes != Outcome.HEARD)
+        return tuple(
+            FrameLoss(
+                Instant(int(ended[row])),
+                names[int(fates.senders[row])],
+                fate_name(Outcome(int(fates.outcomes[row]))),
+            )
+            for row in np.flatnonzero(wanted)
+        )
+
+    @property
+    def robot_here(self) -> str:
+        """The robot whose process it is."""
+        return self._files[self.actor].parent.name
+
+    @cached_property
+    def _files(self) -> dict[str, Path]:
+        return all_recordings(self.out)
+
+    @cached_property
+    def _robots(self) -> dict[int, str]:
+        if not self.simulated:
+            return {}
+        setup = setup_of(self._files["radio"], RadioSetup, "a radio")
+        return {address: robot for robot, address in setup.robots}
+
+    @cached_property
+    def _fates(self) -> Fates:
+        return read_fates(self.out, tuple(self._robots.values()))
+
+    @cached_property
+    def _heard(self) -> list[Heard]:
+        received = (message for _, message in taken(self._files[self.actor], RECEIVED))
+        return [event for message in received for event in message.events if isinstance(event, Heard)]
+
+    @cached_property
+    def _handed(self) -> dict[tuple[str, bytes], list[int]]:
+        found: dict[tuple[str, bytes], list[int]] = {}
+        for robot, transmit in taken(self._files["radio"], TRANSMIT) if self.simulated else ():
+            for frame in transmit.frames:
+                found.setdefault((robot, frame.data), []).append(frame.instant)
+        return found
+
+    def _frame(self, heard: Heard) -> Frame:
+        sender = self.robot(heard.sender)
+        handed = [at for at in self._handed.get((sender, heard.data), ()) if at <= heard.instant]
+        return Frame(
+            Instant(heard.instant), sender, len(heard.data), airtime_us(len(heard.data)), heard.rssi_dbm,
+            heard.lqi, Instant(max(handed)) if handed else None,
+        )  # fmt: skip
+
+
+def _packets(data: bytes) -> set[tuple[int, int]]:
+    """Number and node of each packet of which a frame brings something."""
+    found, at = set(), 0
+    while len(data) - at > HEADER.size:
+        try:
+            _, size, _, number, node = HEADER.unpack_from(data, at)
+        except struct.error:
+            break
+        found.add((number, node))
+        at += HEADER.size + size
+    return found
+
+
+_CONSTANT: Final = "parameters"
+_OFTEN: Final = 0.3
+"""A point that changes more often than this, per second, is where the robot is, and not what it wants."""
+_FEW: Final = 5
+"""So many changes are not often."""
+
+Changes = Sequence[KnowledgeChange]
+
+
+class ChangeRun(NamedTuple):
+    """A field of knowledge that one process or exchange has changed; a count, several times in a row."""
+
+    field: str
+    numbers: tuple[int, ...]
+    """Those changes."""
+
+    @property
+    def last(self) -> int:
+        """The newest of them."""
+        return self.numbers[-1]
+
+
+def runs(changes: Changes, number: int) -> list[ChangeRun]:
+    """How each field that a change depended on had come to be what it was before, the newest first."""
+    own = changes[number].own
+    found = [
+        run for field in own if field != _CONSTANT and (run := _last_run(changes, field, number)) is not None
+    ]
+    return sorted(found, key=lambda run: -run.last)
+
+
+def is_routine(changes: Changes, number: int) -> bool:
+    """True if whatever made a change changes something all the time."""
+    by = changes[number].by
+    return _is_frequent(changes, [other for other, one in enumerate(changes) if one.by == by])
+
+
+def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
+    """A field's last changes before a change; None if it never changed, or only says where the robot is."""
+    numbers = list(_changes_of(changes, field, before))
+    if not numbers:
+        return None
+    if changes[numbers[-1]].fields[field].is_place and _is_frequent(changes, numbers):
+        return None
+    return ChangeRun(field, tuple(_one_way(changes, field, numbers)))
+
+
+def _one_way(changes: Changes, field: str, numbers: list[int]) -> list[int]:
+    """The last change; of a count, those too by which it had gone the same way."""
+    newest = numbers[-1]
+    direction, found = changes[newest].fields[field].direction, [newest]
+    for number in reversed(numbers[:-1]):
+        same = changes[number].by == changes[newest].by
+        if not direction or not same or changes[number].fields[field].direction != direction:
+            break
+        found.append(number)
+    return found[::-1]
+
+
+def _changes_of(changes: Changes, field: str, before: int) -> Iterator[int]:
+    component = changes[before].component
+    for number, change in enumerate(changes[:before]):
+        if change.component == component and field in change.fields:
+            yield number
+
+
+def _is_frequent(changes: Changes, numbers: list[int]) -> bool:
+    lasted = in_seconds(changes[-1].instant - changes[0].instant)
+    return len(numbers) > max(_FEW, _OFTEN * lasted)
+
+
+class Made(NamedTuple):
+    """A decision."""
+
+    step: int
+    instant: Instant
+    words: str
+    by: str
+    """The process or the exchange that changed the knowledge; "behaviour" for what it told the robot."""
+    change: int | None
+    """Its number among the changes of knowledge ..."""
+    order: int | None
+    """... or among the orders."""
+
+
+def decisions(trace: Trace) -> list[Made]:
+    """In the order in which they were made."""
+    made = [*_of_knowledge(trace), *_of_orders(trace)]
+    return sorted(made, key=lambda one: (one.step, one.change is None))
+
+
+def _of_knowledge(trace: Trace) -> Iterator[Made]:
+    """Changes of which the component itself says that they are decisions."""
+    for number, change in enumerate(trace.changes):
+        if change.decision is not None:
+            yield Made(change.step, change.instant, change.decision.words, change.by, number, None)
+
+
+def _of_orders(trace: Trace) -> Iterator[Made]:
+    """Orders but for those that say again what a change of knowledge of the same step says."""
+    said = {change.step for change in trace.changes if change.adaptation}
+    for number, order in enumerate(trace.orders):
+        if order.verb != GIVES_UP or order.step not in said:
+            yield Made(order.step, order.instant, order.words, "behaviour", None, number)
+
+
+_WIDEST: Final = 4
+"""Own fields that one change depended on, the newest of which are told."""
+_DEEPEST: Final = 3
+_MOST_LOSSES: Final = 5
+"""Told one by one; of more there is the number."""
+_LONGEST: Final = 90
+"""Characters of a value."""
+
+
+Second = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+"""Simulated s; nobody lives to see more."""
+
+
+class Link(msgspec.Struct, frozen=True):
+    """One cause."""
+
+    at_s: Second
+    kind: str
+    """`order`, `goal`, `process`, `exchange`, `state`, `replica`, `frame`, `lost` or `unknown`."""
+    says: str
+    """A sentence without its instant."""
+    depth: Annotated[int, msgspec.Meta(ge=0, le=100)]
+    """How far below the decision it stands: 0 is the decision itself."""
+    about: dict[str, Any] = {}
+    """The same in values: names, numbers, and fields with what they were and became."""
+
+
+class Chain:
+    """Makes the chain of one decision after the other."""
+
+    def __init__(self, trace: Trace, air: Air) -> None:
+        self._trace = trace
+        self._air = air
+        self._told: set[int] = set()
+
+    def of(self, made: Made) -> list[Link]:
+        """The links, the decision's own first."""
+        self._told = set()
+        if made.change is not None:
+            return list(self._change(made.change, 0, made.words))
+        assert made.order is not None
+        return list(self._order(self._trace.orders[made.order]))
+
+    def _order(self, order: Order) -> Iterator[Link]:
+        """What the behaviour told its robot."""
+        about = {"words": order.words, "point": None if order.point is None else list(order.point)}
+        yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
+        if order.verb == AGAIN or order.goal is not None:
+            goal = order.goal or GoalChange(order.step, None)
+            about = {"status": goal.status, "reason": goal.reason}
+            yield _link(order.instant, "goal", _stands(goal), 1, about)
+        causes = self._behind(order)
+        for number in causes[:_WIDEST]:
+            if number in self._told:
+                continue
+            yield from self._change(number, 1)
+        if not causes:
+            yield self._unknown(order)
+
+    def _unknown(self, order: Order) -> Link:
+        if not self._trace.has_nodes:
+            says = "the strategy runs without the component model, so what it knew cannot be told"
+        else:
+            says = "no change of knowledge names it: it follows from what was so from the beginning"
+        return _link(order.instant, "unknown", says, 1, {})
+
+    def _behind(self, order: Order) -> Sequence[int]:
+        """The changes that brought the point of an order, or took it away; else those of the same step."""
+        if order.point is not None:
+            return order.moved
+        changes = self._trace.changes
+        now = [number for number, one in enumerate(changes) if one.step == order.step][::-1]
+        adapting = [number for number in now if changes[number].adaptation]
+        return adapting or [number for number in now if not is_routine(changes, number)]
+
+    def _change(self, number: int, depth: int, words: str = "") -> Iterator[Link]:
+        """A change of knowledge and what it depended on."""
+        self._told.add(number)
+        change = self._trace.changes[number]
+        kind = "exchange" if change.peer else "process"
+        values = {field: (one.before, one.after) for field, one in change.fields.items()}
+        told = ", ".join(f"{_named(one)} {_turned(*pair)}" for one, pair in values.items())
+        what = f"{self._air.robot_here} {words}" if words else told
+        by = f"the exchange {change.by} with {change.peer}" if change.peer else f"the process {change.by}"
+        about = {
+            "by": change.by, "adaptation": change.adaptation, "peer": change.peer,
+            "changed": {one: list(pair) for one, pair in values.items()},
+        }  # fmt: skip
+        yield _link(change.instant, kind, f"{what}, by {by}", depth, about)
+        if words:
+            yield _link(change.instant, "state", f"so {told}", depth + 1, {})
+        if change.read is not None:
+            yield from self._replica(change.read, depth + 1)
+        yield from self._own(number, depth + 1)
+
+    def _own(self, number: int, depth: int) -> Iterator[Link]:
+        """What a change found in the component's own knowledge."""
+        found = [run for run in runs(self._trace.changes, number) if run.last not in self._told]
+        told: dict[int, list[ChangeRun]] = {}
+        for run in found[:_WIDEST]:
+            told.setdefault(run.last, []).append(run)
+        for last, together in told.items():
+            if last not in self._told:
+                yield from self._state(last, together, depth)
+
+    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[Link]:
+        for run in together:
+            self._told.update(run.numbers)
+        change = self._trace.changes[number]
+        told = ", ".join(self._since(run) for run in together)
+        about = {
+            "by": change.by, "peer": change.peer,
+            "changed": {run.field: list(self._pair(run)) for run in together},
+        }  # fmt: skip
+        with_peer = f" with {change.peer}" if change.peer else ""
+        yield _link(change.instant, "state", f"{told}, by {change.by}{with_peer}", depth, about)
+        if depth >= _DEEPEST:
+            return
+        if change.read is not None:
+            yield from self._replica(change.read, depth + 1)
+        yield from self._own(number, depth + 1)
+
+    def _since(self, run: ChangeRun) -> str:
+        text = f"{_named(run.field)} {_turned(*self._pair(run))}"
+        if len(run.numbers) == 1:
+            return text
+        return f"{text} since {seconds(self._trace.changes[run.numbers[0]].instant)} s"
+
+    def _pair(self, run: ChangeRun) -> tuple[str, str]:
+        first, last = (self._trace.changes[number].fields[run.field] for number in (run.numbers[0], run.last))
+        return first.before, last.after
+
+    def _replica(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
+        """What was known of the peer, and how it had come."""
+        text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in read.known.items())
+        age = in_seconds(read.age)
+        about = {
+            "peer": read.component, "epoch": read.epoch, "publication": read.publication, "age_s": age,
+            "hops": read.hops, "rssi_dbm": read.rssi_dbm, "known": read.known,
+        }  # fmt: skip
+        yield _link(
+            read.heard, "replica",
+            f"what it knew of {read.component}, {age:.3g} s old (publication {read.publication}): {text}",
+            depth, about,
+        )  # fmt: skip
+        if read.arrival is not None:
+            for frame in reversed(self._air.frames(read.arrival)):
+                yield _frame_link(frame, read.hops, depth + 1)
+        yield from self._lost(read, depth + 1)
+
+    def _lost(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
+        """What of this peer, or of who relayed it, was lost here since the last news of it."""
+        if not self._air.simulated:
+            says = "what was lost before is not recorded: only a simulated radio knows"
+            yield _link(read.heard, "unknown", says, depth, {})
+            return
+        earlier = [
+            one.heard for one in self._trace.news if one.peer == read.component and one.heard < read.heard
+        ]
+        since = max(earlier, default=Instant(0))
+        senders = {read.component} | ({self._air.robot(read.arrival.sender)} if read.arrival else set())
+        lost = self._air.losses(tuple(sorted(senders)), since, read.heard)
+        yield _loss_link(lost, sorted(senders), since, read.heard, depth)
+
+
+def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
+    relayed = "its own" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
+    handed = "" if frame.handed is None else f", handed to its transceiver at {seconds(frame.handed)} s"
+    says = (
+        f"a frame of {frame.sender} brought it, {relayed}: {frame.octets} bytes, "
+        f"{frame.airtime_us / 1000:.2f} ms on the air, {frame.rssi_dbm:.0f} dBm{handed}"
+    )
+    about = {
+        "sender": frame.sender, "hops": hops, "rssi_dbm": frame.rssi_dbm, "lqi": frame.lqi,
+        "bytes": frame.octets, "airtime_ms": frame.airtime_us / 1000,
+        "handed_s": None if frame.handed is None else in_seconds(frame.handed),
+    }  # fmt: skip
+    return _link(frame.instant, "frame", says, depth, about)
+
+
+def _loss_link(
+    lost: Sequence[FrameLoss], senders: Sequence[str], since: Instant, until: Instant, depth: int
+) -> Link:
+    who = " and ".join(senders)
+    between = f"between {seconds(since)} and {seconds(until)} s"
+    if not lost:
+        says = f"nothing that {who} sent {between} was lost here"
+        return _link(until, "lost", says, depth, {"senders": list(senders), "lost": []})
+    told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MOST_LOSSES:])
+    more = "" if len(lost) <= _MOST_LOSSES else f", the last {_MOST_LOSSES} of them"
+    count = "1 frame" if len(lost) == 1 else f"{len(lost)} frames"
+    says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost here {between}{more}: {told}"
+    rows = [{"at_s": in_seconds(one.instant), "sender": one.sender, "cause": one.cause} for one in lost]
+    return _link(lost[-1].instant, "lost", says, depth, {"senders": list(senders), "lost": rows})
+
+
+def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) -> Link:
+    return Link(in_seconds(at), kind, says, depth, about)
+
+
+def _stands(goal: GoalChange) -> str:
+    """How a goal stood, in words."""
+    if goal.point is None:
+        return "there was no goal before"
+    at = f"({goal.point[0]:.2f}, {goal.point[1]:.2f})"
+    if goal.status == GoalStatus.ABORTED.value and goal.reason is not None:
+        return f"navigation had given up the goal {at}: {goal.reason}"
+    if goal.status == GoalStatus.SUCCEEDED.value:
+        return f"navigation had reached the goal {at}"
+    phase = "" if goal.phase is None else f", {goal.phase}"
+    return f"navigation was under way to {at}{phase}"
+
+
+def _named(field: str) -> str:
+    return field.replace("_", " ")
+
+
+def _turned(before: str, after: str) -> str:
+    return f"{_short(before)} → {_short(after)}"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

@@ -1,0 +1,165 @@
+"""Explains decisions of the robots of a run, from their traces."""
+
+import re
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
+from acrc_testbed.replay.run_recordings import all_recordings
+from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.trace.rows import Trace
+from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
+from actors.instant import in_seconds
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.errors import AcrcError, printable
+
+_SAME_S: Final = 0.0501
+"""Who asks for an instant means a decision that is no farther away: half a step."""
+
+
+class ExplanationError(AcrcError):
+    """Something that nobody can explain."""
+
+
+class Wish(NamedTuple):
+    """Of whom which decision is to be explained."""
+
+    robot: str
+    at_s: float | None
+    """None: all are to be listed."""
+
+
+class DecisionRow(msgspec.Struct, frozen=True):
+    """A decision as it is listed."""
+
+    at_s: Second
+    words: str
+    by: str
+    """The process or exchange that changed the knowledge; "behaviour": what it told its robot."""
+
+
+class Explanation(msgspec.Struct, frozen=True):
+    """Why a robot decided something."""
+
+    robot: str
+    asked_s: Second
+    at_s: Second
+    """When the decision was made: the nearest before `asked_s`, unless `exact`."""
+    exact: bool
+    decision: str
+    by: str
+    chain: tuple[Link, ...]
+    """The decision's own link first; causes stand below, one deeper than their effects."""
+
+
+def wish(text: str) -> Wish:
+    """`r2@157`: the decision of r2 at 157 s; `r2`: all of r2's. Raises ExplanationError."""
+    robot, at, instant = text.partition("@")
+    if not at:
+        return Wish(robot, None)
+    if not robot or not re.fullmatch(r"[0-9]+(\.[0-9]*)?", instant):
+        raise ExplanationError(
+            f"{text}: should be a robot and simulated seconds, such as r2@157, or r2 alone"
+        )
+    return Wish(robot, float(instant))
+
+
+class Explainer:
+    """Explains decisions of robots of a run that is over from their traces, made where none is kept."""
+
+    def __init__(self, out: Path, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> None:
+        """`isolate`: see `actors.runtime.isolation.sandbox`."""
+        self._out = out
+        self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
+        self._made: dict[str, list[tuple[str, Trace]]] = {}
+
+    def listed(self, robot: str) -> tuple[DecisionRow, ...]:
+        """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
+        return tuple(_row(made) for _, trace in self._traces(robot) for made in decisions(trace))
+
+    def explain(self, asked: Wish) -> tuple[Explanation, ...]:
+        """Every decision that the robot made at an instant, or the one before it.
+
+        Raises ExplanationError if it had decided nothing by then.
+        """
+        assert asked.at_s is not None
+        earliest: float | None = None
+        for actor, trace in reversed(self._traces(asked.robot)):
+            made = decisions(trace)
+            if found := _chosen(made, asked.at_s):
+                chain = Chain(trace, Air(self._out, actor))
+                return tuple(_explanation(asked.robot, asked.at_s, one, chain) for one in found)
+            earliest = in_seconds(made[0].instant) if made else earliest
+        then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
+        raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
+
+    def every(self, robot: str) -> Iterator[Explanation]:
+        """Every decision of a robot, in the order of the instants. Raises ExplanationError."""
+        for actor, trace in self._traces(robot):
+            chain = Chain(trace, Air(self._out, actor))
+            for made in decisions(trace):
+                yield _explanation(robot, in_seconds(made.instant), made, chain)
+
+    def _traces(self, robot: str) -> list[tuple[str, Trace]]:
+        """Of the robot's processes, in the order in which they were started; made once."""
+        if robot in self._made:
+            return self._made[robot]
+        actors = processes(self._out, robot)
+        found = {one.actor: one for one in self._trace(actors)}
+        try:
+            self._made[robot] = [(actor, found[actor].whole()) for actor in actors]
+        except TraceError as error:
+            raise ExplanationError(printable(str(error))) from None
+        return self._made[robot]
+
+
+def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
+    """Those at the instant, or of the last instant before it."""
+    by_then = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
+    if not by_then:
+        return []
+    near = [one for one in by_then if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
+    return near or [one for one in by_then if one.instant == by_then[-1].instant]
+
+
+def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explanation:
+    at_s = in_seconds(made.instant)
+    exact = abs(at_s - asked_s) <= _SAME_S
+    return Explanation(robot, asked_s, at_s, exact, made.words, made.by, tuple(chain.of(made)))
+
+
+def processes(out: Path, robot: str) -> list[str]:
+    """The processes of a robot, or the one that is named, in the order in which they were started.
+
+    Raises ExplanationError where there is none.
+    """
+    files = all_recordings(out)
+    found = [actor for actor, path in files.items() if path.parent.name == robot] or [
+        actor for actor in files if actor == robot
+    ]
+    robots = sorted({path.parent.name for path in files.values()} - {"world", "radio"})
+    if not found or robot in ("world", "radio"):
+        raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
+    return found
+
+
+def _row(made: Made) -> DecisionRow:
+    return DecisionRow(in_seconds(made.instant), made.words, made.by)
+
+
+def as_json(value: Any) -> str:
+    """An explanation, or a list, for programs."""
+    return msgspec.json.encode(value).decode()
+
+
+def sentences(explanation: Explanation) -> Iterator[str]:
+    """A line for each link."""
+    robot, asked, at_s = explanation.robot, explanation.asked_s, explanation.at_s
+    if not explanation.exact:
+        yield f"{robot} decided nothing at {asked:g} s; before that it last did at {at_s:g} s:"
+    for link in explanation.chain:
+        yield f"{link.at_s:9.3f} s  {'   ' * link.depth}{link.says}"

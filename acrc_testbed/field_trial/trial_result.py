@@ -1,0 +1,366 @@
+"""Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+from rich.table import Table
+
+from acrc_testbed.field_trial.aligned_clocks import AlignedClocks, ClockReport
+from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
+from acrc_testbed.field_trial.reported_places import ReportedPlaces
+from acrc_testbed.results.outcome import (
+    DeecoResult,
+    NodeOutcome,
+    OutcomeError,
+    counted,
+    deeco_result,
+    nearest_rank,
+    node_outcome,
+)
+from acrc_testbed.results.result import rate
+from actors.console import print_table, screen
+from actors.instant import Duration, Instant, in_seconds
+from actors.radio.frame import octets
+from actors.runtime import regular_file, typed_json
+from actors.runtime.errors import printable
+from actors.task.referee import PlaceOutcome
+from deeco.replication.fragments import Reassembly
+from deeco.replication.packet import unpack
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+
+
+class NodeAccount(NamedTuple):
+    """What is known of one node."""
+
+    node: NodeOutcome | None
+    """None: the robot has none, as far as can be told."""
+    notes: tuple[str, ...]
+    """What is not known, a sentence each."""
+
+
+def node_account(log: RobotLog) -> NodeAccount:
+    """What the node of one robot's process did."""
+    if log.final is not None:
+        try:
+            return NodeAccount(node_outcome(log.path, log.final.outcome), ())
+        except OutcomeError as error:
+            return NodeAccount(_told(log), (f"{error}; counted from its messages instead",))
+    told = _told(log)
+    if told is None:
+        return NodeAccount(None, ())
+    note = f"{log.path}: has no last record, so of its node only packets and frames are counted"
+    return NodeAccount(told, (note,))
+
+
+def _told(log: RobotLog) -> NodeOutcome | None:
+    """What the frames tell: packets published, relayed and heard; None if there are no packets in them."""
+    robot = log.identity.id
+    counters = Counter(
+        dict.fromkeys(("published", "frames", "packets", "packets_junk", "packets_own", "relayed"), 0)
+    )
+    counters["frames"] = log.frames_handed
+    own = Reassembly()
+    for sent in log.sent:
+        for data in own.take(Instant(sent.handed.instant), log.identity.address, sent.data):
+            packet = unpack(data)
+            if packet is not None:
+                counters["relayed" if packet.component != robot else "published"] += 1
+    others = Reassembly()
+    for heard in log.heard:
+        for data in others.take(Instant(heard.heard.instant), heard.sender, heard.data):
+            packet = unpack(data)
+            counters["packets"] += 1
+            counters["packets_junk"] += packet is None
+            counters["packets_own"] += packet is not None and packet.component == robot
+    if not counters["published"] and counters["packets"] == counters["packets_junk"]:
+        return None
+    return NodeOutcome(dict(counters), {}, {})
+
+
+class RecordingReport(msgspec.Struct, frozen=True):
+    """One recording of a robot."""
+
+    path: str
+    epoch: int
+    steps: int
+    ended: str
+    """"as planned", "failed", "cut short" or "damaged"."""
+
+
+class RobotTrial(msgspec.Struct, frozen=True):
+    """One robot's part; the fields that RobotResult has, too, mean the same."""
+
+    places_total: int
+    places_done: int | None
+    """None where nobody watched."""
+    places_claimed: int
+    places_given_up: int
+    completion_s: float | None
+    """When the last of its places was reported, as for all; 0 if it has none."""
+    reports: int
+    """Places, whosever, of which it said that it had visited them."""
+    gave_up: int
+    """Places, whosever, that it gave up."""
+    frames: dict[str, int]
+    """What became of its frames, and how many of others it has heard."""
+    lateness_p50_ms: int | None
+    """From a step's instant to the robot's answer, whole ms; None where its base has left no word."""
+    lateness_p99_ms: int | None
+    overruns: int | None
+    """Steps that its base left out because it had not answered."""
+    clock: tuple[ClockReport, ...]
+    recordings: tuple[RecordingReport, ...]
+
+
+class TrialResult(msgspec.Struct, frozen=True):
+    """The result of a field trial; the fields that RunResult has, too, mean the same but for truth."""
+
+    robots: int
+    duration_s: float
+    """From the first step of the first robot to the last step of the last one."""
+    places_total: int
+    places_done: int | None
+    """None where nobody watched."""
+    places_claimed: int
+    places_given_up: int
+    places_lost: int
+    completion_s: float | None
+    """When the last place was reported; None unless all were, and truly so if somebody watched."""
+    settled_s: float | None
+    last_reached_s: float | None
+    per_robot: dict[str, RobotTrial]
+    contacts: int | None
+    """None where nobody watched."""
+    frames: dict[str, int]
+    """What became of the robots' frames, over all of them, and the octets of those that were sent."""
+    radio_bytes_per_robot_s: float
+    deeco: DeecoResult
+    reference: str
+    """The robot whose clock gives the time."""
+    notes: tuple[str, ...]
+    """What is missing or not known, a sentence each."""
+    out: str | None
+
+
+def trial_result(
+    trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
+) -> TrialResult:
+    """What the robots' recordings come to."""
+    accounts = [node_account(log) for log in trial.all_logs()]
+    frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
+    whole = Counter[str]()
+    for part in frames.values():
+        whole.update(part)
+    places = counted(told.places)
+    segments = {robot: clocks.reports(robot) for robot in trial.logs}
+    robot_seconds = sum(one.to_s - one.from_s for parts in segments.values() for one in parts)
+    return TrialResult(
+        robots=len(trial.logs),
+        duration_s=in_seconds(Duration(clocks.span)),
+        places_total=places.total,
+        places_done=None if told.contacts is None else places.done,
+        places_claimed=places.claimed,
+        places_given_up=places.given_up,
+        places_lost=places.lost,
+        completion_s=_completion(told.places) if told.contacts is None else places.completion_s,
+        settled_s=places.settled_s,
+        last_reached_s=places.last_reached_s,
+        per_robot={robot: _robot(robot, trial, told, frames[robot], segments[robot]) for robot in trial.logs},
+        contacts=told.contacts,
+        frames=dict(whole),
+        radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
+        deeco=deeco_result(account.node for account in accounts if account.node is not None),
+        reference=clocks.reference,
+        notes=(*trial.notes, *clocks.notes, *told.notes, *(note for one in accounts for note in one.notes)),
+        out=None if out is None else str(out),
+    )
+
+
+def _robot(
+    robot: str,
+    trial: FieldTrial,
+    told: ReportedPlaces,
+    frames: dict[str, int],
+    clock: tuple[ClockReport, ...],
+) -> RobotTrial:
+    own = [place for place in told.places if place.owner == robot]
+    part, logs = counted(own), trial.logs[robot]
+    drives = [drive for log in logs for _, drive in log.drives]
+    lateness = trial.lateness_ms.get(robot)
+    return RobotTrial(
+        places_total=part.total,
+        places_done=None if told.contacts is None else part.done,
+        places_claimed=part.claimed,
+        places_given_up=part.given_up,
+        completion_s=_completion(own) if told.contacts is None else part.completion_s,
+        reports=sum(len(drive.reports) for drive in drives),
+        gave_up=sum(len(drive.given_up) for drive in drives),
+        frames=frames,
+        lateness_p50_ms=None if lateness is None else nearest_rank(lateness, 50),
+        lateness_p99_ms=None if lateness is None else nearest_rank(lateness, 99),
+        overruns=trial.overruns.get(robot),
+        clock=clock,
+        recordings=tuple(_recording(log) for log in logs),
+    )
+
+
+def _completion(places: Sequence[PlaceOutcome]) -> float | None:
+    """When the last of the places was reported, s; None if not all were; 0 if there are none."""
+    reported = [place.reported_at for place in places if place.reported_at is not None]
+    return in_seconds(Duration(max(reported, default=0))) if len(reported) == len(places) else None
+
+
+def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
+    frames = {"frames_handed": sum(log.frames_handed for log in logs)}
+    frames |= {name: sum(log.events[name] for log in logs) for name in FRAME_OUTCOMES.values()}
+    sent = (frame for log in logs for frame in log.sent if frame.sent is not None)
+    frames["bytes_sent"] = sum(octets(len(frame.data)) for frame in sent)
+    return frames
+
+
+def _recording(log: RobotLog) -> RecordingReport:
+    if log.damage is not None:
+        ended = "damaged"
+    elif log.failure is not None:
+        ended = "failed"
+    else:
+        ended = "cut short" if log.final is None else "as planned"
+    return RecordingReport(str(log.path), log.identity.epoch, len(log.ticks), ended)
+
+
+BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
+"""Ends that a frame may come to in front of its transceiver."""
+
+
+def read_truth(path: Path) -> LaboratoryResult:
+    """A laboratory's result. Raises FieldTrialError."""
+    try:
+        return typed_json.decode(regular_file.content(path), LaboratoryResult)
+    except (OSError, ValueError) as error:
+        raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
+
+
+def with_truth(told: ReportedPlaces, truth: LaboratoryResult, clocks: AlignedClocks) -> ReportedPlaces:
+    """The places with when they were truly reached, s of the field trial, and by whom.
+
+    The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
+    its own, too. Raises FieldTrialError if the field trial lies outside of the laboratory's time.
+    """
+    ahead = truth.began_us - clocks.begin
+    if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
+        raise FieldTrialError(
+            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the field trial and went on for "
+            f"{truth.simulated_s:.0f} s; it should be that of this field trial"
+        )
+    known = {(place.owner, place.place): place for place in truth.places}
+    places = tuple(_judged(place, known.get((place.owner, place.place)), ahead) for place in told.places)
+    notes = list(told.notes)
+    if truth.lost_ms:
+        notes.append(
+            f"the laboratory fell behind, so the true instants are early by up to {truth.lost_ms} ms"
+        )
+    return ReportedPlaces(places, tuple(notes), contacts=truth.contacts)
+
+
+def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:
+    """One place as said, with what is true of it."""
+    if true is None:
+        return told
+    said = msgspec.structs.asdict(told)
+    reached = None if true.reached_at is None else true.reached_at + ahead
+    return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
+
+
+def with_true_frames(result: TrialResult, truth: LaboratoryResult) -> TrialResult:
+    """The result with what truly became of all frames, by the causes of a simulated run.
+
+    What a board, or the line to it, never gave to the air stands as the robots were told.
+    """
+    robots = {
+        robot: msgspec.structs.replace(
+            part, frames=_true_frames(part.frames, truth.frames_by_robot.get(robot, {}))
+        )
+        for robot, part in result.per_robot.items()
+    }
+    return msgspec.structs.replace(result, frames=_true_frames(result.frames, truth.frames), per_robot=robots)
+
+
+def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
+    before = {name: max(told.get(name, 0), true.get(name, 0)) for name in BEFORE_THE_AIR}
+    return told | true | before
+
+
+def print_field_trial(result: TrialResult, *, json: bool) -> None:
+    """Print the result on standard output; as JSON, it is the only thing there."""
+    if json:
+        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
+        return
+    console = screen()
+    print_table(console, _table(result))
+    for sentence in _sentences(result):
+        console.print(sentence)
+    for note in result.notes:
+        console.print(printable(note), style="yellow")
+    if result.out is not None:
+        console.print(f"written to {result.out}")
+
+
+def _table(result: TrialResult) -> Table:
+    """A row per robot and one for all; columns for what nobody has only where somebody has it."""
+    gave_up, late = result.places_given_up > 0, any(map(_lateness, result.per_robot.values()))
+    table = Table("robot", "reported", *(("given up",) if gave_up else ()), "all at")
+    for name in ("sent", "heard", *(("late p50, p99",) if late else ())):
+        table.add_column(name)
+    table.add_column(f"clock against {result.reference}", no_wrap=True)
+
+    def add(name: str, of: RobotTrial | TrialResult, lateness: str, clock: str) -> None:
+        table.add_row(
+            *(name, f"{of.places_claimed} of {of.places_total}"),
+            *((str(of.places_given_up),) if gave_up else ()),
+            "not all" if of.completion_s is None else f"{of.completion_s:.1f} s",
+            *(str(of.frames["frames_sent"]), str(of.frames["copies_heard"])),
+            *((lateness,) if late else ()),
+            clock,
+        )
+
+    for robot, part in result.per_robot.items():
+        add(robot, part, _lateness(part), _clock(part.clock, is_reference=robot == result.reference))
+    table.add_section()
+    add("all", result, "", "")
+    return table
+
+
+def _lateness(robot: RobotTrial) -> str:
+    if robot.lateness_p50_ms is None:
+        return ""
+    return f"{robot.lateness_p50_ms} ms, {robot.lateness_p99_ms} ms"
+
+
+def _clock(segments: tuple[ClockReport, ...], *, is_reference: bool) -> str:
+    """A line for each segment."""
+    if is_reference and len(segments) == 1:
+        return "itself"
+    return "\n".join(map(_segment, segments))
+
+
+def _segment(clock: ClockReport) -> str:
+    if clock.error_s is None:
+        return "unknown"
+    return f"{clock.offset_s:+.4f} s ± {clock.error_s * 1000:.2f} ms"
+
+
+def _sentences(result: TrialResult) -> Iterator[str]:
+    yield f"{result.duration_s:.1f} s from the first step of all to the last"
+    if result.completion_s is None and result.settled_s is not None:
+        yield f"every place was reported or given up by {result.settled_s:.1f} s"
+    if result.places_done is not None:
+        yield f"truly: {result.places_done} of {result.places_total} places done, {result.contacts} contacts"
+    if result.places_lost:
+        places = "1 place was" if result.places_lost == 1 else f"{result.places_lost} places were"
+        yield f"{places} lost: neither reported nor given up, and in nobody's route"
+    frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
+    yield f"radio: {frames or 'silence'}"

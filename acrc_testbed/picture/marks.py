@@ -1,0 +1,189 @@
+"""Marks of the drawing language, and obstacles, walls, doors and jammers, as matplotlib draws them."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import Any, Final, NamedTuple, cast
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+from acrc_testbed.evidence.things_over_time import FloorThing, ThingSpan
+from acrc_testbed.picture import style
+from actors.observer.glyphs import MARKS, Mark, hexadecimal
+
+_AROUND: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""Where words may stand beside a point: right and above, left and above, and so on."""
+_FARTHER: Final = (0.0, 6.0, 14.0, 24.0, 38.0)
+"""By so many more points away, if nearer there is no room."""
+_LINE: Final = 10.0
+"""Words that are farther away, points, are joined with their point by a line."""
+_COVERS: Final = 8.0
+"""Covering a point of somebody else's costs so much; a point farther away costs 1."""
+
+
+class PointLabel(NamedTuple):
+    """Words that belong to a point."""
+
+    words: str
+    x: float
+    """Of the point, in the axes' units."""
+    y: float
+    colour: str
+    gap: float = 5.0
+    """Points between the point and its words: the size of what is drawn there."""
+    size: float = 8.5
+    bold: bool = False
+
+
+def settle(figure: Figure) -> None:
+    """Fix the layout, so that what is where does not change any more; then labels can be placed."""
+    cast(Any, figure).draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
+def place(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:
+    """Write labels, the first ones first, where none lies on another; gives how many found no room.
+
+    `taken`: points, in the axes' units, on which words should not lie if they can stand elsewhere. The figure
+    has to be settled.
+    """
+    points = [(one.x, one.y) for one in labels]
+    covered = axes.transData.transform(np.array([*points, *taken], np.float64).reshape(-1, 2))
+    boxes: list[Bbox] = []
+    for label in labels:
+        found = _room(axes, label, boxes, covered)
+        if found is not None:
+            boxes.append(found)
+    return len(labels) - len(boxes)
+
+
+def _room(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]) -> Bbox | None:
+    """Write a label; the box that it takes, pixels; None, and nothing is written, without room."""
+    said = axes.annotate(
+        label.words, (label.x, label.y), xytext=(0, 0), textcoords="offset points", color=label.colour,
+        fontsize=label.size, fontweight="bold" if label.bold else "normal", ha="center", va="center",
+        zorder=9, path_effects=style.HALO, annotation_clip=False,
+    )  # fmt: skip
+    figure = axes.get_figure()
+    assert figure is not None
+    own = said.get_window_extent(cast(Any, figure.canvas).get_renderer())
+    pixels, whole = figure.dpi / 72.0, axes.get_window_extent()
+    best: tuple[float, float, float, float] | None = None
+    for (right, up), more in product(_AROUND, _FARTHER):
+        away = label.gap + more
+        dx = right * (away + own.width / 2 / pixels) * (0.8 if up else 1.0)
+        dy = up * (away * 0.6 + own.height / 2 / pixels)
+        box = own.translated(dx * pixels, dy * pixels)
+        inside = whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1
+        if not inside or any(box.overlaps(other) for other in boxes):
+            continue
+        cost = more / 6.0 + _COVERS * _count(box, covered)
+        if best is None or cost < best[0]:
+            best = cost, dx, dy, more
+    if best is None:
+        said.remove()
+        return None
+    _, dx, dy, more = best
+    said.set_position((dx, dy))
+    if more > _LINE:
+        line = {"arrowstyle": "-", "color": label.colour, "lw": 0.6, "shrinkA": 1.0, "shrinkB": 1.0}
+        axes.annotate(
+            "", (label.x, label.y), xytext=(dx, dy), textcoords="offset points", arrowprops=line, zorder=8
+        )
+    return own.translated(dx * pixels, dy * pixels)
+
+
+def _count(box: Bbox, points: NDArray[np.float64]) -> int:
+    """How many points lie in a box."""
+    x, y = points.T
+    return int(((box.x0 <= x) & (x <= box.x1) & (box.y0 <= y) & (y <= box.y1)).sum())
+
+
+_MARKERS: Final[dict[str, Any]] = {
+    "ring": "o", "disc": "o", "diamond": "D", "cross": "x", "square": "s", "soft ring": "o",
+    "heavy cross": "X", "snowflake": (6, 2, 0), "tick": "|", "triangle": "v",
+}  # fmt: skip
+_UNFILLED: Final = frozenset({"ring", "diamond", "square"})
+_SOFT: Final = "30"
+"""How opaque the middle of a soft ring is, in hexadecimal digits."""
+
+
+def colour_of(mark: Mark, own: str = style.INK) -> str:
+    """The mark's colour; `own` if it has that of a robot."""
+    return own if mark.colour is None else hexadecimal(mark.colour)
+
+
+def plot(
+    axes: Axes, name: str, x: float, y: float, own: str, *, size: float, fill: str = "", zorder: float = 5.0
+) -> None:
+    """A mark at a point; `own`: the robot's colour; `fill`: instead of what the mark's shape has."""
+    axes.plot(x, y, ls="", zorder=zorder, **_look(MARKS[name], own, size, fill))
+
+
+def sample(name: str) -> Artist:
+    """The mark with what it says, for a legend."""
+    mark = MARKS[name]
+    colour = colour_of(mark)
+    match mark.shape:
+        case "tint":
+            return Patch(facecolor=colour, label=mark.says)
+        case "bar":
+            return Line2D([], [], color=colour, lw=3.0, label=mark.says)
+        case "dashed ring":
+            return Patch(facecolor="none", edgecolor=colour, ls="--", label=mark.says)
+        case "dotted line":
+            return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.says)
+    size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
+    fill = "#9a9fa8" if name == "done" else ""
+    look = _look(mark, style.INK, size.get(mark.shape, 6.0), fill)
+    return Line2D([], [], ls="", label=mark.says, **look)
+
+
+def _look(mark: Mark, own: str, size: float, fill: str) -> dict[str, Any]:
+    colour = colour_of(mark, own)
+    middle = fill or ("w" if mark.shape in _UNFILLED else colour)
+    if mark.shape == "soft ring":
+        middle = colour + _SOFT
+    width = 0.6 if mark.shape in ("triangle", "heavy cross") else 1.0 if mark.shape == "soft ring" else 1.4
+    edge = "w" if mark.shape == "heavy cross" else colour
+    return {"marker": _MARKERS[mark.shape], "ms": size, "mfc": middle, "mec": edge, "mew": width}
+
+
+_ZORDER: Final = 3.5
+_WORDS: Final = {"closed door": "closed"}
+"""Where the mark's name says too much."""
+
+
+def draw(axes: Axes, put: Sequence[ThingSpan]) -> list[PointLabel]:
+    """All of them, with what each is and from when to when it was there, to be written beside it."""
+    for one in put:
+        artist(axes, one.thing)
+    return [_label(one) for one in put]
+
+
+def artist(axes: Axes, thing: FloorThing) -> Line2D | Patch:
+    """One thing, drawn on the floor."""
+    colour = colour_of(MARKS[thing.kind])
+    if thing.radius:
+        dashed = MARKS[thing.kind].shape == "dashed ring"
+        look = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
+        circle = Circle(thing.points[0], thing.radius, color=colour, zorder=_ZORDER, **look)
+        axes.add_patch(circle)
+        return circle
+    (line,) = axes.plot(*zip(*thing.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)
+    return line
+
+
+def _label(one: ThingSpan) -> PointLabel:
+    thing = one.thing
+    x, y = (math.fsum(axis) / len(thing.points) for axis in zip(*thing.points, strict=True))
+    lasted = f"{one.begin:.0f} to {one.end:.0f} s"
+    colour = colour_of(MARKS[thing.kind])
+    return PointLabel(f"{_WORDS.get(thing.kind, thing.kind)} {lasted}", x, y, colour, 5.0, 7.0)

@@ -1,0 +1,254 @@
+"""A run as a movie: the floor with robots as they moved, their latest trails, places, and the time."""
+
+import contextlib
+import itertools
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.text import Text
+from numpy.typing import NDArray
+from PIL import Image
+
+from acrc_testbed.evidence.run_evidence import Floats, RunEvidence
+from acrc_testbed.evidence.things_over_time import spans
+from acrc_testbed.picture import floor_picture, marks, style
+from actors.installation.usage import output_file
+from actors.instant import in_seconds
+from actors.orders import Give
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
+from actors.task.referee import PlaceOutcome
+from actors.task.task import PlaceKey
+
+_FRAMES_PER_S: Final = 10
+"""Of the movie: robots move at 0.3 m/s."""
+_TRAIL_S: Final = 20.0
+"""So much of the way is drawn behind a robot, simulated s."""
+_DPI: Final = 80
+_GIF: Final = ".gif"
+_MP4: Final = ".mp4"
+Pixels = NDArray[np.uint8]
+"""(height, width, 3)."""
+
+
+class MovieError(AcrcError):
+    """A movie that nothing here can write."""
+
+
+def check(path: Path) -> None:
+    """Raises OptionError for a file that is no movie's, MovieError for an MP4 without ffmpeg."""
+    output_file("--movie", path, _GIF, _MP4)
+    if path.suffix == _MP4 and shutil.which("ffmpeg") is None:
+        raise MovieError(f"--movie {path}: needs the program ffmpeg, which is not here; a .gif needs nothing")
+
+
+def write(run: RunEvidence, path: Path, speed: float) -> None:
+    """The movie; `speed`: simulated seconds per second. Call `check` first."""
+    with style.applied(style.LOOK):
+        scene = _Scene(run)
+        pictures = (scene.picture(step) for step in instants(run, speed))
+        with regular_file.replaced(path) as part:
+            if path.suffix == _GIF:
+                _write_gif(pictures, part, scene.all_at_once())
+            else:
+                _write_mp4(pictures, part, path)
+
+
+def _write_gif(pictures: Iterator[Pixels], path: Path, colours: Pixels) -> None:
+    """All pictures have the colours of `colours`, which shows all that there are."""
+    palette = Image.fromarray(colours).quantize(256)
+    drawn = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    first, others = next(drawn), drawn
+    first.save(path, save_all=True, append_images=others, duration=1000 // _FRAMES_PER_S, loop=0)
+
+
+def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
+    """Into `part`, which will be called `path`. Raises MovieError with what ffmpeg says."""
+    first = next(pictures)
+    high, wide = (side // 2 * 2 for side in first.shape[:2])  # the codec wants even sides
+    words = [
+        *("ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"),
+        *("-s", f"{wide}x{high}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(part)),
+    ]
+    with tempfile.TemporaryFile() as said:
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=said) as ffmpeg:
+            assert ffmpeg.stdin is not None
+            with contextlib.suppress(BrokenPipeError):
+                for one in itertools.chain([first], pictures):
+                    ffmpeg.stdin.write(np.ascontiguousarray(one[:high, :wide]).tobytes())
+        if ffmpeg.returncode:
+            said.seek(0)
+            raise MovieError(f"--movie {path}: ffmpeg says {said.read().decode(errors='replace').strip()}")
+
+
+def instants(run: RunEvidence, speed: float) -> Iterator[int]:
+    """The steps that are shown, the last one among them."""
+    every = max(1, round(speed / _FRAMES_PER_S / in_seconds(run.setup.step_us)))
+    last = len(run.seconds) - 1
+    yield from range(0, last, every)
+    yield last
+
+
+@dataclass(frozen=True)
+class _Body:
+    """What moves of one robot."""
+
+    disc: Circle
+    nose: Line2D
+    trail: LineCollection
+    name: Text
+
+    @property
+    def artists(self) -> tuple[Artist, ...]:
+        """In the order in which they are drawn."""
+        return self.trail, self.disc, self.nose, self.name
+
+
+class _Scene:
+    """The floor, and what is on it at one step: only what changes is drawn again."""
+
+    def __init__(self, run: RunEvidence) -> None:
+        self._run = run
+        self._figure = style.new_figure(*_size(run))
+        self._figure.set_dpi(_DPI)
+        self._axes = axes = self._figure.add_subplot()
+        floor_picture.draw_floor(axes, run.grid)
+        doors = floor_picture.draw_doors(axes, run)
+        self._few = few = style.few(run.robots)
+        self._begins = _begins(run)
+        self._places = {
+            (key := PlaceKey(one.owner, one.place)): _place(
+                axes, run, one, few=few, given=key in self._begins
+            )
+            for one in run.places
+        }
+        self._put = [(one, marks.artist(axes, one.thing)) for one in spans(run)]
+        self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
+        kinds = {"open", "done", *(one.thing.kind for one, _ in self._put)}
+        told = (("door", doors), ("given", bool(self._begins)), ("given up", bool(run.given_up)))
+        kinds |= {kind for kind, there in told if there}
+        self._figure.legend(
+            handles=floor_picture.legend(kinds),
+            loc="outside lower center",
+            ncols=3,
+            fontsize=7,
+            frameon=False,
+        )
+        self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
+        self._done: set[PlaceKey] = set()
+        self._next = self._lost = 0
+        moving = [artist for body in self._bodies for artist in body.artists]
+        things = [artist for _, artist in self._put]
+        self._changing: list[Artist] = [*things, *self._places.values(), *moving, self._title]
+        for artist in self._changing:
+            artist.set_animated(True)
+        self._canvas = cast(Any, self._figure.canvas)  # its methods have no types
+        self._canvas.draw()
+        self._figure.set_layout_engine("none")  # everything stays where it is now
+        self._floor = self._canvas.copy_from_bbox(self._figure.bbox)
+
+    def picture(self, step: int) -> Pixels:
+        """A step as it looked; steps may only grow."""
+        self._show(step)
+        return self._drawn()
+
+    def all_at_once(self) -> Pixels:
+        """The floor with all that is ever on it, for its colours."""
+        for artist in self._changing:
+            artist.set_visible(True)
+        return self._drawn()
+
+    def _drawn(self) -> Pixels:
+        self._canvas.restore_region(self._floor)
+        for artist in self._changing:
+            self._axes.draw_artist(artist)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _show(self, step: int) -> None:
+        """Everything as it was at a step; steps may only grow."""
+        run, now = self._run, float(self._run.seconds[step])
+        while self._next < len(run.reported) and run.reported[self._next].second <= now:
+            deed = run.reported[self._next]
+            self._next += 1
+            self._done.add(deed.place)
+            if deed.place in self._places and deed.robot in run.robots:
+                self._places[deed.place].set_markerfacecolor(style.colour(run.robots.index(deed.robot)))
+        while self._lost < len(run.given_up) and run.given_up[self._lost].second <= now:
+            place = self._places.get(run.given_up[self._lost].place)
+            if place is not None:
+                place.set_marker("x")
+            self._lost += 1
+        for key, place in self._places.items():
+            place.set_visible(self._begins.get(key, 0.0) <= now)
+        for span, thing in self._put:
+            thing.set_visible(span.begin <= now < span.end)
+        first = int(np.searchsorted(run.seconds, now - _TRAIL_S))
+        for index, body in enumerate(self._bodies):
+            state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
+            body.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
+            _move(body, run.true[first : step + 1, index], alive=not state)
+        self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.places)} places cleaned")
+
+
+def _size(run: RunEvidence) -> tuple[float, float]:
+    """Of the picture, inches: as wide as a page, as tall as the floor."""
+    width, height = run.grid.corner.x - run.grid.origin.x, run.grid.corner.y - run.grid.origin.y
+    return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
+
+
+def _place(axes: Axes, run: RunEvidence, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
+    edge = style.colour(run.robots.index(place.owner)) if place.owner in run.robots else style.INK
+    size = 4.6 if few else 2.6
+    marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
+    return axes.lines[-1]
+
+
+def _begins(run: RunEvidence) -> dict[PlaceKey, float]:
+    """When the places came that were not there from the beginning, s."""
+    count = {body.id: len(body.places) for body in run.setup.robots}
+    found = {}
+    for step, given in run.orders:
+        if isinstance(given, Give) and given.robot in count:
+            for _ in given.places:
+                found[PlaceKey(given.robot, count[given.robot])] = in_seconds(step * run.setup.step_us)
+                count[given.robot] += 1
+    return found
+
+
+def _body(axes: Axes, index: int, *, few: bool) -> _Body:
+    colour = style.colour(index)
+    disc = Circle((0.0, 0.0), floor_picture.RADIUS, color=colour, zorder=6)
+    axes.add_patch(disc)
+    (nose,) = axes.plot([], [], color="w", lw=1.2, zorder=7)
+    trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
+    axes.add_collection(trail)
+    label = axes.text(0.0, 0.0, "", color=colour, fontweight="bold", fontsize=8.5 if few else 6.0, zorder=9)
+    return _Body(disc, nose, trail, label)
+
+
+def _move(body: _Body, way: Floats, *, alive: bool) -> None:
+    """`way`: (steps, 3), the newest last."""
+    x, y, heading = way[-1].tolist()
+    reach = floor_picture.RADIUS
+    body.disc.set_center((x, y))
+    body.disc.set_alpha(1.0 if alive else 0.3)
+    body.nose.set_data([x, x + reach * np.cos(heading)], [y, y + reach * np.sin(heading)])
+    body.name.set_position((x + 1.4 * reach, y + 1.4 * reach))
+    points = way[:, :2]
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    pieces = pieces[np.hypot(*(pieces[:, 1] - pieces[:, 0]).T) < floor_picture.JUMP]
+    body.trail.set_segments(list(pieces))
+    colour = to_rgb(body.disc.get_facecolor()[:3])
+    body.trail.set_color([(*colour, alpha) for alpha in np.linspace(0.05, 0.9, len(pieces)).tolist()])

@@ -1,0 +1,357 @@
+"""Actors replayed from what they received."""
+
+import bdb
+import importlib.util
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, cast
+
+import msgspec
+
+from acrc_testbed.replay.run_recordings import all_recordings, run_of, told
+from actors.installation.usage import command
+from actors.instant import Instant, seconds
+from actors.radio.program import part as radio_part
+from actors.radio.radio_model import RadioSetup
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.modules import RecordedModules, expect
+from actors.robot.program import part_of
+from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay, topic_of
+from actors.runtime.core import Core, Inputs, Output
+from actors.runtime.debugger import UserPdb
+from actors.runtime.errors import AcrcError
+from actors.runtime.prints import Prints
+from actors.runtime.process import ActorProcess, FinalNote, RunNote
+from actors.runtime.processor import difference, otherwise
+from actors.runtime.recording import (
+    Entry,
+    Reading,
+    RecordingError,
+    Unrecorded,
+    decoded,
+    read_notes,
+    read_recording,
+)
+from actors.runtime.recording.reading import opened
+from actors.runtime.shell import Shell
+from actors.world import program as world_program
+from actors.world.world_setup import WorldSetup
+
+
+class EnoughError(Exception):
+    """The instant has come after which nothing more was asked for, or somebody has left the debugger."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The part of a run that somebody wants to look at."""
+
+    begin_s: float = 0.0
+    end_s: float | None = None
+    """None: to the end."""
+
+
+def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] | None) -> None:
+    """Call `stop` before the first step of the stretch, and end with EnoughError behind the last one."""
+    advance = core.advance
+    begin, stopped = seconds(stretch.begin_s), stop is None
+    end = None if stretch.end_s is None else seconds(stretch.end_s)
+
+    def watched(inputs: Inputs) -> Sequence[Output]:
+        nonlocal stopped
+        instant = Instant(core.step * step_us)
+        if end is not None and instant > end:
+            raise EnoughError
+        if not stopped and instant >= begin:
+            stopped = True
+            assert stop is not None
+            stop()
+        try:
+            return advance(inputs)
+        except bdb.BdbQuit:
+            raise EnoughError from None
+
+    cast(Any, core).advance = watched
+
+
+def terminal(*, own: bool) -> Callable[[], None]:
+    """Python's own debugger, at the next line of the user's code; `own`: as in `UserPdb`."""
+    return UserPdb(own=own).set_trace
+
+
+def debugpy_at(port: int) -> Callable[[], None]:
+    """A debugger that attaches to a port of this machine, and stops in the user's code by its breakpoints.
+
+    Waits for it at once. Raises AcrcError where the package is missing.
+    """
+    if importlib.util.find_spec("debugpy") is None:
+        raise AcrcError(
+            f"--debugpy {port}: needs the Python package debugpy, which is not installed; "
+            f"`{command()} add debugpy` brings it"
+        )
+    debugpy: Any = importlib.import_module("debugpy")
+    debugpy.listen(("127.0.0.1", port))
+    debugpy.wait_for_client()
+    return cast(Callable[[], None], debugpy.breakpoint)
+
+
+@dataclass(frozen=True)
+class ReplayReport:
+    """One actor replayed."""
+
+    actor: str
+    outputs: int
+    """How many messages it sent again, all equal to the recorded ones."""
+    whole: bool = True
+    """False: only up to where somebody wanted to look."""
+
+
+@dataclass(frozen=True)
+class Onlook:
+    """What somebody wants of an actor that is replayed."""
+
+    prepare: Callable[[Core, int], None] | None = None
+    """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
+    the core, ends the replay."""
+    behaviour: str | None = None
+    """Entry string of a behaviour that is to decide in place of the recorded one, on settings of its own."""
+    prints: Callable[[int], Prints] | None = None
+    """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """An actor that is to be replayed."""
+
+    part: ActorProcess
+    run: RunNote
+    """What its recording begins with."""
+    path: Path
+    recall: Callable[[bytes], bytes | None]
+    """Gives a message of the run by its sha256."""
+
+
+def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints | None = None) -> Again:
+    """The actor as it was before its first step. RecordingError where there is no recording of it.
+
+    Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
+    lay. AcrcError for a module that is not the recorded one.
+    """
+    files = all_recordings(out)
+    if actor not in files:
+        raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
+    path = files[actor]
+    run = run_of(path)
+    with nullcontext() if prints is None else prints.during(0):
+        expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
+        part = _part(path, actor, run, onlook)
+    if onlook.prepare is not None:
+        onlook.prepare(part.core, run.step_us)
+    return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
+
+
+def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs."""
+    files = all_recordings(out)
+    prints = None
+    if onlook.prints is not None and actor in files:
+        prints = onlook.prints(run_of(files[actor]).step_us)
+    again = made_again(out, actor, onlook, prints)
+    bus = ReplayBus(again.path, again.recall)
+    shell = shell_of(again, bus)
+    shell.prints = prints
+    try:
+        replay(shell, bus)
+    except EnoughError:
+        return ReplayReport(actor, bus.compared, whole=False)
+    except ReplayError as error:
+        raise explained(error, again) from None
+    return ReplayReport(actor, bus.compared)
+
+
+def shell_of(again: Again, bus: ReplayBus) -> Shell:
+    """The shell around an actor that is replayed; it has said that it is ready."""
+    part = again.part
+    shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
+    if part.ready is not None:
+        shell.send(part.ready)
+    return shell
+
+
+def explained(error: ReplayError, again: Again) -> ReplayError:
+    """The same, with what is otherwise here than where it was recorded."""
+    run, here = again.run, again.part.run
+    why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
+    return ReplayError(f"{error}; {why}") if why else error
+
+
+def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
+    """What the recorded process had loaded in the end, as far as is known."""
+    notes = read_notes(path)
+    if "final" not in notes:
+        return RecordedModules(code, whole=False)
+    return RecordedModules(code | decoded(path, "final", notes["final"], FinalNote).code)
+
+
+def recorded_code(out: Path) -> RecordedModules | None:
+    """What the robots of a run had loaded; None if that was not recorded of any."""
+    files = all_recordings(out)
+    runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
+    known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
+    if not known:
+        return None
+    hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
+    return RecordedModules(hashes, all(one.whole for one in known))
+
+
+def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:
+    """The recorded actor, but for what is to decide instead."""
+    folder = path.parent
+    if actor == "world":
+        return world_program.part_of(told(path, run, WorldSetup, "a world"), folder, run.commit)
+    if actor == "radio":
+        return radio_part(told(path, run, RadioSetup, "a radio"), folder, run.commit)
+    setup = told(path, run, RobotSetup, "a robot")
+    if onlook.behaviour is not None:  # the settings belong to the strategy that was recorded
+        adaptation = msgspec.structs.replace(setup.adaptation, settings={})
+        setup = msgspec.structs.replace(setup, behaviour=onlook.behaviour, adaptation=adaptation)
+    return part_of(setup, folder, run.actor, run.commit)
+
+
+def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:
+    """A large message as its receiver recorded it."""
+    for path in files:
+        try:
+            for item in read_recording(path):
+                if isinstance(item, Entry) and item.payload is not None and item.sha256 == sha256:
+                    return item.payload
+        except AcrcError:
+            continue  # another actor's file is damaged; that is not what was asked
+    return None
+
+
+class GrowingBus(ReplayBus):
+    """Gives what came in once something that went out stands behind it: then all of its step is there."""
+
+    def __init__(self, again: Again) -> None:
+        super().__init__(again.path, again.recall, ())
+        self._reading, self._stream = Reading(again.path), opened(again.path)
+        self._waiting: list[Entry] = []
+        self._early: deque[tuple[str, bytes]] = deque()
+        """What was sent again before it was read that it had been sent."""
+
+    @property
+    def ended(self) -> bool:
+        """The recording was closed, and all of it has been given."""
+        return self._reading.whole and not self._inputs
+
+    @property
+    def waits(self) -> str:
+        """The key that was recorded next; empty if nothing is there."""
+        return self._inputs[0].key if self._inputs else ""
+
+    def grow(self) -> None:
+        """Read what has been written. Raises RecordingError; ReplayError where it is not what was sent."""
+        for item in self._reading.more(self._stream):
+            if isinstance(item, Entry) and item.direction == "in":
+                self._waiting.append(item)
+            elif isinstance(item, Entry):
+                self._outputs.append(item)
+                self._release()
+        if self._reading.whole:
+            self._release()
+        while self._early and self._outputs:
+            super().publish(*self._early.popleft())
+
+    def _release(self) -> None:
+        self._inputs.extend(self._waiting)
+        self._waiting.clear()
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Compare with what was recorded, as soon as that is there."""
+        if self._outputs or topic_of(key).is_telemetry:
+            super().publish(key, payload)
+        else:
+            self._early.append((key, payload))
+
+    def settle(self) -> None:
+        """ReplayError if a recording that was closed has other messages than were sent again."""
+        self.grow()
+        if self._reading.whole:
+            super().close()
+            if self._early:
+                key, _ = self._early[0]
+                raise ReplayError(f"{self._path}: sends on {key}, where nothing more was recorded")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+
+class GrowingReplay:
+    """One actor, replayed; a context manager that closes its recording."""
+
+    def __init__(self, again: Again) -> None:
+        self._again = again
+        self._bus = GrowingBus(again)
+        self._shell = shell_of(again, self._bus)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bus.close()
+
+    @property
+    def path(self) -> Path:
+        """The recording."""
+        return self._again.path
+
+    @property
+    def ended(self) -> bool:
+        """Nothing will follow: the actor has finished, or its recording was closed."""
+        return self._shell.finished or self._bus.ended
+
+    def advance(self, budget_s: float) -> bool:
+        """Take the steps that have been recorded, for about so long; False: there were more.
+
+        Raises ReplayError where the actor does otherwise than it did, RecordingError for a damaged file.
+        """
+        shell, bus, end = self._shell, self._bus, time.monotonic() + budget_s
+        try:
+            bus.grow()
+            while not shell.finished:
+                for address in shell.open_to():
+                    while (delivery := bus.poll(address.topic)) is not None:
+                        shell.deliver(delivery)
+                awaited = shell.pump()
+                if awaited is None:
+                    if time.monotonic() > end:
+                        return False
+                    continue
+                delivery = bus.poll(awaited.topic)
+                if delivery is None:
+                    return self._dry(awaited.topic.pattern)
+                shell.deliver(delivery)
+        except ReplayError as error:
+            raise explained(error, self._again) from None
+        return True
+
+    def settle(self) -> None:
+        """Once it has ended: ReplayError where a closed recording has more, or less, than was sent again."""
+        try:
+            self._bus.settle()
+        except ReplayError as error:
+            raise explained(error, self._again) from None
+
+    def _dry(self, wanted: str) -> bool:
+        """There is nothing for it to take; True."""
+        if self._bus.waits:
+            raise ReplayError(
+                f"{self.path}: the actor waits for {wanted} where {self._bus.waits} was recorded"
+            )
+        return True

@@ -1,0 +1,452 @@
+"""The result of a run, gathered from the last records of its processes; its origin and frame counts."""
+
+import platform
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from acrc_testbed.results.outcome import (
+    DeecoResult,
+    NavigationOutcome,
+    NavigationResult,
+    NodeOutcome,
+    OutcomeError,
+    Outcomes,
+    counted,
+    deeco_result,
+    navigation_outcome,
+    navigation_result,
+    node_outcome,
+    own_outcome,
+)
+from actors.instant import in_seconds
+from actors.messages import ROSTER
+from actors.processes.launch import Program
+from actors.processes.silence import HoldUp
+from actors.radio.radio_model import share
+from actors.runtime.errors import AcrcError, printable
+from actors.runtime.process import FinalNote
+from actors.runtime.processor import Processor, processor
+from actors.runtime.recording import decoded, read_notes
+from actors.runtime.shell import run_digest
+from actors.task.referee import PlaceOutcome
+from actors.world.sensing import PoseError
+
+PARENT = "its parent"
+
+
+class UndeliveredError(AcrcError):
+    """Messages that were lost on the way, or that somebody is wrong about."""
+
+
+class Gap(NamedTuple):
+    """A key on which not as many messages arrived as were sent."""
+
+    key: str
+    sent: int
+    senders: tuple[str, ...]
+    arrived: int
+    receivers: tuple[str, ...]
+
+    def __str__(self) -> str:
+        senders = " and ".join(self.senders) or "nobody"
+        receivers = " and ".join(self.receivers) or "nobody"
+        return f"{self.key}: {senders} counted {self.sent} sent, and {receivers} {self.arrived} that arrived"
+
+
+def gaps(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[Gap, ...]:
+    """The keys whose counts do not agree, in their order.
+
+    `finals`: each process's actor, and its last note. `rosters`: how many of the world's orders to start
+    robots their parent has received. Raises UndeliveredError if a process counts what is not its own.
+    """
+    sent, arrived = Counter[str](), Counter({ROSTER.pattern: rosters})
+    senders, receivers = defaultdict[str, dict[str, None]](dict), defaultdict[str, dict[str, None]](dict)
+    receivers[ROSTER.pattern][PARENT] = None
+    for actor, final in finals:
+        _check_own(actor, final)
+        sent.update(final.sent)
+        arrived.update(final.arrived)
+        for keys, actors in ((final.sent, senders), (final.arrived, receivers)):
+            for key in keys:
+                actors[key][actor] = None
+    return tuple(
+        Gap(key, sent[key], tuple(senders[key]), arrived[key], tuple(receivers[key]))
+        for key in sorted(sent.keys() | arrived.keys())
+        if sent[key] != arrived[key]
+    )
+
+
+def demand_all(undelivered: int, sentences: Sequence[str]) -> None:
+    """UndeliveredError if there are messages that were not delivered."""
+    if undelivered:
+        raise UndeliveredError(f"{undelivered} messages were not delivered: {'; '.join(sentences)}")
+
+
+def _check_own(actor: str, final: FinalNote) -> None:
+    """A robot sends on its own keys only, and the router sees to it; so must its word."""
+    if actor in ("world", "radio"):
+        return
+    for key in _foreign({f"swarm/up/{actor}/": final.sent, f"swarm/down/{actor}/": final.arrived}):
+        raise UndeliveredError(f"{actor} counts messages on {key[:80]!r}, which is not its own")
+
+
+def _foreign(counts: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    for prefix, keys in counts.items():
+        yield from (key for key in keys if not key.startswith(prefix))
+
+
+_PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
+"""Those that a run's result, or its speed, could depend on."""
+
+
+class BranchOrigin(msgspec.Struct, frozen=True):
+    """The run that another one is a branch of."""
+
+    run: str
+    """Its folder."""
+    digest: str
+    at_s: float
+    """Where the branch leaves it, simulated s."""
+    changes: tuple[str, ...] = ()
+    """What was changed, as it was typed."""
+    difference: str = ""
+    """The first message that came out otherwise: step, key, field, both values; empty if none did."""
+    control: str = ""
+    """Digest of the control, for a branch with other settings: its strategy made anew with its own values."""
+    control_difference: str = ""
+    """The first message that came out otherwise than in the control; empty if none did, or without one."""
+
+
+class Origin(msgspec.Struct, frozen=True):
+    """Scenario, strategy and software of a run; scenario, seed, key and commit together determine its
+    digest.
+    """
+
+    scenario: str = ""
+    """Name of the scenario's file; its content, with everything drawn, lies beside the result."""
+    strategy: str = ""
+    """As the scenario or `--strategy` says."""
+    behaviour: str = ""
+    """The function that this name stands for, `module:function`."""
+    settings: dict[str, Any] = {}
+    """Of the strategy, as the scenario says; what is absent is as the strategy has it."""
+    commit: str = ""
+    """Of this software, with a plus sign where files were changed since; its version outside a clone."""
+    versions: dict[str, str] = {}
+    """Of Python and of the packages that matter."""
+    key: str = ""
+    """What all that is random follows from beside the seed; empty: there is none."""
+    navigation: str = ""
+    """Preset of navigation, as the scenario or `--navigation` says; empty in results that do not say it."""
+    localisation: str = ""
+    """Preset of localisation; the same."""
+    branch: BranchOrigin | None = None
+    """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
+
+
+UNKNOWN: Final = Origin()
+"""Of what is no whole run."""
+
+
+def versions() -> dict[str, str]:
+    """Of Python, and of each package that is installed."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+OWN_WORD: Final = ("deeco", "navigation", "outcome", "unread")
+"""Keys of a result that robots' processes report about themselves."""
+_LONGEST: Final = 300
+"""Characters of a reason."""
+
+
+class ResultError(AcrcError):
+    """A run whose files do not add up to a result."""
+
+
+class RobotResult(msgspec.Struct, frozen=True):
+    """One robot's part."""
+
+    places_total: int
+    """Places that it was given; what follows is about these, whichever robot did or said it."""
+    places_done: int
+    """Reported, and ground truth says that some robot had been within reach by then."""
+    places_claimed: int
+    """Reported, whether true or not."""
+    places_given_up: int
+    """Given up, and not reported."""
+    completion_s: float | None
+    """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
+    pose_error: PoseError
+    """How far it was from where it held itself to be."""
+    driven_m: float | None = None
+    """How far it truly came, or was pushed, m; None in results from before this was measured."""
+
+
+class RunResult(msgspec.Struct, frozen=True):
+    """The result of a run, as `run.json` and `--json` give it."""
+
+    digest: str
+    robots: int
+    seed: int
+    simulated_s: float
+    wall_s: float
+    """From the first step to the last, s."""
+    startup_s: float
+    """From the start of the command to the first step, s."""
+    cpu_s: float
+    """Of all processes, from their start to their end, s; what the system charged for them."""
+    real_time_factor: float
+    places_total: int
+    places_done: int
+    """Reported, and ground truth says that some robot had been within reach by then: the chapter's "number of
+    cleaning tasks that were completed" (7.2.2)."""
+    places_claimed: int
+    """Reported, whether true or not: what the system itself takes for cleaned."""
+    places_given_up: int
+    """Given up by some robot, and reported by none, neither before nor after."""
+    places_lost: int
+    """Neither reported nor given up, and at the end in the route of no robot that still has a process: nobody
+    knows of them any more."""
+    completion_s: float | None
+    """When the last place was reported, simulated s: the chapter's "time to complete all the tasks" (7.2.2).
+    None unless all are done."""
+    settled_s: float | None
+    """When the last place was reported or given up, whichever came first for it, simulated s: the chapter's
+    "total running time till system completes or gives up" (7.2.2). None if the run ended before that."""
+    last_reached_s: float | None
+    """When the last of the places that were reported was, simulated s: what the original testbed computes
+    under that name (results/process.py), which knows of no giving up. None if nothing was reported."""
+    per_robot: dict[str, RobotResult]
+    undelivered: int
+    """Messages that were sent and did not arrive, or the other way round, over all keys."""
+    unread: int
+    """Messages received that their actor never took."""
+    contacts: int
+    """Contacts that began, between robots or of a robot with something that does not move."""
+    refused_orders: tuple[str, ...]
+    """Orders from outside that made no sense, a sentence each."""
+    frames: dict[str, int]
+    """What became of the radio frames, by cause, and the octets of those that were sent."""
+    radio_bytes_per_robot_s: float
+    """Octets on the air per robot and simulated s: whole frames with their MAC header and FCS."""
+    deeco: DeecoResult
+    """What the robots' nodes of the component model did."""
+    navigation: NavigationResult
+    """What became of the goals that behaviours gave to navigation."""
+    isolation: str
+    bus: str
+    out: str
+    direct_reach: float | None = None
+    """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
+    None if there never were two robots with power."""
+    not_delivered: tuple[str, ...] = ()
+    """The keys that `undelivered` is about, with who counted what, a sentence each."""
+    origin: Origin = UNKNOWN
+    """Scenario, strategy, commit and versions."""
+    processor: Processor = Processor("")
+    """What the run was made on; of no influence on the digest."""
+    frames_by_robot: dict[str, dict[str, int]] = {}
+    """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
+    on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
+    driven_m: float | None = None
+    """How far all robots truly came, m; None in results from before this was measured."""
+    reported_by_robots: tuple[str, ...] = ()
+    """The keys of this result that are what the robots' processes say of themselves: a strategy may have
+    written it there. World, radio and parent count all else. Empty in results from before this was said."""
+    refused_reports: tuple[str, ...] = ()
+    """A sentence for each malformed report of a robot, which is not counted."""
+    outcome: Outcomes = {}
+    """Values that behaviours' `outcome()` returned, by name and robot; after a restart the last ones."""
+    warnings: tuple[str, ...] = ()
+    """Failures that were expected before the run, a sentence each."""
+    held_up: dict[str, HoldUp] = {}
+    """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What the result says about the way the run was made."""
+
+    out: Path
+    robots: Sequence[str]
+    seed: int
+    step_us: int
+    isolation: str
+    bus: str
+    began_s: float
+    """Wall clock when the command began, s since the epoch."""
+    cpu_s: float
+    """CPU time of all processes, as the system has told their parent."""
+    parent_received: int
+    origin: Origin = UNKNOWN
+    warnings: tuple[str, ...] = ()
+    held_up: Mapping[str, HoldUp] = field(default_factory=dict)
+    notes: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    """Of recordings that are not here, or have been read already."""
+
+
+class WorldOutcome(msgspec.Struct):
+    """What the world says about the run."""
+
+    places: tuple[PlaceOutcome, ...]
+    contacts: int
+    steps: int
+    refused_orders: tuple[str, ...]
+    pose_errors: dict[str, PoseError]
+    driven: dict[str, float]
+
+
+class Gathered(NamedTuple):
+    """The result of a run, and what it says in counts only."""
+
+    result: RunResult
+    places: tuple[PlaceOutcome, ...]
+
+
+def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
+    """The result of a run whose processes have all ended as planned."""
+    finals = [(program, _final(program.record, about)) for program in programs if program.record is not None]
+    world = next(final for program, final in finals if program.actor == "world")
+    radio = next(final for program, final in finals if program.actor == "radio")
+    outcome = WorldOutcome(
+        **{
+            name: msgspec.json.decode(world.outcome[name], type=kind)
+            for name, kind in WorldOutcome.__annotations__.items()
+        }
+    )
+    simulated = in_seconds(outcome.steps * about.step_us)
+    wall = max(world.ended_s - world.started_s, 1e-9)
+    missing = gaps([(program.actor, final) for program, final in finals], about.parent_received)
+    frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
+    frames_by_robot = msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]])
+    pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
+    said = robot_reports(_of_robots(finals))
+    places = counted(outcome.places)
+    result = RunResult(
+        digest=run_digest([final.digest for _, final in finals]),
+        robots=len(about.robots),
+        seed=about.seed,
+        simulated_s=simulated,
+        wall_s=round(wall, 3),
+        startup_s=round(world.started_s - about.began_s, 3),
+        cpu_s=round(about.cpu_s, 3),
+        real_time_factor=round(simulated / wall, 2),
+        places_total=places.total,
+        places_done=places.done,
+        places_claimed=places.claimed,
+        places_given_up=places.given_up,
+        places_lost=places.lost,
+        completion_s=places.completion_s,
+        settled_s=places.settled_s,
+        last_reached_s=places.last_reached_s,
+        per_robot={robot: _robot_result(robot, outcome) for robot in about.robots},
+        undelivered=sum(abs(gap.sent - gap.arrived) for gap in missing),
+        not_delivered=tuple(map(str, missing)),
+        unread=world.unread + radio.unread + said.unread,
+        contacts=outcome.contacts,
+        refused_orders=outcome.refused_orders,
+        frames=frames,
+        radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
+        direct_reach=share(pairs),
+        frames_by_robot=frames_by_robot,
+        deeco=said.deeco,
+        navigation=said.navigation,
+        reported_by_robots=OWN_WORD,
+        refused_reports=said.refused,
+        isolation=about.isolation,
+        bus=about.bus,
+        out=str(about.out),
+        origin=about.origin,
+        warnings=about.warnings,
+        processor=processor(),
+        driven_m=round(sum(outcome.driven.values()), 3),
+        outcome=said.outcomes,
+        held_up=dict(about.held_up),
+    )
+    return Gathered(result, outcome.places)
+
+
+def _robot_result(robot: str, outcome: WorldOutcome) -> RobotResult:
+    own = counted([place for place in outcome.places if place.owner == robot])
+    error = outcome.pose_errors[robot]
+    way = outcome.driven[robot]
+    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error, way)
+
+
+def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[str, Path, FinalNote]]:
+    """The last records of the robots' processes, those of restarted robots too."""
+    for program, final in finals:
+        assert program.record is not None
+        if program.actor not in ("world", "radio"):
+            yield program.actor, program.record, final
+
+
+class RobotReports(NamedTuple):
+    """Final notes of all robots together."""
+
+    deeco: DeecoResult
+    navigation: NavigationResult
+    outcomes: Outcomes
+    unread: int
+    refused: tuple[str, ...]
+    """A sentence for each malformed report."""
+
+
+def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports:
+    """Gather the last records of robots' processes, each with its robot and its file."""
+    refused: list[str] = []
+    nodes: list[NodeOutcome] = []
+    navigations: list[NavigationOutcome] = []
+    outcomes: Outcomes = {}
+    unread = 0
+    for robot, record, final in finals:
+        unread += final.unread
+        with _refusing(refused, robot, "node"):
+            nodes += filter(None, (node_outcome(record, final.outcome),))
+        with _refusing(refused, robot, "navigation"):
+            navigations += filter(None, (navigation_outcome(record, final.outcome),))
+        with _refusing(refused, robot, "outcome"):
+            for name, value in own_outcome(record, final.outcome).items():
+                outcomes.setdefault(name, {})[robot] = value
+    return RobotReports(
+        deeco_result(nodes),
+        navigation_result(navigations),
+        dict(sorted(outcomes.items())),
+        unread,
+        tuple(refused),
+    )
+
+
+@contextmanager
+def _refusing(refused: list[str], robot: str, subject: str) -> Iterator[None]:
+    """Turn an OutcomeError into a sentence."""
+    try:
+        yield
+    except OutcomeError as error:
+        why = printable(str(error)[:_LONGEST]).replace("\n", " ")
+        refused.append(f"{robot}: its report of its {subject} is malformed and is not counted: {why}")
+
+
+def rate(count: int, robot_seconds: float) -> float:
+    """Octets per robot and second; 0 if there was no time."""
+    return round(count / robot_seconds, 3) if robot_seconds else 0.0
+
+
+def _final(record: Path, about: Circumstances) -> FinalNote:
+    text = (about.notes[record] if record in about.notes else read_notes(record)).get("final")
+    if text is None:
+        raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
+    return decoded(record, "final", text, FinalNote)

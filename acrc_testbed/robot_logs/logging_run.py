@@ -1,0 +1,140 @@
+"""`acrc export --mcap`: a run's folder as one ROS 2 log of all its robots."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from operator import attrgetter
+from pathlib import Path
+
+from acrc_testbed.evidence.run_evidence import world_setup
+from acrc_testbed.replay.run_recordings import all_recordings, setup_of
+from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.robot_logs.robot_entries import (
+    body_entries,
+    command_entries,
+    held_entries,
+    link_entries,
+    map_entry,
+    place_entries,
+    sensed_entries,
+    static_frames,
+    thing_entries,
+    traced_entries,
+    true_entries,
+)
+from acrc_testbed.robot_logs.ros2_log import LogEntry, Spool, write
+from acrc_testbed.trace.traces import BOUNDS, traces
+from acrc_testbed.view.story import Source, Story, collected_story, simulated_story
+from actors.installation.usage import OptionError, wrong_value
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.foreign import Permit
+from actors.robot_model import RobotModel, load_model
+from actors.runtime import regular_file
+from actors.runtime.process_setup import located_model
+
+
+@dataclass(frozen=True)
+class LogReport:
+    """Messages and gaps of a written log."""
+
+    counts: Counter[str]
+    """Messages by topic."""
+    notes: tuple[str, ...]
+    """What is missing or unknown, a sentence each."""
+
+
+def log_run(
+    out: Path,
+    path: Path,
+    robots: Sequence[str] = (),
+    on_actor: Callable[[str], object] = lambda actor: None,
+    *,
+    permit: Permit,
+    isolate: bool,
+    bounds: Bounds = BOUNDS,
+) -> LogReport:
+    """Write the log of a run, simulated or collected from robots, to a file that is not there yet.
+
+    `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
+    whose trace is needed. `isolate`: see `actors.runtime.isolation.sandbox`. Raises OptionError for a robot
+    that is none and a file that is there, RecordingError and the like for what is no folder of a run.
+    """
+    if path.exists() or path.is_symlink():
+        raise OptionError(f"--out: {path} is there already; must be a new file")
+    files = all_recordings(out)
+    story = simulated_story(out) if "world" in files else collected_story(out)
+    for robot in robots:
+        if robot not in story.robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
+    models, left_out = _models(story, files), Counter[str]()
+    sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
+    with Spool() as spool, regular_file.replaced(path) as part:
+        faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
+        on_actor("")
+        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        counts = write(part, entries, left_out)
+    absent = [
+        f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
+        for topic, count in sorted(left_out.items())
+        if count
+    ]
+    return LogReport(counts, tuple(dict.fromkeys((*story.notes, *faults, *absent))))
+
+
+def _trace(
+    story: Story,
+    sources: Mapping[str, Source],
+    spool: Spool,
+    on_actor: Callable[[str], object],
+    *,
+    permit: Permit,
+    isolate: bool,
+    bounds: Bounds,
+) -> list[str]:
+    """Set aside what robots perceived and meant; what is not to be had, in sentences."""
+    on_actor("robots")
+    found: dict[str, str | None] = {}
+    for one in traces(story.out, list(sources), permit=permit, isolate=isolate, bounds=bounds):
+        for part in one.parts:
+            spool.extend(traced_entries(sources[one.actor], part))
+        found[one.actor] = one.fault or (one.parts[-1].fault if one.parts else None)
+        on_actor(f"robots ({len(found)} of {len(sources)} are done)")
+    return [fault for actor in sources if (fault := found.get(actor)) is not None]
+
+
+def _streams(
+    story: Story,
+    files: Mapping[str, Path],
+    sources: Mapping[str, Source],
+    models: Mapping[str, RobotModel],
+    spool: Spool,
+    left_out: Counter[str],
+) -> Iterator[Iterator[LogEntry]]:
+    """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
+    yield iter((map_entry(story.grid), static_frames(models)))
+    yield from (place_entries(story), body_entries(story, models))
+    if story.things:
+        yield thing_entries(story)
+    yield true_entries(story)
+    for robot, track in story.tracks.items():
+        yield held_entries(robot, track)
+    for actor, source in sources.items():
+        track, model = story.tracks[source.robot], models[source.robot]
+        yield sensed_entries(files[actor], source, track, model, left_out)
+    yield link_entries(story)
+    yield spool.entries()
+    for actor, source in sources.items():
+        yield command_entries(files[actor], source)
+
+
+def _models(story: Story, files: Mapping[str, Path]) -> dict[str, RobotModel]:
+    """What kind of robot each is, as the world was told, or else the robot."""
+    if "world" in files:
+        bodies = world_setup(files["world"]).robots
+        return {body.id: load_model(body.model, body.sensor) for body in bodies}
+    found = {}
+    for source in story.sources:
+        setup = setup_of(files[source.actor], RobotSetup, "a robot")
+        found[source.robot] = load_model(located_model(setup.model, files[source.actor].parent), setup.sensor)
+    return found

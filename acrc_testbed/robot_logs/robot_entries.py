@@ -1,0 +1,328 @@
+"""Log entries of one robot: odometry, scans and poses of its recording, navigation state of its trace."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from heapq import merge
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.evidence.run_evidence import taken
+from acrc_testbed.evidence.things_over_time import FloorThing
+from acrc_testbed.robot_logs import ros2_log
+from acrc_testbed.robot_logs.ros2_log import (
+    MAP,
+    UNKNOWN_CELL,
+    LogEntry,
+    Marker,
+    Transform,
+    disc,
+    label,
+    lines,
+    marker_array,
+    occupancy_grid,
+)
+from acrc_testbed.trace.rows import Trace
+from acrc_testbed.view.story import Source, Story, Track
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.geometry import Pose
+from actors.message_limits import senses_fault
+from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Scan, Senses
+from actors.observer import glyphs
+from actors.observer.glyphs import MARKS
+from actors.robot_model import RobotModel
+from actors.task.task import PlaceKey
+
+_NEAR_S: Final = 1e-6
+"""Two instants of one step differ by less, s."""
+_FAR: Final = 10**15
+"""µs; nobody lives to see more."""
+_INSCRIBED: Final = 253
+"""The cost of a cell that the robot's middle must not enter, as costmap_2d has it; 254 blocks, and of 255
+nothing is known."""
+_LETHAL: Final = 254
+
+
+def true_entries(story: Story) -> Iterator[LogEntry]:
+    """Where robots truly were, step by step; nothing where nobody knows."""
+    if not story.true:
+        return
+    tracks = list(story.tracks.items())
+    for step, second in enumerate(tracks[0][1].seconds.tolist()):
+        poses = [(robot, Pose(*track.poses[step].tolist())) for robot, track in tracks]
+        yield _frames(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
+        for robot, pose in poses:
+            yield _placed(second * 1e6, f"/{robot}/truth", pose)
+
+
+def held_entries(robot: str, track: Track) -> Iterator[LogEntry]:
+    """Where a robot held itself to be, as often as it said so."""
+    for second, held in zip(track.seconds.tolist(), track.held.tolist(), strict=True):
+        if held[0] == held[0]:
+            yield _placed(second * 1e6, f"/{robot}/pose", Pose(*held))
+
+
+def sensed_entries(
+    path: Path, source: Source, track: Track, model: RobotModel, left_out: Counter[str]
+) -> Iterator[LogEntry]:
+    """What a robot's process sensed, and its frames. Raises RecordingError and WireError.
+
+    `left_out` counts by topic what no sensor says.
+    """
+    robot, clock = source.robot, source.clock
+    for _, senses in taken(path, SENSES):
+        if senses.halt:
+            continue
+        if senses_fault(senses) is not None or abs(senses.instant) > _FAR:
+            left_out[f"/{robot}/odom"] += 1
+            continue
+        told = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
+        scans = [one for one in told if _is_of(one, model)]
+        left_out[f"/{robot}/scan"] += len(told) - len(scans)
+        instants = np.array([senses.instant, *(scan.stamp for scan in scans)], np.int64)
+        second, *stamps = clock(instants).tolist()
+        yield from _moved(robot, senses, second, _held(track, second))
+        for scan, stamp in zip(scans, stamps, strict=True):
+            at = round(stamp * 1e6)
+            sweep = ros2_log.laser_scan(f"{robot}/laser", model.sensor, _ranges(scan), at)
+            yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)
+
+
+def command_entries(path: Path, source: Source) -> Iterator[LogEntry]:
+    """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
+    for (_, senses), (_, drive) in zip(taken(path, SENSES), taken(path, DRIVE, "out"), strict=False):
+        if abs(senses.instant) <= _FAR:
+            at = round(source.clock(np.array([senses.instant])).item() * 1e6)
+            velocity = ros2_log.twist(drive.vx, drive.vy, drive.omega)
+            yield LogEntry(at, f"/{source.robot}/cmd_vel", velocity, at)
+
+
+def _is_of(scan: Scan, model: RobotModel) -> bool:
+    """True if a scan has a range for each ray of the sensor, and an instant."""
+    return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= _FAR
+
+
+def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[LogEntry]:
+    told = senses.odometry
+    odometry, odom, base = Pose(told.x, told.y, told.heading), f"{robot}/odom", f"{robot}/base_link"
+    frames = [Transform(odom, base, odometry)]
+    if held is not None:
+        frames.insert(0, Transform(MAP, odom, held.frame(odometry)))
+    yield _frames(second * 1e6, frames)
+    at, velocity = round(second * 1e6), ros2_log.twist(told.vx, told.vy, told.omega)
+    yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
+
+
+def _held(track: Track, second: float) -> Pose | None:
+    """Where the robot held itself to be at an instant; None: it did not say."""
+    at = int(np.searchsorted(track.seconds, second - _NEAR_S))
+    if at == len(track.seconds) or track.seconds[at] > second + _NEAR_S or np.isnan(track.held[at, 0]):
+        return None
+    return Pose(*track.held[at].tolist())
+
+
+def _ranges(scan: Scan) -> NDArray[np.float32]:
+    """(rays,), m; inf: no echo (REP 117)."""
+    told = np.frombuffer(scan.ranges_mm, "<u2")
+    return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
+
+
+def traced_entries(source: Source, trace: Trace) -> Iterator[LogEntry]:
+    """What a robot perceived and meant, by a part of its trace, in order of time."""
+    return merge(
+        _meant(source, trace), _clouds(source, trace), _costs(source, trace), _plans(source, trace),
+        key=lambda one: one.logged,
+    )  # fmt: skip
+
+
+def _times(source: Source, instants: NDArray[np.int64]) -> list[int]:
+    """Return µs of the run, in ascending order."""
+    found: list[float] = (np.maximum.accumulate(source.clock(instants)) * 1e6).tolist()
+    return [round(one) for one in found]
+
+
+def _clouds(source: Source, trace: Trace) -> Iterator[LogEntry]:
+    for time, points in zip(_times(source, trace.particles_at), trace.particles.rows(), strict=True):
+        yield LogEntry(time, f"/{source.robot}/particles", ros2_log.point_cloud(points, time), time)
+
+
+def _plans(source: Source, trace: Trace) -> Iterator[LogEntry]:
+    for time, points in zip(_times(source, trace.plans_at), trace.plans.rows(), strict=True):
+        yield LogEntry(time, f"/{source.robot}/plan", ros2_log.path(points, time), time)
+
+
+def _costs(source: Source, trace: Trace) -> Iterator[LogEntry]:
+    times = _times(source, trace.costs_at)
+    for time, costs, corner in zip(times, trace.costs, trace.corners.tolist(), strict=True):
+        grid = ros2_log.occupancy_grid(Pose(*corner), trace.cell, occupancy(costs), time)
+        yield LogEntry(time, f"/{source.robot}/local_costmap", grid, time)
+
+
+def _meant(source: Source, trace: Trace) -> Iterator[LogEntry]:
+    """What it is about in words; and its goal, where that is another one."""
+    before = None
+    times = _times(source, np.array([one.instant for one in trace.doings], np.int64))
+    for time, one in zip(times, trace.doings, strict=True):
+        where = f" to {one.destination}" if one.destination else ""
+        yield LogEntry(time, "/rosout", ros2_log.log_line(source.robot, one.activity + where, time), time)
+        if one.point is not None and one.point != before:
+            yield _placed(time, f"/{source.robot}/goal", Pose(*one.point, 0.0))
+        before = one.point
+
+
+def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
+    """Costs as nav_msgs/OccupancyGrid has them: 100 blocks, 99 is within a radius of that, 1 to 98 is near.
+
+    As costmap_2d_ros publishes them.
+    """
+    found = np.zeros(256, np.int8)
+    found[1:_INSCRIBED] = 1 + 97 * (np.arange(1, _INSCRIBED) - 1) // (_INSCRIBED - 2)
+    found[_INSCRIBED], found[_LETHAL], found[255] = 99, 100, UNKNOWN_CELL
+    values: NDArray[np.int8] = found[costs]
+    return values
+
+
+def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
+    """Where each robot's range sensor sits."""
+    frames = [
+        Transform(f"{robot}/base_link", f"{robot}/laser", model.sensor.mount)
+        for robot, model in models.items()
+    ]
+    return LogEntry(0, "/tf_static", ros2_log.transforms(frames, 0), 0)
+
+
+def _frames(microseconds: float, frames: list[Transform]) -> LogEntry:
+    at = round(microseconds)
+    return LogEntry(at, "/tf", ros2_log.transforms(frames, at), at)
+
+
+def _placed(microseconds: float, topic: str, pose: Pose) -> LogEntry:
+    at = round(microseconds)
+    return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)
+
+
+_PLACE_RADIUS: Final = 0.15
+_FLAT: Final = 0.02
+_HIGH: Final = 0.4
+"""Of a robot, a wall, a thing, m."""
+_WALL: Final = 0.1
+"""How thick a wall is that was ordered, m, as in `actors.world.body`."""
+_LINK: Final = 0.02
+_LETTERS: Final = 0.3
+_PERIOD_S: Final = 1.0
+"""Links are those over which something was heard within, s."""
+
+
+def map_entry(grid: OccupancyGrid) -> LogEntry:
+    """The robots' map."""
+    values = np.full(grid.cells.shape, UNKNOWN_CELL, np.int8)
+    values[grid.cells == FREE], values[grid.cells == OCCUPIED] = 0, 100
+    corner = Pose(grid.origin.x, grid.origin.y, 0.0)
+    return LogEntry(0, "/map", occupancy_grid(corner, grid.resolution, values, 0), 0)
+
+
+def place_entries(story: Story) -> Iterator[LogEntry]:
+    """All places whenever one stands otherwise: solid, faint once cleaned, grey once given up.
+
+    One that came while the run went on is there from when a robot first speaks of it.
+    """
+    said = [(route.second, 0, place, "") for route in story.routes for place in route.places]
+    said += [(deed.second, 1, deed.place, "given up") for deed in story.given_up]
+    said += [(deed.second, 2, deed.place, "done") for deed in story.reported]
+    states = {PlaceKey(owner, n): "" for owner, count in story.begun_with.items() for n in range(count)}
+    yield _scene(0.0, "/places", _places(story, states))
+    for second, now in groupby(sorted(said, key=lambda one: one[:2]), key=lambda one: one[0]):
+        before = dict(states)
+        for _, _, key, state in now:
+            if key.owner in story.places and 0 <= key.place < len(story.places[key.owner]):
+                states[key] = state or states.get(key, "")
+        if states != before:
+            yield _scene(second, "/places", _places(story, states))
+
+
+def _places(story: Story, states: Mapping[PlaceKey, str]) -> list[Marker]:
+    markers = []
+    for key, state in states.items():
+        colour = glyphs.GREY if state == "given up" else glyphs.robot(story.robots.index(key.owner))
+        at = story.places[key.owner][key.place]
+        marker = disc(f"{key.owner}/{key.place}", at, _PLACE_RADIUS, _FLAT, colour)
+        markers.append(marker._replace(opacity=0.25) if state else marker)
+    return markers
+
+
+def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
+    """The robots' discs whenever one acts otherwise: faint while it is frozen, grey while it is off."""
+    acts: dict[str, str] = dict.fromkeys(models, "")
+    said = [
+        (second, robot, act)
+        for robot, track in story.tracks.items()
+        for second, act in track.acts
+        if robot in acts
+    ]
+    yield _scene(0.0, "/robots", _bodies(story, models, acts))
+    for second, now in groupby(sorted(said), key=lambda one: one[0]):
+        before = dict(acts)
+        acts |= {robot: act for _, robot, act in now}
+        if acts != before:
+            yield _scene(second, "/robots", _bodies(story, models, acts))
+
+
+def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> list[Marker]:
+    markers = []
+    for number, robot in enumerate(story.robots):
+        if robot in models:
+            frame = f"{robot}/{'truth' if story.true else 'base_link'}"
+            colour = glyphs.GREY if acts[robot] == "off" else glyphs.robot(number)
+            body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
+            markers.append(body._replace(opacity=0.4 if acts[robot] else 0.9, frame=frame))
+            name = label(f"{robot}/name", robot, _LETTERS, glyphs.WHITE)
+            markers.append(name._replace(frame=frame))
+    return markers
+
+
+def thing_entries(story: Story) -> Iterator[LogEntry]:
+    """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
+    for second, things in story.things:
+        yield _scene(second, "/things", [_thing(number, thing) for number, thing in enumerate(things)])
+
+
+def _thing(number: int, thing: FloorThing) -> Marker:
+    mark = MARKS[thing.kind]
+    jams = mark.shape == "dashed ring"
+    name, colour = f"{thing.kind} {number}", mark.colour or glyphs.GREY
+    marker = lines(name, thing.points, _WALL, colour)
+    if thing.radius:
+        marker = disc(name, thing.points[0], thing.radius, _FLAT if jams else _HIGH, colour)
+    return marker._replace(opacity=0.3 if jams else 1.0)
+
+
+def link_entries(story: Story) -> Iterator[LogEntry]:
+    """Once a second a line between each two robots one of which has just heard the other."""
+    tracks = list(story.tracks.values())
+    for period in range(1, int(story.end / _PERIOD_S) + 1):
+        second = period * _PERIOD_S
+        first, last = np.searchsorted(story.heard[:, 0], (second - _PERIOD_S, second))
+        pairs = np.unique(np.sort(story.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
+        points: list[tuple[float, float]] = []
+        for one, other in pairs.tolist():
+            ends = [_where(tracks[index], second) for index in (one, other)]
+            points += [end for end in ends if end is not None] if None not in ends else []
+        links = [lines("links", tuple(points), _LINK, glyphs.LINK)] if points else []
+        yield _scene(second, "/links", links)
+
+
+def _where(track: Track, second: float) -> tuple[float, float] | None:
+    """Where a robot last was by then, m; None: nobody knows."""
+    at = int(np.searchsorted(track.seconds, second, side="right")) - 1
+    if at < 0 or np.isnan(track.poses[at, 0]):
+        return None
+    x, y = track.poses[at, :2].tolist()
+    return x, y
+
+
+def _scene(second: float, topic: str, markers: list[Marker]) -> LogEntry:
+    instant = round(second * 1e6)
+    return LogEntry(instant, topic, marker_array(markers, instant), instant)

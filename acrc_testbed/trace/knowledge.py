@@ -1,0 +1,383 @@
+"""Changes of knowledge in a replayed robot, and the values that each one came from."""
+
+import inspect
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from typing import Any, Final, NamedTuple, cast
+
+import msgspec
+
+from acrc_testbed.trace.rows import (
+    Arrival,
+    Changed,
+    FieldChange,
+    GoalChange,
+    KnowledgeChange,
+    KnowledgeDecision,
+    Order,
+    ReplicaNews,
+    ReplicaRead,
+    in_words,
+    seconds,
+)
+from actors.geometry import Point, Pose
+from actors.instant import Duration, Instant
+from actors.messages import Heard, Received
+from actors.robot.behaviour.decisions import Deciding
+from actors.robot.behaviour.node_host import ensembles_of
+from actors.robot.behaviour.plan import Goal, GoalOrder
+from actors.robot.behaviour.ports import Behaviour, Decision, View
+from actors.robot.core import RobotCore
+from actors.runtime.core import Core, Inputs
+from deeco.explain.anatomy import ensemble_type, method_flow, methods
+from deeco.explain.dataflow import flow
+from deeco.knowledge import Knowledge, type_of
+from deeco.local import Commit
+from deeco.replication.network import Replica
+
+
+class KnownPoints:
+    """Follows the points in a component's fields, change by change."""
+
+    def __init__(self) -> None:
+        self._brought: dict[Point, dict[str, int]] = defaultdict(dict)
+        self._taken: dict[Point, dict[str, int]] = defaultdict(dict)
+        """By point the number of the last change of each field."""
+        self._step = -1
+        self._kept: dict[Point, dict[str, int]] = defaultdict(dict)
+        """The same of points that a change of the last step has left in a field."""
+
+    def note(self, number: int, step: int, field: str, before: object, after: object) -> None:
+        """A change of a field."""
+        if step != self._step:
+            self._step = step
+            self._kept.clear()
+        had, has = set(_points(before)), set(_points(after))
+        for point in has - had:
+            self._brought[point][field] = number
+        for point in had - has:
+            self._taken[point][field] = number
+        for point in has:
+            self._kept[point][field] = number
+
+    def behind(self, point: Point | None, step: int, *, gone: bool, again: bool) -> tuple[int, ...]:
+        """The last change of each field that brought the point, newest first.
+
+        `gone`: that took it away; `again`: also those of this step that have left it in the field.
+        """
+        if point is None:
+            return ()
+        found = dict((self._taken if gone else self._brought).get(point, {}))
+        if again and step == self._step:
+            found |= self._kept.get(point, {})
+        return tuple(sorted(set(found.values()), reverse=True))
+
+
+def _points(value: object) -> Iterator[Point]:
+    """Every point that is somewhere in the value."""
+    if isinstance(value, Point):
+        yield value
+    elif isinstance(value, tuple):
+        if len(value) == 2 and all(isinstance(one, float) for one in value):
+            yield Point(*value)
+        for one in value:
+            yield from _points(one)
+    elif isinstance(value, Mapping):
+        for one in value.values():
+            yield from _points(one)
+    elif is_dataclass(value):
+        for one in fields(value):
+            yield from _points(getattr(value, one.name))
+
+
+SETS_OFF: Final = "sets off for"
+AGAIN: Final = "sets off again for"
+STOPS: Final = "stops"
+GIVES_UP: Final = "gives up"
+
+
+class OrderWatch:
+    """Takes down the orders of one core's behaviour; none of one that is an object nobody can look at."""
+
+    def __init__(self, points: KnownPoints) -> None:
+        """`points`: of the same robot's knowledge."""
+        self.found: list[Order] = []
+        self._points = points
+        self._heading: Point | None = None
+        self._behaviour: Behaviour | None = None
+
+    @property
+    def ensembles(self) -> tuple[object, ...]:
+        """Those of its node, the last one of several; empty without one."""
+        return ensembles_of(self._behaviour)
+
+    def attach(self, core: RobotCore) -> None:
+        """Look at every step that the behaviour takes from now on."""
+        behaviour = self._behaviour = core.behaviour
+        advance = behaviour.advance
+
+        def watched(view: View, until: Any) -> Decision:
+            decision = advance(view, until)
+            self.found += self._told(core.step, view, decision)
+            return decision
+
+        with suppress(AttributeError):  # an object with slots takes no other method
+            object.__setattr__(behaviour, "advance", watched)
+
+    def _told(self, step: int, view: View, decision: Decision) -> Iterator[Order]:
+        goal = goal_change(step, view.goal) if view.goal is not None else None
+
+        def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> Order:
+            moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
+            place = None if point is None else (point.x, point.y)
+            words = f"{verb} {more}" if more else verb
+            return Order(step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved)
+
+        for place in decision.given_up:
+            named = f"{place.owner}/{place.place}: {place.reason}"
+            yield order(GIVES_UP, named, at=Instant(place.instant))
+        yield from self._driving(view, decision, order)
+        if decision.paused is not None:
+            yield order("pauses" if decision.paused else "goes on")
+        if decision.back_out is not None:
+            yield order("backs out", f"{decision.back_out:g} m along its trail")
+        if decision.relocalise:
+            yield order("looks for itself anew")
+
+    def _driving(self, view: View, decision: Decision, order: Any) -> Iterator[Order]:
+        if isinstance(decision.goal, Point):
+            verb = AGAIN if decision.goal == self._heading else SETS_OFF
+            self._heading = decision.goal
+            yield order(verb, f"({decision.goal.x:.2f}, {decision.goal.y:.2f})", decision.goal)
+        elif decision.goal is GoalOrder.CANCEL and view.goal is not None:
+            left, self._heading = self._heading, None
+            yield order(STOPS, "", left)
+
+
+def goal_change(step: int, goal: Goal | None) -> GoalChange:
+    """How a goal stands from a step on."""
+    if goal is None:
+        return GoalChange(step, None)
+    status, reason, phase = (one and one.value for one in (goal.status, goal.reason, goal.phase))
+    return GoalChange(step, (goal.point.x, goal.point.y), status, reason, phase)
+
+
+class Dependence(NamedTuple):
+    """What a process or an exchange reads."""
+
+    own: tuple[str, ...]
+    """Fields of the component's own."""
+    peer: tuple[str, ...]
+    """Fields of the peer, for an exchange."""
+
+
+def dependence(
+    kind: type[Knowledge], by: str, ensembles: tuple[object, ...], *, exchange: bool
+) -> Dependence:
+    """What is read by the process or exchange `by` of a component; nothing where the source does not say."""
+    owner, _, name = by.rpartition(".")
+    if not exchange:
+        function = getattr(kind, name, None)
+        if function is None:
+            return Dependence((), ())
+        own = next(iter(inspect.signature(function).parameters))
+        return Dependence(flow(function, {own: kind}).read(own), ())
+    for one in ensembles:
+        described = ensemble_type(type(one))
+        if described is not None and described.name == owner:
+            return _of_exchange(type(one), name, kind)
+    return Dependence((), ())
+
+
+def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence:
+    """Membership and exchange together: both had to agree."""
+    described = ensemble_type(ensemble)
+    assert described is not None
+    local = name.removeprefix("at_")
+    own: dict[str, None] = {}
+    peer: dict[str, None] = {}
+    for method in methods(described):
+        if method.name not in ("membership", name):
+            continue
+        found = method_flow(ensemble, method, local, kind)
+        other = next(side for side, _ in method.sides if side != local)
+        own |= dict.fromkeys(found.read(local))
+        peer |= dict.fromkeys(found.read(other))
+    return Dependence(tuple(own), tuple(peer))
+
+
+ABSENT: Final = object()
+"""Stands where a mapping has no such key."""
+
+
+class PathDifference(NamedTuple):
+    """A part of knowledge with two values."""
+
+    path: str
+    before: object
+    after: object
+
+
+class Tracer:
+    """Takes down what the nodes of one core do: for `looking_on`, while the core is replayed."""
+
+    def __init__(self) -> None:
+        self.changes: list[KnowledgeChange] = []
+        """Since they were taken last."""
+        self.news: list[ReplicaNews] = []
+        self.has_nodes = False
+        self.orders = OrderWatch(points := KnownPoints())
+        self._points = points
+        self._number = 0
+        self._step = 0
+        self._arrivals: dict[Instant, Arrival] = {}
+        self._reads: dict[tuple[type, str], Dependence] = {}
+
+    def prepare(self, core: Core, step_us: int) -> None:
+        """Look at what the core is given from now on."""
+        advance = core.advance
+
+        def watched(inputs: Inputs) -> Any:
+            self._take(core.step, inputs)
+            return advance(inputs)
+
+        cast(Any, core).advance = watched
+
+    def deployed(self, component: Knowledge, now: Instant) -> None:
+        """See `deeco.node.Onlooker`, as for the next ones."""
+        self.has_nodes = True
+
+    def committed(self, commit: Commit, replica: Replica | None) -> None:
+        """One change."""
+        found = list(differences(commit.before, commit.after))
+        touched = dict.fromkeys(root(one.path) for one in found)
+        for field in touched:
+            before, after = getattr(commit.before, field), getattr(commit.after, field)
+            self._points.note(self._number, self._step, field, before, after)
+        self._number += 1
+        depends = self._dependence(commit)
+        self.changes.append(
+            KnowledgeChange(
+                step=self._step,
+                instant=commit.instant,
+                component=commit.after.id,
+                by=commit.by,
+                adaptation=commit.adaptation,
+                peer=commit.peer,
+                age=Duration(0 if commit.heard is None else commit.instant - commit.heard),
+                changed=tuple(Changed(one.path, _json(one.before), _json(one.after)) for one in found),
+                fields={field: _field_change(commit, field) for field in touched},
+                own=depends.own,
+                read=None if replica is None else self._read(replica, commit.instant, depends.peer),
+                decision=_decision(commit),
+            )
+        )
+
+    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+        """One newer replica."""
+        self.news.append(ReplicaNews(replica.id, replica.contact(now).heard))
+
+    def _dependence(self, commit: Commit) -> Dependence:
+        key = type(commit.after), commit.by
+        if key not in self._reads:
+            exchange = bool(commit.peer) or commit.heard is not None
+            self._reads[key] = dependence(*key, self.orders.ensembles, exchange=exchange)
+        return self._reads[key]
+
+    def _take(self, step: int, inputs: Inputs) -> None:
+        self._step = max([step, *(message.step for message in inputs.values())])  # after a gap it is behind
+        received = [message for message in inputs.values() if isinstance(message, Received)]
+        for event in (event for message in received for event in message.events):
+            if isinstance(event, Heard):
+                instant = Instant(event.instant)
+                self._arrivals[instant] = Arrival(
+                    self._step, instant, event.sender, event.rssi_dbm, event.lqi
+                )
+
+    def _read(self, replica: Replica, now: Instant, wanted: tuple[str, ...]) -> ReplicaRead:
+        contact = replica.contact(now)
+        epoch, publication = replica.version
+        return ReplicaRead(
+            component=replica.id,
+            epoch=epoch,
+            publication=publication,
+            heard=contact.heard,
+            age=Duration(now - contact.heard),
+            hops=contact.hops,
+            rssi_dbm=contact.rssi_dbm,
+            arrival=self._arrivals.get(contact.heard),
+            known=_known(replica.roles, wanted),
+        )
+
+
+def differences(before: object, after: object, path: str = "") -> Iterator[PathDifference]:
+    """Where two values differ: by field and by key, as deep as both are of one kind; a tuple is one value."""
+    if before is after:
+        return
+    if is_dataclass(after) and type(before) is type(after):
+        for one in fields(after):
+            name = f"{path}.{one.name}" if path else one.name
+            yield from differences(getattr(before, one.name), getattr(after, one.name), name)
+    elif isinstance(before, Mapping) and isinstance(after, Mapping):
+        for key in dict.fromkeys([*before, *after]):
+            yield from differences(before.get(key, ABSENT), after.get(key, ABSENT), f"{path}[{key}]")
+    elif before != after:
+        yield PathDifference(path, before, after)
+
+
+def root(path: str) -> str:
+    """The field of the component that a path begins with."""
+    return path.partition(".")[0].partition("[")[0]
+
+
+def _field_change(commit: Commit, field: str) -> FieldChange:
+    before, after = getattr(commit.before, field), getattr(commit.after, field)
+    numbers = isinstance(before, int) and isinstance(after, int)
+    return FieldChange(
+        _worded(commit.before, field),
+        _worded(commit.after, field),
+        (after > before) - (after < before) if numbers else 0,
+        isinstance(after, Point | Pose),
+    )
+
+
+def _decision(commit: Commit) -> KnowledgeDecision | None:
+    """As `actors.robot.behaviour.decisions` takes it down."""
+    before: Any = commit.before
+    after: Any = commit.after
+    if not (commit.adaptation and isinstance(after, Deciding)):
+        return None
+    words = after.decided_since(before)
+    if not words:
+        return None
+    old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
+    return KnowledgeDecision(words, old, new)
+
+
+def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:
+    """What an exchange read of a replica; all of it where nobody knows what that is."""
+    fitting = [role for role in roles if any(hasattr(role, one) for one in wanted)] or list(roles)
+    if not fitting:
+        return {}
+    names = wanted or tuple(vars(fitting[0]))
+    return {
+        one: _worded(fitting[0], one)
+        for one in names
+        if hasattr(fitting[0], one) and one not in ("id", "parameters")
+    }
+
+
+def _worded(knowledge: Knowledge, field: str) -> str:
+    """A field's value; an instant as seconds."""
+    value = getattr(knowledge, field)
+    if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
+        return f"{seconds(Instant(value))} s"
+    return in_words(value)
+
+
+def _json(value: object) -> str | None:
+    if value is ABSENT:
+        return None
+    return msgspec.json.encode(value, enc_hook=repr, order="deterministic").decode()

@@ -1,0 +1,49 @@
+"""The view of a run while it goes on: `python -m acrc_testbed.view --out FOLDER`, for `--view`."""
+
+import os
+import sys
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from pathlib import Path
+
+from acrc_testbed.view import live
+from acrc_testbed.view.drawn import FILE_NAME, say_at_once
+from actors.observer import viewer
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
+
+_NICE = 10
+"""The run comes first."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show a run until it has ended, into FOLDER/view.rrd; the exit code."""
+    leave_in_order()
+    parser = ArgumentParser(prog="python -m acrc_testbed.view")
+    parser.add_argument("--out", type=Path, required=True, help="the run's folder")
+    parser.add_argument("--robot", action="append", default=[], help="to look into")
+    parser.add_argument("--modules", type=Path, action="append", default=[], help="folder with code")
+    parser.add_argument("--isolate", action="store_true", help="shut the robots' code off")
+    options = parser.parse_args(argv)
+    die_with_parent(os.getppid())
+    os.nice(_NICE)
+    path = options.out / FILE_NAME
+    opened = viewer.open_any(say_at_once, f"the view goes to {path} only")
+    try:
+        if opened is not None and opened.page:
+            say_at_once(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
+        permit = Permit(tuple(options.modules))
+        live.follow(
+            options.out, path, options.robot, opened, say_at_once, permit=permit, isolate=options.isolate
+        )
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    finally:
+        viewer.end(opened)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

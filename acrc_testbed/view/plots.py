@@ -1,0 +1,410 @@
+"""Plots and event texts of a run for the viewer."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from acrc_testbed.evidence.run_evidence import Deed
+from acrc_testbed.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
+from acrc_testbed.trace.rows import Doing, Trace
+from acrc_testbed.view.story import Clock, Floats, Source, Story, Track
+from actors.observer.drawing import places, words
+from actors.observer.drawing.canvas import FEW, Canvas
+from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
+from actors.observer.glyphs import FATES, GREY, WHITE
+from actors.radio.medium.state import Outcome
+from actors.task.task import PlaceKey
+
+
+class Firsts:
+    """Who said so first of each place."""
+
+    def __init__(self) -> None:
+        self._known: set[PlaceKey] = set()
+
+    def of(self, deeds: Sequence[Deed]) -> list[Deed]:
+        """Those of which nobody has said so before."""
+        found = []
+        for deed in deeds:
+            if deed.place not in self._known:
+                self._known.add(deed.place)
+                found.append(deed)
+        return found
+
+
+class Happenings:
+    """Tells of a story piece by piece."""
+
+    def __init__(self) -> None:
+        self._firsts = Firsts()
+        self._notes: set[str] = set()
+        self._begun: set[str] = set()
+
+    def of(self, story: Story) -> Iterator[DrawnEvent]:
+        """What happened in it, by what was recorded."""
+        for deed in self._firsts.of(story.reported):
+            own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
+            yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
+        for deed in story.given_up:
+            yield DrawnEvent(deed.second, deed.robot, f"gives up {name(deed.place)}", "ERROR")
+        for deed in story.taken_over:
+            yield DrawnEvent(deed.second, deed.robot, f"adopts {name(deed.place)}", "WARN")
+        for robot, track in story.tracks.items():
+            for second, state in track.acts:
+                if state or robot in self._begun:
+                    yield DrawnEvent(second, robot, f"is {state}" if state else "acts again", "WARN")
+                self._begun.add(robot)
+        for change in story.ordered:
+            yield DrawnEvent(change.second, change.robot, change.words, "WARN")
+        for note in story.notes:
+            if note not in self._notes:
+                self._notes.add(note)
+                yield DrawnEvent(story.since, "", note, "WARN")
+
+
+class InnerHappenings:
+    """Tells of one process of a robot."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._blocked: float | None = None
+        self._activity = ""
+
+    def of(self, inside: Trace) -> Iterator[DrawnEvent]:
+        """What happened in it since the last time."""
+        source = self._source
+        for one in inside.doings:
+            second = at(source.clock, one.instant)
+            if one.activity == "blocked" and self._blocked is None:
+                self._blocked = second
+                yield DrawnEvent(second, source.robot, "is blocked", "WARN")
+            elif one.activity != "blocked" and self._blocked is not None:
+                yield DrawnEvent(second, source.robot, f"free again after {second - self._blocked:.0f} s")
+                self._blocked = None
+            if one.activity == "aborted" and self._activity != "aborted":
+                yield DrawnEvent(second, source.robot, "navigation gives its goal up", "ERROR")
+            self._activity = one.activity
+        for change, decision in inside.decisions():
+            by = change.by.partition(".")[0]
+            told = f" from {change.peer}, {change.age / 1e6:.1f} s old" if change.peer else ""
+            words = f"{decision.words} ({by}{told})"
+            yield DrawnEvent(at(source.clock, change.instant), source.robot, words, "WARN")
+        if inside.fault is not None:
+            last = at(source.clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
+            yield DrawnEvent(last, source.robot, inside.fault, "ERROR")
+
+
+def name(place: PlaceKey) -> str:
+    """As in "r1/3"."""
+    return f"{place.owner}/{place.place}"
+
+
+def at(clock: Clock, instant: int) -> float:
+    """One instant in the run's seconds."""
+    return float(clock(np.array([instant], np.int64))[0])
+
+
+_PLOT_S: Final = 0.5
+"""Between two points of a plot."""
+_BIN_S: Final = 5.0
+"""Copies are counted over so long."""
+_NEVER: Final = -1e9
+_SPREAD: Final = {"mean_of_a_robot": WHITE, "one_robot_in_10_has_fewer": GREY, "one_in_10_has_more": GREY}
+"""Lines of places done where there are too many robots for one each."""
+
+
+class Plots:
+    """Draws them piece by piece."""
+
+    def __init__(self, canvas: Canvas, *, true: bool) -> None:
+        """`true`: somebody knows where robots were."""
+        self._canvas, self._true = canvas, true
+        self._done = dict.fromkeys(canvas.robots, 0)
+        self._firsts = Firsts()
+        self._last: dict[str, tuple[float, float, float]] = {}
+        """By robot the last point of its plots: s, and where it was, m."""
+        self._pairs: set[int] = set()
+        self._copies: list[Fates] = []
+        self._bins = 0
+        """Of copies, that have been drawn."""
+        self._counted: set[Outcome] = set()
+        self._many = len(canvas.robots) > FEW
+        shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
+        for name, colour in shown.items():
+            words.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
+        for robot in canvas.robots:
+            for name in ("speed", "error") if true else ("speed",):
+                words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
+
+    def extend(self, story: Story) -> None:
+        """Take in a story, or its next piece."""
+        first = sorted(self._firsts.of(story.reported), key=lambda deed: deed.second)
+        ends = [story.since, *(deed.second for deed in first), max([story.end, *(d.second for d in first)])]
+        rows = [list(self._done.values())]
+        for deed in first:
+            self._done[deed.robot] += 1
+            rows.append(list(self._done.values()))
+        counts = np.array([*rows, rows[-1]], np.float64)
+        lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
+        for name, values in lines.items():
+            words.draw_line(self._canvas, f"plots/places/{name}", ends, values)
+        for robot, track in story.tracks.items():
+            self._drive(robot, track)
+        self._strengths(story.heard)
+
+    def _drive(self, robot: str, track: Track) -> None:
+        """Speed, and how far off it held itself to be, twice a second."""
+        rows, due = [], self._last.get(robot, (_NEVER,))[0] + _PLOT_S
+        for row, second in enumerate(track.seconds.tolist()):
+            if second >= due - 1e-6:
+                rows.append(row)
+                due = second + _PLOT_S
+        if not rows:
+            return
+        seconds, poses, held = track.seconds[rows], track.poses[rows], track.held[rows]
+        points = np.column_stack((seconds, poses[:, :2]))
+        known = np.concatenate((np.array([self._last.get(robot, points[0])]), points))
+        self._last[robot] = tuple(points[-1].tolist())
+        steps = np.diff(known, axis=0)
+        speeds = np.hypot(steps[:, 1], steps[:, 2]) / np.maximum(steps[:, 0], 1e-6)
+        lines = {"speed": speeds}
+        if self._true:
+            lines["error"] = np.hypot(*(poses[:, :2] - held[:, :2]).T)
+        for name, values in lines.items():
+            told = np.isfinite(values)
+            words.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
+
+    def _strengths(self, heard: Floats) -> None:
+        """RSSI of each link, by its sender's colour; of many robots the strongest copy heard of each."""
+        canvas, names = self._canvas, self._canvas.robots
+        pairs = heard[:, 1] if len(names) > FEW else heard[:, 1] * len(names) + heard[:, 2]
+        for pair in np.unique(pairs).tolist():
+            mine = heard[pairs == pair]
+            sender = names[int(mine[0, 1])]
+            receiver = "all" if len(names) > FEW else names[int(mine[0, 2])]
+            path = f"plots/rssi/{sender}_at_{receiver}"
+            if pair not in self._pairs:
+                self._pairs.add(pair)
+                words.introduce_line(
+                    canvas, path, f"{sender} at {receiver}", canvas.colour(sender), dots=True
+                )
+            words.draw_line(canvas, path, mine[:, 0], mine[:, 3])
+
+    def copies(self, fates: Fates, until: float, *, last: bool) -> None:
+        """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
+        self._copies.append(fates)
+        begin = self._bins * _BIN_S
+        bins = max(0, int(np.ceil((until - begin) / _BIN_S) if last else (until - begin) // _BIN_S))
+        if not bins:
+            return
+        waiting = _together(self._copies)
+        now = waiting.seconds < (np.inf if last else begin + bins * _BIN_S)
+        self._copies = [waiting.part(~now)]
+        table = by_outcome(waiting.part(now), begin, bins, _BIN_S)
+        middles = np.minimum(begin + (np.arange(bins) + 0.5) * _BIN_S, until)
+        for outcome in (Outcome.HEARD, *LOSSES):
+            if table[:, outcome].any() or outcome in self._counted:
+                self._count(outcome, middles, table[:, outcome])
+        self._bins += bins
+
+    def _count(self, outcome: Outcome, middles: Floats, counts: Floats) -> None:
+        name = fate_name(outcome)
+        path = f"plots/copies/{name.replace(' ', '_')}"
+        if outcome not in self._counted:
+            self._counted.add(outcome)
+            words.introduce_line(self._canvas, path, name, FATES[name])
+            earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
+            words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
+        words.draw_line(self._canvas, path, middles, counts)
+
+
+def _spread(counts: Floats) -> dict[str, Floats]:
+    """Of many robots: (n, robots) places done, and (n,) each."""
+    low, high = np.percentile(counts, [10, 90], axis=1)
+    return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
+
+
+def _together(parts: Sequence[Fates]) -> Fates:
+    return Fates(
+        np.concatenate([one.seconds for one in parts]),
+        np.concatenate([one.senders for one in parts]),
+        np.concatenate([one.receivers for one in parts]),
+        np.concatenate([one.outcomes for one in parts]),
+    )
+
+
+_FIRST: Final = 64
+"""Points that there is room for at first; then twice as many, and so on."""
+
+
+class Way:
+    """One robot's way."""
+
+    def __init__(self) -> None:
+        self._points: Floats = np.zeros((_FIRST, 3))
+        self._count = 0
+
+    def extend(self, seconds: Floats, poses: Floats) -> None:
+        """Go on: (n,) s, later than all before, and (n, 2 or more): x and y, m; what is NaN is left out."""
+        known = np.isfinite(poses[:, 0])
+        new = np.column_stack((seconds[known], poses[known, :2]))
+        while self._count + len(new) > len(self._points):
+            self._points = np.concatenate((self._points, np.zeros_like(self._points)))
+        self._points[self._count : self._count + len(new)] = new
+        self._count += len(new)
+
+    def at(self, seconds: Floats) -> Floats:
+        """(n, 2) m, between two known points in proportion; NaN where none is known."""
+        known = self._points[: self._count]
+        if not self._count:
+            return np.full((len(seconds), 2), np.nan)
+        return np.column_stack([np.interp(seconds, known[:, 0], known[:, axis]) for axis in (1, 2)])
+
+
+_LINE_S: Final = 0.5
+"""Between two lines to a destination."""
+_AGE_S: Final = 1.0
+"""Between two points of the plot of replicas' ages."""
+
+
+class RobotLane:
+    """The lane of a robot, which itself does not know when it was frozen or off."""
+
+    def __init__(self, canvas: Canvas, robot: str) -> None:
+        self._lane = words.Lane(canvas, robot)
+        self._back: list[float] = []
+        """When it acted again, s, as far as nothing is drawn from then on."""
+        self._last: Occupation | None = None
+        self._deadlocks: Sequence[tuple[float, float]] = ()
+
+    def deadlocks(self, spells: Sequence[tuple[float, float]]) -> None:
+        """When it was in one, s, which it does not know itself."""
+        self._deadlocks = spells
+
+    def end(self, second: float) -> None:
+        """Draw nothing from an instant on."""
+        self._lane.end(second)
+
+    def act(self, acts: Sequence[tuple[float, str]]) -> None:
+        """From when on it acts (""), is frozen, or off."""
+        self._lane.draw([Occupation(second, state) for second, state in acts if state])
+        self._back += [second for second, state in acts if not state]
+
+    def do(self, spells: Sequence[Occupation], until: float) -> None:
+        """What it has been about by its own account, until an instant, s."""
+        known = [*([] if self._last is None else [self._last]), *spells]
+        back = []
+        for second in [one for one in self._back if one <= until]:
+            self._back.remove(second)
+            before = [spell for spell in known if spell.second <= second]
+            back += [before[-1]._replace(second=second)] if before else []
+        self._last = known[-1] if known else None
+        if spells or back:
+            self._lane.draw(words.settled(over(sorted((*spells, *back)), self._deadlocks)))
+
+
+def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) -> list[Occupation]:
+    """Its own account, in order, but for where ground truth has a deadlock."""
+    for begin, end in deadlocks:
+        before = [one for one in own if one.second <= begin]
+        inside = [one for one in own if begin < one.second <= end]
+        after = [one for one in own if one.second > end]
+        last = (inside or before)[-1:]
+        going = [one for one in before if one.second < begin]
+        own = [*going, Occupation(begin, "deadlock"), *(one._replace(second=end) for one in last), *after]
+    return list(own)
+
+
+class DrawnParts(NamedTuple):
+    """What is drawn of a robot beside what it does and knows."""
+
+    detailed: bool
+    """All that it perceives."""
+    goals: bool
+    """Where it heads for."""
+
+
+class PaintedInside:
+    """One process of a robot."""
+
+    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
+        self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
+        self._shown = shown
+        self._happenings = InnerHappenings(source)
+        self._doing: Doing | None = None
+        self._line_due: float | None = None
+        self._met: dict[str, tuple[float, float]] = {}
+        """By peer: when the plot of its age goes on, and when it was heard last, s."""
+        if shown.detailed:
+            words.introduce_inside(canvas, source.robot)
+
+    def draw(self, inside: Trace, end: float | None = None) -> Iterator[LearntExchange]:
+        """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
+        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
+        if self._shown.detailed:
+            _draw(canvas, robot, clock, inside)
+            self._ages(inside, end)
+        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
+        spells = [Occupation(at(clock, one.instant), one.activity, one.destination) for one in inside.doings]
+        self._lane.do(spells, until if end is None else max(until, end))
+        tables = [(at(clock, one.instant), one.rows) for one in inside.knowledge]
+        words.draw_knowledge(canvas, robot, tables)
+        if self._shown.goals:
+            self._intents(inside, until)
+        words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
+        for one, _ in inside.decisions():
+            if one.peer:
+                yield LearntExchange(at(clock, one.instant), one.by.partition(".")[0], one.peer, robot)
+
+    def _intents(self, inside: Trace, until: float) -> None:
+        """Where the robot heads for, twice a second."""
+        doings = [*([] if self._doing is None else [self._doing]), *inside.doings]
+        if not doings:
+            return
+        begins = self._source.clock(np.array([one.instant for one in doings], np.int64))
+        points = np.array([one.point or (np.nan, np.nan) for one in doings], np.float64)
+        first = begins[0] if self._line_due is None else self._line_due
+        lines = np.arange(first, until, _LINE_S)
+        self._line_due = float(first + len(lines) * _LINE_S)
+        self._doing = doings[-1]
+        seconds = np.union1d(lines, begins if len(doings) == len(inside.doings) else begins[1:])
+        if not len(seconds):
+            return
+        there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
+        places.draw_intents(self._canvas, self._source.robot, seconds, self._way.at(seconds), there)
+
+    def _ages(self, inside: Trace, end: float | None) -> None:
+        """How old what it knows of each other robot is."""
+        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
+        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
+        until = until if end is None else end
+        for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
+            mine = [one for one in inside.contacts if one.peer == peer]
+            begins = clock(np.array([one.instant for one in mine], np.int64))
+            heard = clock(np.array([one.heard or 0 for one in mine], np.int64))
+            heard[[one.heard is None for one in mine]] = np.nan
+            path = f"plots/ages/{peer}_at_{robot}"
+            if peer not in self._met:
+                words.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
+                self._met[peer] = float(begins[0]), np.nan
+            due, last = self._met[peer]
+            begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
+            seconds = np.arange(due, until, _AGE_S)
+            ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
+            known = np.isfinite(ages)
+            words.draw_line(canvas, path, seconds[known], ages[known])
+            self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
+
+
+def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Trace) -> None:
+    """Scan, particles, estimate, costs, plan and arc."""
+    seconds: Floats = clock(inside.instants)
+    words.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)
+    when = clock(inside.particles_at)
+    words.draw_clouds(canvas, robot, "particles", when, inside.particles.counts, inside.particles.values)
+    words.draw_estimates(canvas, robot, seconds, inside.estimates, inside.covariances)
+    words.draw_arcs(canvas, robot, seconds, inside.estimates, inside.twists)
+    words.draw_plans(canvas, robot, clock(inside.plans_at), inside.plans.rows())
+    costs = clock(inside.costs_at)
+    words.draw_costs(canvas, robot, costs, inside.costs, inside.corners, inside.cell)

@@ -1,1 +1,0 @@
-"""What looks at what was recorded: one run, or several side by side; nothing here starts a swarm."""
