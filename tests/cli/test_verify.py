@@ -60,5 +60,5 @@ def test_all_claims_without_their_nightly_tests(words: list[str]) -> None:
 
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_accepts_its_options(name: str) -> None:
-    measure = import_module(BENCHMARKS[name].module).measure
+    measure = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure
     assert set(BENCHMARKS[name].takes) <= set(inspect.signature(measure).parameters)

@@ -34,7 +34,7 @@ KEPT: Final = {
 _SEED: Final = 1
 _STEPS_PER_SECOND: Final = 10
 """Of simulated time, in the scenario."""
-_OWN: Final = "benchmarks/"
+_OWN: Final = "acrc_testbed/benchmarks/"
 """Calls from these packages are the counting itself."""
 _TRACER: Final = "strace"
 _LEAST: Final = 0.0005

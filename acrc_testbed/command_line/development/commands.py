@@ -133,6 +133,7 @@ def run_pytest(root: Path, words: Sequence[str], stdout: TextIO | None = None) -
         for name, value in os.environ.items()
         if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
     }
+    kept["PYTHONPATH"] = str(root)  # nothing else: a sourced ROS brings plugins for pytest
     return subprocess.run(
         [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, stdout=stdout, check=False
     ).returncode
@@ -142,8 +143,6 @@ def test(context: typer.Context) -> None:
     """Run the tests; arguments go to pytest (-h: its help)."""
     root = clone("test")
     words = [_absolute(word) for word in context.args]
-    here = str(Path.cwd())
-    os.environ["PYTHONPATH"] = here  # nothing else: a sourced ROS brings plugins for pytest
     from actors.processes.kernels import compile_kernels
 
     compile_kernels()  # or the first tests would wait for it, and see it said where a result is due
