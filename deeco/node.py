@@ -197,8 +197,8 @@ class Node:
         """The present knowledge of a component of this node."""
         return self._by_id[component].value
 
-    def outcome(self) -> dict[str, dict[str, int]]:
-        """What has been counted, ready for JSON."""
+    def outcome(self) -> dict[str, dict[Any, int]]:
+        """Return all counts (`Statistics.outcome`), with those of the network."""
         outcome = self._statistics.outcome()
         outcome["counters"] |= self._network.counters()
         return outcome

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from deeco.instant import Duration, Instant, milliseconds
 
@@ -61,10 +61,10 @@ class Statistics:
         age: Duration = Duration(now - heard)
         self.ages[(age // _BIN + 1) * _BIN // 1000] += 1
 
-    def outcome(self) -> dict[str, dict[str, int]]:
-        """All of it, ready for JSON; names in a fixed order."""
+    def outcome(self) -> dict[str, dict[Any, int]]:
+        """Return all counts in a fixed order: `counters`, `exchanges`, `replica_age_ms`."""
         return {
             "counters": asdict(self.counters),
             "exchanges": dict(sorted(self.exchanges.items())),
-            "replica_age_ms": {str(age): count for age, count in sorted(self.ages.items())},
+            "replica_age_ms": dict(sorted(self.ages.items())),
         }

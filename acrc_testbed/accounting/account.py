@@ -39,10 +39,11 @@ from acrc_testbed.accounting.tracks import (
     tracks_of,
 )
 from acrc_testbed.accounting.true_floor import TrueFloor
-from acrc_testbed.evidence.run_evidence import RunEvidence, SaidDecision, largest_radius
+from acrc_testbed.evidence.run_evidence import RunEvidence, largest_radius
 from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.run_recordings import all_recordings, recordings
 from actors.instant import in_seconds
+from actors.robot.behaviour.decisions import AdaptationDecision
 
 VISITED = "visited"
 FREE = "free"
@@ -91,7 +92,7 @@ def _of_robot(
 
 
 def _outcome(
-    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: SaidDecision, p: EpisodeParameters
+    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: EpisodeParameters
 ) -> tuple[str, int | None]:
     """What came of it until the next decision, and after how many steps the robot got on."""
     moves = np.flatnonzero(~stood)

@@ -8,10 +8,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.evidence.run_evidence import RunEvidence, SaidDecision, adaptation, outcomes
-from acrc_testbed.results.outcome import GivenGoal, navigation_outcome
+from acrc_testbed.evidence.run_evidence import RunEvidence, adaptation, outcomes
+from acrc_testbed.results.outcome import navigation_report
 from actors.instant import in_seconds
 from actors.messages import Jam
+from actors.robot.behaviour.decisions import AdaptationDecision
+from actors.robot.navigation.navigation_counts import GivenGoal
 
 
 class TimedJam(NamedTuple):
@@ -81,7 +83,7 @@ class Said:
     """Spells in which its strategy had paused navigation; None: to the end of the run."""
     blocked: tuple[tuple[int, int | None], ...] | None = None
     """Spells in which it held itself to be blocked; None if it never asks."""
-    decisions: tuple[SaidDecision, ...] = ()
+    decisions: tuple[AdaptationDecision, ...] = ()
     left_out: int = 0
     """Further decisions."""
 
@@ -95,11 +97,11 @@ def said_by(records: Sequence[Path]) -> Said:
     planless: list[tuple[int, int]] = []
     paused: list[tuple[int, int | None]] = []
     blocked: list[tuple[int, int | None]] | None = None
-    decisions: list[SaidDecision] = []
+    decisions: list[AdaptationDecision] = []
     left_out = 0
     for record in records:
         outcome = outcomes(record)
-        if (navigation := navigation_outcome(record, outcome)) is not None:
+        if (navigation := navigation_report(record, outcome)) is not None:
             goals = [*(goals or []), *navigation.given]
             planless += navigation.without_plan
             paused += navigation.paused

@@ -6,7 +6,7 @@ Nothing is replayed, so whoever's code it was, nothing of it runs.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, TypeVar, cast
+from typing import Final, NamedTuple, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from acrc_testbed.replay.recorded_orders import GivenOrder
 from acrc_testbed.replay.run_recordings import recordings, setup_of
-from acrc_testbed.results.outcome import MOST_LISTED, Count, Metres, Name, Words, told
+from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Drive, Jam
+from actors.robot.behaviour.decisions import AdaptationReport
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
@@ -30,33 +31,10 @@ from actors.task.task import PlaceKey
 from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
 
-_SUBJECT: Final = "adaptation"
 
-
-class SaidDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A decision of a robot's adaptation, as it has told it; instants and ages in µs."""
-
-    instant: Count
-    by: Name
-    words: Words
-    source: Name
-    age: Count
-    old: tuple[Metres, Metres] | None
-    new: tuple[Metres, Metres] | None
-
-
-class SaidAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All that one process said; instants in µs."""
-
-    decisions: Annotated[tuple[SaidDecision, ...], msgspec.Meta(max_length=MOST_LISTED)]
-    decisions_unlisted: Count
-    blocked: Annotated[tuple[tuple[Count, Count | None], ...], msgspec.Meta(max_length=MOST_LISTED)] | None
-    """Spells in which it held itself to be blocked; None if it never asks."""
-
-
-def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> SaidAdaptation | None:
+def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> AdaptationReport | None:
     """What a process's last record says on it; None if nothing. Raises OutcomeError."""
-    return told(record, outcome, _SUBJECT, SaidAdaptation, "a robot's adaptation")
+    return told(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
 
 
 class Deed(NamedTuple):

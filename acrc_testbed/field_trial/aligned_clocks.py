@@ -3,37 +3,13 @@
 import math
 from typing import Final, NamedTuple
 
-import msgspec
-
 from acrc_testbed.field_trial.clock_alignment import AlignmentParameters, Fit, align
 from acrc_testbed.field_trial.frame_stamps import ClockSegments, shared_frames
 from acrc_testbed.field_trial.recordings import FieldTrial, FieldTrialError, Moment, RobotLog
+from acrc_testbed.results.result import ClockReport
 
 _MOST_NOISE_US: Final = 1_000_000
 """Clocks that agree no better have not stamped the same frames."""
-
-
-class ClockReport(msgspec.Struct, frozen=True):
-    """One segment of one robot's clock, in which it was not set."""
-
-    from_s: float
-    """Its first step, s of the field trial."""
-    to_s: float
-    """Its last one."""
-    offset_s: float
-    """What the clock shows more than that of the reference robot, at its first step."""
-    drift_ppm: float
-    """By how much it runs faster."""
-    error_s: float | None
-    """How far aligned instants are off at most, with 95 % for all robots together; None: unknown, because no
-    frame connects the clock with the reference."""
-    scatter_s: float | None
-    """The share of it that the frames themselves tell; the rest is that robots' hosts and radio boards may be
-    unequally late (AlignmentParameters.unlike_us)."""
-    surely_within_s: float | None
-    """How far they are off at most however late whose board is; None: unknown."""
-    frames: int
-    """Frames that it has in common with other clocks."""
 
 
 class _Chosen(NamedTuple):

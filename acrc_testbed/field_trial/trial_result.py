@@ -9,22 +9,29 @@ from typing import Final, NamedTuple
 import msgspec
 from rich.table import Table
 
-from acrc_testbed.field_trial.aligned_clocks import AlignedClocks, ClockReport
+from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
 from acrc_testbed.field_trial.reported_places import ReportedPlaces
 from acrc_testbed.results.outcome import (
-    DeecoResult,
-    NodeOutcome,
     OutcomeError,
     counted,
     deeco_result,
     nearest_rank,
-    node_outcome,
+    node_report,
+    robot_places,
 )
-from acrc_testbed.results.result import rate
+from acrc_testbed.results.result import (
+    ClockReport,
+    RecordingReport,
+    RobotResult,
+    RunResult,
+    rate,
+    without_unknown,
+)
 from actors.console import print_table, screen
 from actors.instant import Duration, Instant, in_seconds
 from actors.radio.frame import octets
+from actors.robot.behaviour.decisions import NodeReport
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import printable
 from actors.task.referee import PlaceOutcome
@@ -36,7 +43,7 @@ from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 class NodeAccount(NamedTuple):
     """What is known of one node."""
 
-    node: NodeOutcome | None
+    node: NodeReport | None
     """None: the robot has none, as far as can be told."""
     notes: tuple[str, ...]
     """What is not known, a sentence each."""
@@ -46,7 +53,7 @@ def node_account(log: RobotLog) -> NodeAccount:
     """What the node of one robot's process did."""
     if log.final is not None:
         try:
-            return NodeAccount(node_outcome(log.path, log.final.outcome), ())
+            return NodeAccount(node_report(log.path, log.final.outcome), ())
         except OutcomeError as error:
             return NodeAccount(_told(log), (f"{error}; counted from its messages instead",))
     told = _told(log)
@@ -56,7 +63,7 @@ def node_account(log: RobotLog) -> NodeAccount:
     return NodeAccount(told, (note,))
 
 
-def _told(log: RobotLog) -> NodeOutcome | None:
+def _told(log: RobotLog) -> NodeReport | None:
     """What the frames tell: packets published, relayed and heard; None if there are no packets in them."""
     robot = log.identity.id
     counters = Counter(
@@ -78,97 +85,25 @@ def _told(log: RobotLog) -> NodeOutcome | None:
             counters["packets_own"] += packet is not None and packet.component == robot
     if not counters["published"] and counters["packets"] == counters["packets_junk"]:
         return None
-    return NodeOutcome(dict(counters), {}, {})
-
-
-class RecordingReport(msgspec.Struct, frozen=True):
-    """One recording of a robot."""
-
-    path: str
-    epoch: int
-    steps: int
-    ended: str
-    """"as planned", "failed", "cut short" or "damaged"."""
-
-
-class RobotTrial(msgspec.Struct, frozen=True):
-    """One robot's part; the fields that RobotResult has, too, mean the same."""
-
-    places_total: int
-    places_done: int | None
-    """None where nobody watched."""
-    places_claimed: int
-    places_given_up: int
-    completion_s: float | None
-    """When the last of its places was reported, as for all; 0 if it has none."""
-    reports: int
-    """Places, whosever, of which it said that it had visited them."""
-    gave_up: int
-    """Places, whosever, that it gave up."""
-    frames: dict[str, int]
-    """What became of its frames, and how many of others it has heard."""
-    lateness_p50_ms: int | None
-    """From a step's instant to the robot's answer, whole ms; None where its base has left no word."""
-    lateness_p99_ms: int | None
-    overruns: int | None
-    """Steps that its base left out because it had not answered."""
-    clock: tuple[ClockReport, ...]
-    recordings: tuple[RecordingReport, ...]
-
-
-class TrialResult(msgspec.Struct, frozen=True):
-    """The result of a field trial; the fields that RunResult has, too, mean the same but for truth."""
-
-    robots: int
-    duration_s: float
-    """From the first step of the first robot to the last step of the last one."""
-    places_total: int
-    places_done: int | None
-    """None where nobody watched."""
-    places_claimed: int
-    places_given_up: int
-    places_lost: int
-    completion_s: float | None
-    """When the last place was reported; None unless all were, and truly so if somebody watched."""
-    settled_s: float | None
-    last_reached_s: float | None
-    per_robot: dict[str, RobotTrial]
-    contacts: int | None
-    """None where nobody watched."""
-    frames: dict[str, int]
-    """What became of the robots' frames, over all of them, and the octets of those that were sent."""
-    radio_bytes_per_robot_s: float
-    deeco: DeecoResult
-    reference: str
-    """The robot whose clock gives the time."""
-    notes: tuple[str, ...]
-    """What is missing or not known, a sentence each."""
-    out: str | None
+    return NodeReport(dict(counters), {}, {})
 
 
 def trial_result(
     trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
-) -> TrialResult:
-    """What the robots' recordings come to."""
+) -> RunResult:
+    """Compute the result of the robots' recordings."""
     accounts = [node_account(log) for log in trial.all_logs()]
     frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
     whole = Counter[str]()
     for part in frames.values():
         whole.update(part)
-    places = counted(told.places)
     segments = {robot: clocks.reports(robot) for robot in trial.logs}
     robot_seconds = sum(one.to_s - one.from_s for parts in segments.values() for one in parts)
-    return TrialResult(
+    return without_unknown(
+        RunResult,
         robots=len(trial.logs),
         duration_s=in_seconds(Duration(clocks.span)),
-        places_total=places.total,
-        places_done=None if told.contacts is None else places.done,
-        places_claimed=places.claimed,
-        places_given_up=places.given_up,
-        places_lost=places.lost,
-        completion_s=_completion(told.places) if told.contacts is None else places.completion_s,
-        settled_s=places.settled_s,
-        last_reached_s=places.last_reached_s,
+        **counted(told.places, watched=told.contacts is not None),
         per_robot={robot: _robot(robot, trial, told, frames[robot], segments[robot]) for robot in trial.logs},
         contacts=told.contacts,
         frames=dict(whole),
@@ -186,17 +121,12 @@ def _robot(
     told: ReportedPlaces,
     frames: dict[str, int],
     clock: tuple[ClockReport, ...],
-) -> RobotTrial:
-    own = [place for place in told.places if place.owner == robot]
-    part, logs = counted(own), trial.logs[robot]
+) -> RobotResult:
+    logs, lateness = trial.logs[robot], trial.lateness_ms.get(robot)
     drives = [drive for log in logs for _, drive in log.drives]
-    lateness = trial.lateness_ms.get(robot)
-    return RobotTrial(
-        places_total=part.total,
-        places_done=None if told.contacts is None else part.done,
-        places_claimed=part.claimed,
-        places_given_up=part.given_up,
-        completion_s=_completion(own) if told.contacts is None else part.completion_s,
+    return without_unknown(
+        RobotResult,
+        **robot_places(told.places, robot, watched=told.contacts is not None),
         reports=sum(len(drive.reports) for drive in drives),
         gave_up=sum(len(drive.given_up) for drive in drives),
         frames=frames,
@@ -206,12 +136,6 @@ def _robot(
         clock=clock,
         recordings=tuple(_recording(log) for log in logs),
     )
-
-
-def _completion(places: Sequence[PlaceOutcome]) -> float | None:
-    """When the last of the places was reported, s; None if not all were; 0 if there are none."""
-    reported = [place.reported_at for place in places if place.reported_at is not None]
-    return in_seconds(Duration(max(reported, default=0))) if len(reported) == len(places) else None
 
 
 def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
@@ -275,7 +199,7 @@ def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceO
     return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
 
 
-def with_true_frames(result: TrialResult, truth: LaboratoryResult) -> TrialResult:
+def with_true_frames(result: RunResult, truth: LaboratoryResult) -> RunResult:
     """The result with what truly became of all frames, by the causes of a simulated run.
 
     What a board, or the line to it, never gave to the air stands as the robots were told.
@@ -294,7 +218,7 @@ def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
     return told | true | before
 
 
-def print_field_trial(result: TrialResult, *, json: bool) -> None:
+def print_field_trial(result: RunResult, *, json: bool) -> None:
     """Print the result on standard output; as JSON, it is the only thing there."""
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
@@ -309,7 +233,7 @@ def print_field_trial(result: TrialResult, *, json: bool) -> None:
         console.print(f"written to {result.out}")
 
 
-def _table(result: TrialResult) -> Table:
+def _table(result: RunResult) -> Table:
     """A row per robot and one for all; columns for what nobody has only where somebody has it."""
     gave_up, late = result.places_given_up > 0, any(map(_lateness, result.per_robot.values()))
     table = Table("robot", "reported", *(("given up",) if gave_up else ()), "all at")
@@ -317,7 +241,7 @@ def _table(result: TrialResult) -> Table:
         table.add_column(name)
     table.add_column(f"clock against {result.reference}", no_wrap=True)
 
-    def add(name: str, of: RobotTrial | TrialResult, lateness: str, clock: str) -> None:
+    def add(name: str, of: RobotResult | RunResult, lateness: str, clock: str) -> None:
         table.add_row(
             *(name, f"{of.places_claimed} of {of.places_total}"),
             *((str(of.places_given_up),) if gave_up else ()),
@@ -334,7 +258,7 @@ def _table(result: TrialResult) -> Table:
     return table
 
 
-def _lateness(robot: RobotTrial) -> str:
+def _lateness(robot: RobotResult) -> str:
     if robot.lateness_p50_ms is None:
         return ""
     return f"{robot.lateness_p50_ms} ms, {robot.lateness_p99_ms} ms"
@@ -353,7 +277,7 @@ def _segment(clock: ClockReport) -> str:
     return f"{clock.offset_s:+.4f} s ± {clock.error_s * 1000:.2f} ms"
 
 
-def _sentences(result: TrialResult) -> Iterator[str]:
+def _sentences(result: RunResult) -> Iterator[str]:
     yield f"{result.duration_s:.1f} s from the first step of all to the last"
     if result.completion_s is None and result.settled_s is not None:
         yield f"every place was reported or given up by {result.settled_s:.1f} s"

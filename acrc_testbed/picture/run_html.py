@@ -7,7 +7,7 @@ from typing import Final
 
 from acrc_testbed.accounting.account import Spell, spells
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.evidence.run_evidence import RunEvidence, SaidDecision, adaptation, outcomes
+from acrc_testbed.evidence.run_evidence import RunEvidence, adaptation, outcomes
 from acrc_testbed.evidence.things_over_time import ordered
 from acrc_testbed.page import rendering
 from acrc_testbed.page.rendering import PagePicture, PageSection, PageTable
@@ -16,6 +16,7 @@ from acrc_testbed.recordings.topics import goes_on
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results import summary
 from actors.instant import in_seconds
+from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 
@@ -105,7 +106,7 @@ def _put(run: RunEvidence, doing: Sequence[Spell]) -> PageTable:
 
 def _decided(run: RunEvidence) -> PageTable:
     """What the robots' adaptations have said in their last records."""
-    said: list[tuple[SaidDecision, str]] = []
+    said: list[tuple[AdaptationDecision, str]] = []
     for actor, path in recordings(run.out).items():
         if actor not in ("world", "radio") and path.parent.name in run.robots:
             told = adaptation(path, outcomes(path))

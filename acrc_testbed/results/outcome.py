@@ -4,30 +4,23 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, TypedDict, TypeVar
 
 import msgspec
 
 from actors.instant import in_seconds
+from actors.robot.behaviour.decisions import NodeReport
+from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
+from actors.runtime.typed_json import Name
 from actors.task.referee import PlaceOutcome, Verdict
 
 T = TypeVar("T")
 Outcomes = dict[str, dict[str, bool | int | float | str]]
 """Values that behaviours' `outcome()` returned, by name and robot."""
-Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
-"""Of anything; also an instant, µs."""
-Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
-Name = Annotated[str, msgspec.Meta(max_length=200)]
-Words = Annotated[str, msgspec.Meta(max_length=20_000)]
-MOST_LISTED: Final = 10_000
-"""Entries of a list that a process may leave; its own lists have a tenth at most."""
-MOST_NAMES: Final = 500
-"""Names that counts may have."""
 
 _RESERVED: Final = frozenset({"adaptation", "deeco", "localisation", "navigation"})
 """Subjects of the robot and of the component model."""
@@ -83,22 +76,8 @@ def means(outcomes: Outcomes) -> dict[str, float]:
     return {name: fmean(values) for name, values in numbers.items() if values}
 
 
-NODE_SUBJECT: Final = "deeco"
-"""Under which a robot's last record holds what its node counted."""
 _BIN_MS: Final = 50
-"""Width of the bins that `deeco.statistics` counts the ages of replicas in."""
-_Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53, multiple_of=_BIN_MS)]
-_Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=MOST_NAMES)]
-
-
-class NodeOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one node counted, from the start of its process to its end."""
-
-    counters: _Counts
-    exchanges: _Counts
-    """By ensemble: exchanges that changed the local knowledge."""
-    replica_age_ms: Annotated[dict[_Bound, Count], msgspec.Meta(max_length=MOST_LISTED)]
-    """Time since each replica was heard, at each own publication: count by the bin's upper bound, ms."""
+"""Width of the bins in which `deeco.statistics` counts the ages of replicas."""
 
 
 class DeecoResult(msgspec.Struct, frozen=True):
@@ -117,12 +96,12 @@ class DeecoResult(msgspec.Struct, frozen=True):
     sample number ceil(0.95 n) in order of age. None without samples."""
 
 
-def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
-    """What a process's last record says about its node; None if it says nothing."""
-    return told(record, outcome, NODE_SUBJECT, NodeOutcome, "a node")
+def node_report(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeReport | None:
+    """Return the node's report in a process's last record; None if there is none."""
+    return told(record, outcome, "deeco", NodeReport, "a node")
 
 
-def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:
+def deeco_result(nodes: Iterable[NodeReport]) -> DeecoResult:
     """What the nodes did together."""
     counters: Counter[str] = Counter()
     exchanges: Counter[str] = Counter()
@@ -158,49 +137,6 @@ def nearest_rank(counts: Counter[int], percent: int) -> int | None:
     return None
 
 
-NAVIGATION_SUBJECT: Final = "navigation"
-"""Under which a robot's last record holds what its navigation counted."""
-_Listed = Annotated[tuple[T, ...], msgspec.Meta(max_length=MOST_LISTED)]
-
-
-class GivenGoal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One goal that a behaviour gave to navigation; instants in µs."""
-
-    begin: Count
-    """The start of the step in which it was given."""
-    x: Metres
-    y: Metres
-    """Where, m, map frame."""
-    end: Count | None = None
-    """The start of the step in which it ended; None: pursued at the end of the process."""
-    how: Name = ""
-    """`succeeded`, `replaced`, `cancelled`, or why navigation gave it up."""
-
-
-class NavigationOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one robot's navigation counted, from the start of its process to its end."""
-
-    goals: Count
-    succeeded: Count
-    cancelled: Count
-    recoveries: Count
-    retreats: Count
-    aborted: Annotated[dict[str, Count], msgspec.Meta(max_length=MOST_NAMES)]
-    """By reason."""
-    no_valid_trajectory: _Listed[tuple[Count, Count, Literal["itself", "abort", "order", "run"]]]
-    """Spells in which the local planner found none: begin and end, µs, and how each ended."""
-    no_valid_trajectory_unlisted: Count
-    """Further ones."""
-    given: _Listed[GivenGoal] = ()
-    """Goals, in their order."""
-    given_unlisted: Count = 0
-    """Further ones."""
-    without_plan: _Listed[tuple[Count, Count]] = ()
-    """Spells in which no way was found to one goal after the other: begin and end, µs."""
-    paused: _Listed[tuple[Count, Count | None]] = ()
-    """Spells in which the behaviour had paused navigation: begin and end, µs; None: to the end of the run."""
-
-
 class NavigationResult(msgspec.Struct, frozen=True):
     """What the navigation of all robots did, over all processes that a robot had."""
 
@@ -216,29 +152,29 @@ class NavigationResult(msgspec.Struct, frozen=True):
     retreats: int
     """How often a robot backed away from what its bumper had touched."""
     no_valid_trajectory: dict[str, int]
-    """Spells in which the local planner found no valid trajectory, by how they ended: by "itself", with an
-    "abort", with another "order", with the "run", or "unlisted" where there were too many to say."""
+    """Intervals in which the local planner found no valid trajectory, by how they ended: by "itself", with an
+    "abort", with another "order", with the "run", or "unlisted" where there were too many to list."""
     no_valid_trajectory_s: float
     """How long those listed lasted together, s."""
 
 
-def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
-    """What a process's last record says about its navigation; None if it says nothing."""
-    return told(record, outcome, NAVIGATION_SUBJECT, NavigationOutcome, "a robot's navigation")
+def navigation_report(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationReport | None:
+    """Return navigation's report in a process's last record; None if there is none."""
+    return told(record, outcome, "navigation", NavigationReport, "a robot's navigation")
 
 
-def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:
+def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
     """What the navigation of all robots did together."""
     counts: Counter[str] = Counter()
     aborted: Counter[str] = Counter()
-    spells: Counter[str] = Counter()
+    intervals: Counter[str] = Counter()
     lasted_us = 0
-    for outcome in outcomes:
+    for outcome in reports:
         for name in ("goals", "succeeded", "recoveries", "retreats"):
             counts[name] += getattr(outcome, name)
         aborted.update(outcome.aborted)
-        spells.update(ending for _, _, ending in outcome.no_valid_trajectory)
-        spells["unlisted"] += outcome.no_valid_trajectory_unlisted
+        intervals.update(ending for _, _, ending in outcome.no_valid_trajectory)
+        intervals["unlisted"] += outcome.no_valid_trajectory_unlisted
         lasted_us += sum(end - begin for begin, end, _ in outcome.no_valid_trajectory)
     return NavigationResult(
         goals=counts["goals"],
@@ -246,7 +182,7 @@ def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult
         aborted=dict(sorted(aborted.items())),
         recoveries=counts["recoveries"],
         retreats=counts["retreats"],
-        no_valid_trajectory={ending: count for ending, count in sorted(spells.items()) if count},
+        no_valid_trajectory={ending: count for ending, count in sorted(intervals.items()) if count},
         no_valid_trajectory_s=lasted_us / 1_000_000,
     )
 
@@ -257,43 +193,46 @@ COLUMNS: Final = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class PlaceCounts:
-    """What some places come to; instants in simulated s."""
+_OF_ROBOTS: Final = frozenset(
+    {"places_total", "places_done", "places_claimed", "places_given_up", "completion_s"}
+)
 
-    total: int
-    done: int
-    """Reported, and ground truth was within reach of the place by then."""
-    claimed: int
-    """Reported, whether true or not."""
-    given_up: int
-    """Given up, and not reported."""
-    lost: int
-    """Neither, and in the route of no robot that takes part at the end."""
+
+class PlaceCounts(TypedDict):
+    """Fields of a result that count places; instants in simulated s. `RunResult` explains them."""
+
+    places_total: int
+    places_done: int | None
+    places_claimed: int
+    places_given_up: int
+    places_lost: int
     completion_s: float | None
-    """When the last of them was reported; None if not all are done; 0 if there are none."""
     settled_s: float | None
-    """When the last of them was reported or given up for the first time; None if some never was."""
     last_reached_s: float | None
-    """When the last of those that were reported was; None if none was."""
 
 
-def counted(places: Sequence[PlaceOutcome]) -> PlaceCounts:
-    """What these places come to."""
+def counted(places: Sequence[PlaceOutcome], *, watched: bool = True) -> PlaceCounts:
+    """Count places by their final state; `watched`: ground truth says which reports are true."""
     verdicts = Counter(place.verdict for place in places)
     reported = [place.reported_at for place in places if place.reported_at is not None]
     settled = [place.settled_at for place in places if place.settled_at is not None]
-    done, last = verdicts[Verdict.DONE], in_seconds(max(reported, default=0))
+    done, last = verdicts[Verdict.DONE] if watched else len(reported), in_seconds(max(reported, default=0))
     return PlaceCounts(
-        total=len(places),
-        done=done,
-        claimed=len(reported),
-        given_up=verdicts[Verdict.GIVEN_UP],
-        lost=verdicts[Verdict.LOST],
+        places_total=len(places),
+        places_done=done if watched else None,
+        places_claimed=len(reported),
+        places_given_up=verdicts[Verdict.GIVEN_UP],
+        places_lost=verdicts[Verdict.LOST],
         completion_s=last if done == len(places) else None,
         settled_s=in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
         last_reached_s=last if reported else None,
     )
+
+
+def robot_places(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = True) -> dict[str, Any]:
+    """Count the places of one robot, by field of `RobotResult`."""
+    found = counted([place for place in places if place.owner == robot], watched=watched)
+    return {name: value for name, value in found.items() if name in _OF_ROBOTS}
 
 
 def write_table(places: Iterable[PlaceOutcome], path: Path) -> None:

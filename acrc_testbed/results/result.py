@@ -7,37 +7,39 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
 
 from acrc_testbed.results.outcome import (
     DeecoResult,
-    NavigationOutcome,
     NavigationResult,
-    NodeOutcome,
     OutcomeError,
     Outcomes,
     counted,
     deeco_result,
-    navigation_outcome,
+    navigation_report,
     navigation_result,
-    node_outcome,
+    node_report,
     own_outcome,
+    robot_places,
 )
 from actors.instant import in_seconds
 from actors.messages import ROSTER
 from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
-from actors.radio.radio_model import share
+from actors.radio.radio_model import RadioReport, share
+from actors.robot.behaviour.decisions import NodeReport
+from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.runtime.shell import run_digest
 from actors.task.referee import PlaceOutcome
-from actors.world.sensing import PoseError
+from actors.world.sensing import PoseError, WorldReport
 
+S = TypeVar("S", bound=msgspec.Struct)
 PARENT = "its parent"
 
 
@@ -176,43 +178,98 @@ class ResultError(AcrcError):
     """A run whose files do not add up to a result."""
 
 
+_ABSENT: Any = msgspec.UNSET
+"""Default of a field that a field trial, or else a simulated run, does not have: JSON lacks it."""
+
+
+class ClockReport(msgspec.Struct, frozen=True):
+    """One interval of one robot's clock in which the clock was not set."""
+
+    from_s: float
+    """Its first step, s of the field trial."""
+    to_s: float
+    """Its last step."""
+    offset_s: float
+    """Offset against the clock of the reference robot at the first step."""
+    drift_ppm: float
+    """Rate relative to the reference."""
+    error_s: float | None
+    """Bound of the error of aligned instants, 95 % for all robots together; None: unknown, because no frame
+    connects the clock with the reference."""
+    scatter_s: float | None
+    """Part of it that the frames themselves show; the rest is unequal latency of hosts and radio boards
+    (AlignmentParameters.unlike_us)."""
+    surely_within_s: float | None
+    """Bound of the error whatever these latencies; None: unknown."""
+    frames: int
+    """Frames in common with other clocks."""
+
+
+class RecordingReport(msgspec.Struct, frozen=True):
+    """One recording of a robot."""
+
+    path: str
+    epoch: int
+    steps: int
+    ended: str
+    """"as planned", "failed", "cut short" or "damaged"."""
+
+
 class RobotResult(msgspec.Struct, frozen=True):
     """One robot's part."""
 
     places_total: int
     """Places that it was given; what follows is about these, whichever robot did or said it."""
-    places_done: int
-    """Reported, and ground truth says that some robot had been within reach by then."""
+    places_done: int | None
+    """Reported, and ground truth says that some robot had been within reach by then; None without truth."""
     places_claimed: int
     """Reported, whether true or not."""
     places_given_up: int
     """Given up, and not reported."""
     completion_s: float | None
     """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
-    pose_error: PoseError
-    """How far it was from where it held itself to be."""
+    pose_error: PoseError = _ABSENT
+    """Error of its position estimates; not in field trials."""
     driven_m: float | None = None
-    """How far it truly came, or was pushed, m; None in results from before this was measured."""
+    """Distance that it truly covered, or was pushed, m; not in field trials."""
+    reports: int = _ABSENT
+    """This and the next: in field trials only. Places, of any robot, that it reported as visited."""
+    gave_up: int = _ABSENT
+    """Places, of any robot, that it gave up."""
+    frames: dict[str, int] = _ABSENT
+    """What became of its frames, and how many of others it has heard."""
+    lateness_p50_ms: int | None = _ABSENT
+    """From a step's instant to the robot's answer, whole ms; None without a record of its base."""
+    lateness_p99_ms: int | None = _ABSENT
+    overruns: int | None = _ABSENT
+    """Steps that its base left out because it had not answered."""
+    clock: tuple[ClockReport, ...] = _ABSENT
+    recordings: tuple[RecordingReport, ...] = _ABSENT
 
 
-class RunResult(msgspec.Struct, frozen=True):
-    """The result of a run, as `run.json` and `--json` give it."""
+class RunResult(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of a run, simulated or on hardware, as `run.json` and `--json` give it.
 
-    digest: str
+    Fields with the default `_ABSENT` are not set (msgspec.UNSET) in one of both kinds; see `is_simulated`.
+    """
+
+    digest: str = _ABSENT
     robots: int
-    seed: int
-    simulated_s: float
-    wall_s: float
+    seed: int = _ABSENT
+    simulated_s: float = _ABSENT
+    duration_s: float = _ABSENT
+    """Of a field trial, in place of `simulated_s`: from the first step of all robots to the last one."""
+    wall_s: float = _ABSENT
     """From the first step to the last, s."""
-    startup_s: float
+    startup_s: float = _ABSENT
     """From the start of the command to the first step, s."""
-    cpu_s: float
+    cpu_s: float = _ABSENT
     """Of all processes, from their start to their end, s; what the system charged for them."""
-    real_time_factor: float
+    real_time_factor: float = _ABSENT
     places_total: int
-    places_done: int
+    places_done: int | None
     """Reported, and ground truth says that some robot had been within reach by then: the chapter's "number of
-    cleaning tasks that were completed" (7.2.2)."""
+    cleaning tasks that were completed" (7.2.2). None without ground truth."""
     places_claimed: int
     """Reported, whether true or not: what the system itself takes for cleaned."""
     places_given_up: int
@@ -222,7 +279,7 @@ class RunResult(msgspec.Struct, frozen=True):
     knows of them any more."""
     completion_s: float | None
     """When the last place was reported, simulated s: the chapter's "time to complete all the tasks" (7.2.2).
-    None unless all are done."""
+    None unless all are done; without ground truth, unless all are reported."""
     settled_s: float | None
     """When the last place was reported or given up, whichever came first for it, simulated s: the chapter's
     "total running time till system completes or gives up" (7.2.2). None if the run ended before that."""
@@ -230,13 +287,14 @@ class RunResult(msgspec.Struct, frozen=True):
     """When the last of the places that were reported was, simulated s: what the original testbed computes
     under that name (results/process.py), which knows of no giving up. None if nothing was reported."""
     per_robot: dict[str, RobotResult]
-    undelivered: int
+    undelivered: int = _ABSENT
     """Messages that were sent and did not arrive, or the other way round, over all keys."""
-    unread: int
+    unread: int = _ABSENT
     """Messages received that their actor never took."""
-    contacts: int
-    """Contacts that began, between robots or of a robot with something that does not move."""
-    refused_orders: tuple[str, ...]
+    contacts: int | None
+    """Contacts that began, between robots or of a robot with something that does not move; None without
+    ground truth."""
+    refused_orders: tuple[str, ...] = _ABSENT
     """Orders from outside that made no sense, a sentence each."""
     frames: dict[str, int]
     """What became of the radio frames, by cause, and the octets of those that were sent."""
@@ -244,11 +302,11 @@ class RunResult(msgspec.Struct, frozen=True):
     """Octets on the air per robot and simulated s: whole frames with their MAC header and FCS."""
     deeco: DeecoResult
     """What the robots' nodes of the component model did."""
-    navigation: NavigationResult
+    navigation: NavigationResult = _ABSENT
     """What became of the goals that behaviours gave to navigation."""
-    isolation: str
-    bus: str
-    out: str
+    isolation: str = _ABSENT
+    bus: str = _ABSENT
+    out: str | None
     direct_reach: float | None = None
     """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
     None if there never were two robots with power."""
@@ -274,6 +332,25 @@ class RunResult(msgspec.Struct, frozen=True):
     """Failures that were expected before the run, a sentence each."""
     held_up: dict[str, HoldUp] = {}
     """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
+    reference: str = _ABSENT
+    """This and the next: in field trials only. The robot whose clock gives the time."""
+    notes: tuple[str, ...] = _ABSENT
+    """What is missing or not known, a sentence each."""
+
+    @property
+    def is_simulated(self) -> bool:
+        """False for a field trial, also one with emulated devices."""
+        return self.reference is _ABSENT
+
+    @property
+    def length_s(self) -> float:
+        """From the first step to the last, s by the run's own clock."""
+        return self.simulated_s if self.is_simulated else self.duration_s
+
+
+def without_unknown(kind: type[S], **known: Any) -> S:
+    """Return a result of a field trial: what only a simulation knows is left out of its JSON."""
+    return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | known)
 
 
 @dataclass(frozen=True)
@@ -298,17 +375,6 @@ class Circumstances:
     """Of recordings that are not here, or have been read already."""
 
 
-class WorldOutcome(msgspec.Struct):
-    """What the world says about the run."""
-
-    places: tuple[PlaceOutcome, ...]
-    contacts: int
-    steps: int
-    refused_orders: tuple[str, ...]
-    pose_errors: dict[str, PoseError]
-    driven: dict[str, float]
-
-
 class Gathered(NamedTuple):
     """The result of a run, and what it says in counts only."""
 
@@ -321,20 +387,14 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     finals = [(program, _final(program.record, about)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
-    outcome = WorldOutcome(
-        **{
-            name: msgspec.json.decode(world.outcome[name], type=kind)
-            for name, kind in WorldOutcome.__annotations__.items()
-        }
-    )
-    simulated = in_seconds(outcome.steps * about.step_us)
+    truth, air = world.report(WorldReport), radio.report(RadioReport)
+    places = msgspec.json.decode(world.outcome["places"], type=tuple[PlaceOutcome, ...])
+    simulated = in_seconds(truth.steps * about.step_us)
     wall = max(world.ended_s - world.started_s, 1e-9)
     missing = gaps([(program.actor, final) for program, final in finals], about.parent_received)
-    frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
-    frames_by_robot = msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]])
+    frames = air.frames
     pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
     said = robot_reports(_of_robots(finals))
-    places = counted(outcome.places)
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
         robots=len(about.robots),
@@ -344,24 +404,24 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         startup_s=round(world.started_s - about.began_s, 3),
         cpu_s=round(about.cpu_s, 3),
         real_time_factor=round(simulated / wall, 2),
-        places_total=places.total,
-        places_done=places.done,
-        places_claimed=places.claimed,
-        places_given_up=places.given_up,
-        places_lost=places.lost,
-        completion_s=places.completion_s,
-        settled_s=places.settled_s,
-        last_reached_s=places.last_reached_s,
-        per_robot={robot: _robot_result(robot, outcome) for robot in about.robots},
+        **counted(places),
+        per_robot={
+            robot: RobotResult(
+                **robot_places(places, robot),
+                pose_error=truth.pose_errors[robot],
+                driven_m=truth.driven[robot],
+            )
+            for robot in about.robots
+        },
         undelivered=sum(abs(gap.sent - gap.arrived) for gap in missing),
         not_delivered=tuple(map(str, missing)),
         unread=world.unread + radio.unread + said.unread,
-        contacts=outcome.contacts,
-        refused_orders=outcome.refused_orders,
+        contacts=truth.contacts,
+        refused_orders=truth.refused_orders,
         frames=frames,
         radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
         direct_reach=share(pairs),
-        frames_by_robot=frames_by_robot,
+        frames_by_robot=air.frames_by_robot,
         deeco=said.deeco,
         navigation=said.navigation,
         reported_by_robots=OWN_WORD,
@@ -372,18 +432,11 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         origin=about.origin,
         warnings=about.warnings,
         processor=processor(),
-        driven_m=round(sum(outcome.driven.values()), 3),
+        driven_m=round(sum(truth.driven.values()), 3),
         outcome=said.outcomes,
         held_up=dict(about.held_up),
     )
-    return Gathered(result, outcome.places)
-
-
-def _robot_result(robot: str, outcome: WorldOutcome) -> RobotResult:
-    own = counted([place for place in outcome.places if place.owner == robot])
-    error = outcome.pose_errors[robot]
-    way = outcome.driven[robot]
-    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error, way)
+    return Gathered(result, places)
 
 
 def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[str, Path, FinalNote]]:
@@ -408,16 +461,16 @@ class RobotReports(NamedTuple):
 def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports:
     """Gather the last records of robots' processes, each with its robot and its file."""
     refused: list[str] = []
-    nodes: list[NodeOutcome] = []
-    navigations: list[NavigationOutcome] = []
+    nodes: list[NodeReport] = []
+    navigations: list[NavigationReport] = []
     outcomes: Outcomes = {}
     unread = 0
     for robot, record, final in finals:
         unread += final.unread
         with _refusing(refused, robot, "node"):
-            nodes += filter(None, (node_outcome(record, final.outcome),))
+            nodes += filter(None, (node_report(record, final.outcome),))
         with _refusing(refused, robot, "navigation"):
-            navigations += filter(None, (navigation_outcome(record, final.outcome),))
+            navigations += filter(None, (navigation_report(record, final.outcome),))
         with _refusing(refused, robot, "outcome"):
             for name, value in own_outcome(record, final.outcome).items():
                 outcomes.setdefault(name, {})[robot] = value

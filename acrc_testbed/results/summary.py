@@ -100,7 +100,7 @@ def _sentences(result: RunResult) -> Iterator[str]:
     """What else there is to say about the places."""
     if result.completion_s is None and result.settled_s is not None:
         yield f"Every place was reported or given up by {_s(result.settled_s)} s."
-    if result.places_claimed > result.places_done:
+    if result.places_done is not None and result.places_claimed > result.places_done:
         untrue = result.places_claimed - result.places_done
         yield f"{_places(untrue)} reported although no robot had been there."
         if result.settled_s is not None:
@@ -122,7 +122,7 @@ def _places_done(result: RunResult) -> Iterator[str]:
         lasted = _s(result.completion_s)
         yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} simulated s."
         return
-    left = result.places_total - result.places_done
+    left = result.places_total - (result.places_done or 0)
     yield (
         f"{robots}{by} cleaned {result.places_done} of {result.places_total} places in "
         f"{_s(result.simulated_s)} simulated s; {left} {'is' if left == 1 else 'are'} left."
@@ -160,8 +160,8 @@ def _radio(result: RunResult) -> Iterator[str]:
 
 def _driving(result: RunResult) -> Iterator[str]:
     """Contacts, how well robots knew where they were, and what became of their goals."""
-    touched = f"Robots touched something {_times(result.contacts)}."
-    yield touched if result.contacts else "No robot touched anything."
+    touched = result.contacts or 0
+    yield f"Robots touched something {_times(touched)}." if touched else "No robot touched anything."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
     if errors:
         samples = sum(error.samples for error in errors)

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import msgspec
+
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
@@ -9,7 +11,7 @@ from actors.radio import robot_medium
 from actors.radio.core import RadioCore
 from actors.radio.medium import medium
 from actors.radio.propagation import indoor
-from actors.radio.radio_model import RadioProgram, RadioSetup, radio_model
+from actors.radio.radio_model import RadioProgram, RadioReport, RadioSetup, radio_model
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import ActorProcess, run_note
@@ -60,5 +62,5 @@ def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
-        outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
+        outcome=lambda: msgspec.structs.asdict(RadioReport(core.counters(), core.counters_by_robot())),
     )

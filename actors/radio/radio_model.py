@@ -217,6 +217,14 @@ def reach(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LI
     return line_of_sight(budget_db, parameters.propagation.path_loss)
 
 
+class RadioReport(msgspec.Struct, frozen=True):
+    """Counts of a run's frames and events, last record of its radio."""
+
+    frames: dict[str, int]
+    """Of all robots; with `pairs` and `pairs_in_reach` (`DirectReach`)."""
+    frames_by_robot: dict[str, dict[str, int]]
+
+
 class DirectReach:
     """Counts, once a second, the pairs of robots that hear at least half of each other's longest frames."""
 

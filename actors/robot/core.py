@@ -147,7 +147,7 @@ class RobotCore:
         parts = self._parts
         own: dict[str, object] = {
             "localisation": parts.localisation.outcome(),
-            "navigation": parts.navigation.outcome(),
+            "navigation": parts.navigation.report(),
         }
         say = getattr(parts.behaviour, "outcome", None)
         if say is None:

@@ -9,11 +9,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 import zenoh
 
+from actors.runtime import typed_json
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
@@ -26,8 +27,9 @@ from actors.runtime.prints import Prints, taken_by
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import ActorDigest, Shell, run_shell
+from actors.runtime.typed_json import Count
 
-Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+T = TypeVar("T")
 
 
 class RunNote(msgspec.Struct, frozen=True):
@@ -99,6 +101,10 @@ class FinalNote(msgspec.Struct, frozen=True):
     """What the actor has to say about the run, by subject."""
     code: dict[str, str] = {}
     """As in the first record, with what was loaded later."""
+
+    def report(self, kind: type[T]) -> T:
+        """Return the outcome as the struct that the actor made it of. Raises ValueError."""
+        return typed_json.decode(msgspec.json.encode(self.outcome), kind)
 
 
 @dataclass(frozen=True)

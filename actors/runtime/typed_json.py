@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import msgspec
 
@@ -12,6 +12,15 @@ from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
 
 T = TypeVar("T")
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+"""Number of anything; also an instant or a duration, µs."""
+Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+Name = Annotated[str, msgspec.Meta(max_length=200)]
+Text = Annotated[str, msgspec.Meta(max_length=20_000)]
+Listed = Annotated[list[T], msgspec.Meta(max_length=10_000)]
+"""A list in a report; what robots write themselves has at most a tenth of that."""
+Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=500)]
+"""Counts by name."""
 _MOST_TOLD: Final = 300
 """Characters of what is wrong with a file."""
 _KINDS: Final = {

@@ -5,6 +5,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
+import msgspec
+
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
@@ -18,6 +20,7 @@ from actors.task.referee import Referee
 from actors.world import drive, odometry_kernel, physics, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
+from actors.world.sensing import WorldReport
 from actors.world.world_setup import WorldProgram, WorldSetup
 
 KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, rays, visits, distance, flood)
@@ -53,11 +56,11 @@ def part(
         drive=hold,
         outcome=lambda: {
             **core.task_outcome,
-            "contacts": core.contacts,
-            "pose_errors": core.pose_errors,
-            "driven": core.driven,
-            "steps": core.step,
-            "refused_orders": core.refused_orders,
+            **msgspec.structs.asdict(
+                WorldReport(
+                    core.contacts, core.pose_errors, core.driven, core.step, tuple(core.refused_orders)
+                )
+            ),
         },
     )
 

@@ -175,6 +175,18 @@ class PoseError(msgspec.Struct, frozen=True):
     """Whether the last distance lies above LOST."""
 
 
+class WorldReport(msgspec.Struct, frozen=True):
+    """Ground truth of a run: part of the last record of its world, beside what the task reports."""
+
+    contacts: int
+    pose_errors: dict[str, PoseError]
+    driven: dict[str, float]
+    """Distance that each robot truly covered, or was pushed, m."""
+    steps: int
+    refused_orders: tuple[str, ...]
+    """Orders from outside that made no sense, a sentence each."""
+
+
 class Whereabouts:
     """Collects the distances of all robots, by index."""
 

@@ -9,18 +9,18 @@ from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import read_field_trial
 from acrc_testbed.field_trial.reported_places import reported_places
 from acrc_testbed.field_trial.trial_result import (
-    TrialResult,
     read_truth,
     trial_result,
     with_true_frames,
     with_truth,
 )
 from acrc_testbed.results.outcome import write_table
+from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import seal
 from deploy.run.out_folder import make_folder
 
 
-def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> TrialResult:
+def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> RunResult:
     """The result of a field trial from its robots' folders; AcrcError if they do not make up one field trial.
 
     With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in

@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from acrc_testbed.field_trial.trial_result import TrialResult
+from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import seal
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
@@ -74,7 +74,7 @@ _PATIENCE_S: Final = 60.0
 OnProgress = Callable[[Progress], None]
 
 
-def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> TrialResult:
+def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
     """Run the scenario until no robot has a place left, or to its limit, and gather what came of it.
 
     The result also stands in result/run.json below the output folder, and what became of every place in

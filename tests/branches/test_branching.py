@@ -65,8 +65,8 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
         ("strategy none from 8 s on",),
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
-    assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
-    (inside,) = whole(Path(other.result.out), "r1")
+    assert replay_swarm(Path(str(other.result.out)), permit=INSTALLED).digest == other.result.digest
+    (inside,) = whole(Path(str(other.result.out)), "r1")
     known = [one.instant for one in inside.knowledge]
     assert min(known) < seconds(8) < max(known), "of both strategies"
     assert {"state" in dict(one.rows) for one in inside.knowledge if one.instant < seconds(8)} == {True}
@@ -81,7 +81,7 @@ def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave)
         == "step 60: swarm/down/r2/senses: Senses.halt is True; in the run it was False"
     )
     assert ended.divergence.robots["r2"] == 6.0
-    assert replay_swarm(Path(ended.result.out), permit=INSTALLED).orders == 1
+    assert replay_swarm(Path(str(ended.result.out)), permit=INSTALLED).orders == 1
 
 
 def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
@@ -100,7 +100,7 @@ def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
     matters = leave(Change(8.0, settings={"reach": 6.0})).control
     assert matters is not None and matters.divergence is not None
     assert "in the control it was" in matters.divergence.words
-    assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
+    assert replay_swarm(Path(str(other.result.out)), permit=INSTALLED).digest == other.result.digest
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import Heard
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View, host
-from actors.robot.behaviour.decisions import DecisionLog
+from actors.robot.behaviour.decisions import AdaptationDecision, DecisionLog
 from actors.robot.behaviour.entry import load_behaviour
 from actors.runtime.errors import AcrcError
 from cleaning.adaptive import AdaptiveCleaningRobot
@@ -232,12 +231,6 @@ ROBOT = AdaptiveCleaningRobot(id="r1", position=Point(0.0, 0.0), route=(OWN,), d
 NOW = Instant(seconds(10))
 
 
-def told(log: DecisionLog) -> list[dict[str, Any]]:
-    found = log.outcome()["decisions"]
-    assert isinstance(found, list)
-    return found
-
-
 def commit(
     after: CleaningRobot, before: CleaningRobot = ROBOT, *, adaptation: bool = True, at: Instant = NOW
 ) -> Commit:
@@ -249,8 +242,10 @@ def test_a_decision_is_told_with_its_cause_and_goals() -> None:
     log.take(commit(ROBOT.adopting(OTHERS, NOW))._replace(peer="r2", heard=Instant(seconds(9))))
     log.take(commit(ROBOT.sent_to(THERE), adaptation=False))  # no decision of the adaptation
     log.take(commit(replace(ROBOT, blocked_for=2)))
-    by = {"instant": NOW, "by": "AdaptiveCleaningRobot.auto_unblock", "source": "r2", "age": seconds(1)}
-    assert told(log) == [{**by, "words": "takes over r2/3", "old": [1.0, 2.0], "new": [5.0, 2.0]}]
+    by, goals = "AdaptiveCleaningRobot.auto_unblock", ((1.0, 2.0), (5.0, 2.0))
+    assert log.report().decisions == [
+        AdaptationDecision(NOW, by, "takes over r2/3", "r2", seconds(1), *goals)
+    ]
 
 
 def test_every_kind_of_decision_has_its_words() -> None:
@@ -270,14 +265,14 @@ def test_spells_of_being_blocked_are_told_and_the_last_may_be_open() -> None:
     log, blocked = DecisionLog(ROBOT), replace(ROBOT, state=State.BLOCKED)
     for at_s, robot in ((1, ROBOT), (4, blocked), (5, blocked), (7, ROBOT), (9, blocked)):
         log.take(commit(robot, at=Instant(seconds(at_s))))
-    assert log.outcome()["blocked"] == [[seconds(4), seconds(7)], [seconds(9), None]]
+    assert log.report().blocked == [(seconds(4), seconds(7)), (seconds(9), None)]
 
 
 def test_the_list_is_bounded_and_says_what_it_leaves_out() -> None:
     log = DecisionLog(ROBOT)
     for _ in range(1002):
         log.take(commit(ROBOT.sent_to(THERE)))
-    assert len(told(log)) == 1000 and log.outcome()["decisions_unlisted"] == 2
+    assert len(log.report().decisions) == 1000 and log.report().decisions_unlisted == 2
 
 
 @component
@@ -291,4 +286,4 @@ def test_a_component_may_have_results_of_its_own() -> None:
     made = host(start, _Reporting(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
     told = made.outcome()  # type: ignore[attr-defined]
     assert told["held"] == 1 and list(told) == ["held", "deeco", "adaptation"]
-    assert "counters" in told["deeco"]
+    assert told["deeco"].counters

@@ -127,7 +127,7 @@ def test_ages_are_sampled_at_each_own_publication() -> None:
     node.advance(Instant(500_000))
     (frame,) = publications(1)
     node.advance(Instant(seconds(3)), [Reception(Instant(480_000), 1, frame)])
-    assert node.outcome()["replica_age_ms"] == {"550": 1, "1550": 1}, "at 1 and 2 s, by 50 ms"
+    assert node.outcome()["replica_age_ms"] == {550: 1, 1550: 1}, "at 1 and 2 s, by 50 ms"
 
 
 @settings(max_examples=60)

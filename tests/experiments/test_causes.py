@@ -19,14 +19,14 @@ from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.accounting.tracks import STANDARD, Said, Tracks
 from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.command_line.app import app
-from acrc_testbed.evidence.run_evidence import SaidDecision
 from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.recorded_orders import GivenOrder
-from acrc_testbed.results.outcome import GivenGoal
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.orders import CloseDoor
 from actors.randomness import generator
+from actors.robot.behaviour.decisions import AdaptationDecision
+from actors.robot.navigation.navigation_counts import GivenGoal
 from actors.runtime.recording import RecordingError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -261,8 +261,8 @@ def test_the_diagnosis_is_scored_by_time() -> None:
     assert diagnosis_score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
 
 
-def decision(at_s: float, new: tuple[float, float] | None) -> SaidDecision:
-    return SaidDecision(seconds(at_s), "A.unblock", "turns elsewhere", "r1", 0, (9.0, 3.0), new)
+def decision(at_s: float, new: tuple[float, float] | None) -> AdaptationDecision:
+    return AdaptationDecision(seconds(at_s), "A.unblock", "turns elsewhere", "r1", 0, (9.0, 3.0), new)
 
 
 @pytest.mark.parametrize(

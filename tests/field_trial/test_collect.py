@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acrc_testbed.field_trial.recordings import FieldTrialError
-from acrc_testbed.field_trial.trial_result import TrialResult
+from acrc_testbed.results.result import RunResult
 from actors.messages import DRIVE, MESSAGE_VERSION, Drive
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
@@ -41,7 +41,8 @@ def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_pa
         *(table(out / "places.csv") for out in (tmp_path / "out", head_on.out)), strict=True
     ):
         assert row == true | {"verdict": "claimed", "reached_s": "", "reached_by": ""}
-    assert msgspec.json.decode((tmp_path / "out" / "run.json").read_bytes(), type=TrialResult) == ours
+    written = (tmp_path / "out" / "run.json").read_bytes()
+    assert msgspec.json.decode(written) == msgspec.json.decode(msgspec.json.encode(ours))
 
 
 def test_clocks_that_are_off_and_drift_are_put_right(head_on: Run, tmp_path: Path) -> None:
@@ -222,7 +223,7 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", *counted]
     assert cells[1][:2] == ["r2", "3 of 3"] and cells[1][5].startswith("+2.5000 s ± ")
     done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
-    result = msgspec.json.decode(done.stdout, type=TrialResult)
+    result = msgspec.json.decode(done.stdout, type=RunResult)
     assert (result.places_claimed, result.out, done.stderr) == (6, None, "")
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.field_trial.trial_result import TrialResult
 from acrc_testbed.replay import record_replay
+from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launch import Launcher
@@ -71,7 +71,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     boards = ("--board", "r1", "--board", "r2")
     done = acrc("run", file, "--hardware-in-the-loop", *boards, "--out", out, "--json", timeout_s=200.0)
     assert done.returncode == 0, done.stderr
-    result = msgspec.json.decode(done.stdout, type=TrialResult)
+    result = msgspec.json.decode(done.stdout, type=RunResult)
     assert (result.places_claimed, result.places_done, result.places_total) == (4, 4, 4)
     assert result.contacts == 0
     frames = {robot: part.frames for robot, part in result.per_robot.items()}
@@ -80,7 +80,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     jammed = (result.frames["copies_lost_disturbed"], frames["r2"]["frames_access_failure"])
     assert min(jammed) > 0, jammed  # four seconds, in which r2 neither hears nor finds the channel clear
     assert sum(result.frames[name] for name in COPIES) == 2 * result.frames["frames_sent"]
-    assert msgspec.json.decode((out / "result" / "run.json").read_bytes(), type=TrialResult) == result
+    assert msgspec.json.decode((out / "result" / "run.json").read_bytes(), type=RunResult) == result
     with (out / "result" / "places.csv").open() as table:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
     setup = json.loads((out / "laboratory" / "setup.json").read_text())

@@ -219,4 +219,4 @@ class Trip:
         return self.navigation.goal.phase
 
     def count(self, name: str) -> object:
-        return self.navigation.outcome()[name]
+        return getattr(self.navigation.report(), name)

@@ -49,7 +49,7 @@ def test_digest_is_the_known_one(name: str, tmp_path: Path) -> None:
     result = result_of(name, tmp_path / "out")
     assert result.digest == DIGESTS[name]
     if name == "crowd":  # which is hard enough
-        assert result.contacts >= 100 and result.deeco.counters["relayed"] > 100
+        assert (result.contacts or 0) >= 100 and result.deeco.counters["relayed"] > 100
         assert result.frames["copies_heard"] > 100 and result.frames["frames_access_failure"] > 0
         assert min(result.deeco.exchanges.values()) > 5 and len(result.deeco.exchanges) == 2
 

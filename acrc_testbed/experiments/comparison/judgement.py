@@ -43,10 +43,10 @@ def summaries(records: Iterable[TrialRecord]) -> Iterator[str]:
         complete = sum(run.completion_s is not None for run in runs)
         yield (
             f"{strategy}{where}: all places in {complete} of {len(runs)} runs,"
-            f" {sum(run.places_done for run in runs)} of {sum(run.places_total for run in runs)} places,"
+            f" {sum(run.places_done or 0 for run in runs)} of {sum(run.places_total for run in runs)} places,"
             f" {sum(run.places_given_up for run in runs)} given up,"
             f" {sum(run.places_lost for run in runs)} lost,"
-            f" {sum(run.contacts for run in runs)} contacts{_half(runs)}"
+            f" {sum(run.contacts or 0 for run in runs)} contacts{_half(runs)}"
         )
 
 

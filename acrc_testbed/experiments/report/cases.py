@@ -6,21 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
-
 from acrc_testbed.accounting.time_spent import TimeSpent
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import differing, protection
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison.judgement import CampaignJudgement, judge
 from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.field_trial.trial_result import TrialResult
 from acrc_testbed.results.result import RunResult
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 
-Outcome = RunResult | TrialResult
-"""Of a simulated run, or of a field trial, whose truth nobody knows."""
 REAL: Final = "real robots"
 """Condition of field trials."""
 _RESULTS: Final = ("run.json", "result/run.json")
@@ -34,7 +29,7 @@ class Case(NamedTuple):
     """What it shares with the runs beside which it may be set."""
     strategy: str
     seed: int | None
-    outcome: Outcome | None
+    outcome: RunResult | None
     failure: str | None = None
     """Why there is no outcome, one sentence."""
     time: TimeSpent | None = None
@@ -111,16 +106,10 @@ def _single(folder: Path, name: str) -> CaseSource:
             f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
             "acrc campaign, acrc run or acrc fleet collect has made"
         )
-    outcome = _outcome(path)
-    if isinstance(outcome, TrialResult):
+    outcome = typed_json.read(path, RunResult, "result of a run")
+    if not outcome.is_simulated:
         return CaseSource(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
     origin = outcome.origin
     condition = f"{origin.scenario or 'one scenario'}, {outcome.robots} robots, {outcome.simulated_s:g} s"
     case = Case(condition, origin.strategy or name, outcome.seed, outcome)
     return CaseSource(name, None, origin.commit, (), 0, (case,))
-
-
-def _outcome(path: Path) -> Outcome:
-    if "reference" in typed_json.read(path, dict[str, msgspec.Raw], "result of a run"):
-        return typed_json.read(path, TrialResult, "result of a field trial")
-    return typed_json.read(path, RunResult, "result of a run")

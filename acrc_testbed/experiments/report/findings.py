@@ -16,8 +16,6 @@ from acrc_testbed.experiments.report.section import UPPER_BOUNDS, Group, ReportV
 from acrc_testbed.experiments.report.time_sections import deadlocks
 from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
-from acrc_testbed.field_trial.trial_result import TrialResult
-from acrc_testbed.results.result import RunResult
 
 _TOLD = ("better", "worse", "as good", "not told apart")
 
@@ -300,10 +298,10 @@ def _told_by_robots(sources: Sequence[CaseSource]) -> Iterator[str]:
     """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
     for one in sources:
         for case in one.cases:
-            if isinstance(case.outcome, RunResult):
+            if case.outcome is not None:
                 told = (f"{case.strategy}, seed {case.seed}: {said}" for said in case.outcome.refused_reports)
                 yield from (f"{one.name}: {said}." for said in told)
-            if isinstance(case.outcome, TrialResult):
+            if case.outcome is not None and not case.outcome.is_simulated:
                 yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
 
 
@@ -388,7 +386,7 @@ def _deadlocked(view: ReportView) -> Iterator[str]:
     ]
     if told:
         yield f"Pairs in a deadlock, in a run on average: {_groups(told)}."
-    elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
+    elif any(one.is_simulated for group in view.groups for one in group.outcomes):
         yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
 
 
@@ -398,7 +396,7 @@ def _unsound(view: ReportView, group: Group) -> Iterator[str]:
     )
     if untrue:
         yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
-    lost = sum(one.undelivered > 0 for one in group.outcomes if isinstance(one, RunResult))
+    lost = sum(one.undelivered > 0 for one in group.outcomes if one.is_simulated)
     if lost:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from acrc_testbed.experiments.report.cases import Outcome
 from acrc_testbed.experiments.statistics.paired_tests import CONFIDENCE, Interval
 from acrc_testbed.experiments.statistics.survival import Completion
-from acrc_testbed.field_trial.trial_result import RobotTrial, TrialResult
 from acrc_testbed.results.outcome import means
 from acrc_testbed.results.result import RobotResult, RunResult
 from actors.ieee802154 import airtime_ns
@@ -83,42 +81,42 @@ def _number(value: float, digits: int) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def length_s(outcome: Outcome) -> float:
+def length_s(outcome: RunResult) -> float:
     """How long it was watched, s."""
-    return outcome.simulated_s if isinstance(outcome, RunResult) else outcome.duration_s
+    return outcome.length_s
 
 
-def is_watched(outcome: Outcome) -> bool:
+def is_watched(outcome: RunResult) -> bool:
     """True if ground truth says which places were done."""
     return outcome.places_done is not None
 
 
-def places(part: Outcome | RobotResult | RobotTrial) -> float:
+def places(part: RunResult | RobotResult) -> float:
     """Places done; where nobody watched, those that were reported."""
     return float(part.places_claimed if part.places_done is None else part.places_done)
 
 
-def completion(outcome: Outcome) -> Completion:
+def completion(outcome: RunResult) -> Completion:
     """When all places were done."""
     return _completion(outcome.completion_s, outcome)
 
 
-def running(outcome: Outcome) -> Completion:
+def running(outcome: RunResult) -> Completion:
     """When all places were done or given up."""
     return _completion(outcome.settled_s, outcome)
 
 
-def robot_completion(outcome: Outcome, robot: str) -> Completion:
+def robot_completion(outcome: RunResult, robot: str) -> Completion:
     """When all places were done that this robot was given."""
     return _completion(outcome.per_robot[robot].completion_s, outcome)
 
 
-def octets(outcome: Outcome) -> float:
+def octets(outcome: RunResult) -> float:
     """On the air, per robot and s."""
     return outcome.radio_bytes_per_robot_s
 
 
-def airtime_percent(outcome: Outcome) -> float:
+def airtime_percent(outcome: RunResult) -> float:
     """The share of its time that a robot sends, on the mean of all of them, %."""
     frames = outcome.frames["frames_sent"]
     if not frames:
@@ -127,39 +125,39 @@ def airtime_percent(outcome: Outcome) -> float:
     return 100.0 * frames * mean_ns / 1e9 / _robot_seconds(outcome)
 
 
-def own_means(outcome: Outcome) -> dict[str, float]:
+def own_means(outcome: RunResult) -> dict[str, float]:
     """Return the numbers of the strategy's own outcome by name, each the mean over robots."""
-    return {} if isinstance(outcome, TrialResult) else means(outcome.outcome)
+    return means(outcome.outcome)
 
 
-def cpu_ms(outcome: Outcome) -> float | None:
+def cpu_ms(outcome: RunResult) -> float | None:
     """Of all processes of the simulation, CPU ms per robot and simulated s; None for real robots."""
-    return 1000.0 * outcome.cpu_s / _robot_seconds(outcome) if isinstance(outcome, RunResult) else None
+    return 1000.0 * outcome.cpu_s / _robot_seconds(outcome) if outcome.is_simulated else None
 
 
-def driven_m(outcome: Outcome) -> float | None:
+def driven_m(outcome: RunResult) -> float | None:
     """How far all robots truly came, m; None where nobody watched."""
-    return outcome.driven_m if isinstance(outcome, RunResult) else None
+    return outcome.driven_m
 
 
-def age_s(outcome: Outcome) -> float | None:
+def age_s(outcome: RunResult) -> float | None:
     """Mean age of what robots know of one another, s."""
     return outcome.deeco.replica_age_mean_s
 
 
-def contacts(outcome: Outcome) -> float | None:
+def contacts(outcome: RunResult) -> float | None:
     """Contacts that began; None where nobody watched."""
     return None if outcome.contacts is None else float(outcome.contacts)
 
 
-def commit(outcome: Outcome) -> str:
+def commit(outcome: RunResult) -> str:
     """Of the software; empty: unknown."""
-    return "" if isinstance(outcome, TrialResult) else outcome.origin.commit
+    return outcome.origin.commit
 
 
-def _robot_seconds(outcome: Outcome) -> float:
+def _robot_seconds(outcome: RunResult) -> float:
     return max(outcome.robots * length_s(outcome), 1e-9)
 
 
-def _completion(at: float | None, outcome: Outcome) -> Completion:
+def _completion(at: float | None, outcome: RunResult) -> Completion:
     return Completion(length_s(outcome), False) if at is None else Completion(at, True)

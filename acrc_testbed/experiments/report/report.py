@@ -18,7 +18,6 @@ from acrc_testbed.experiments.statistics.paired_tests import Interval
 from acrc_testbed.experiments.study.study import Study
 from acrc_testbed.page import rendering
 from acrc_testbed.page.rendering import PagePicture, PageSection, PageTable
-from acrc_testbed.results.result import RunResult
 from actors.runtime import regular_file
 
 PAGE: Final = "report.html"
@@ -146,7 +145,9 @@ def _cells(cell: Cell, is_interval: bool) -> Sequence[Cell]:
 
 def origin(sources: Sequence[CaseSource]) -> Section:
     """Return the section with command, software, digest and numbers of every run."""
-    digests = sum(isinstance(case.outcome, RunResult) for one in sources for case in one.cases)
+    digests = sum(
+        case.outcome is not None and case.outcome.is_simulated for one in sources for case in one.cases
+    )
     return Section(
         "How it was made",
         (
@@ -193,7 +194,7 @@ def _words(study: Study) -> Iterator[str]:
 def _versions(sources: Sequence[CaseSource]) -> Iterator[tuple[Cell, ...]]:
     found: dict[tuple[str, str], int] = {}
     for case in (case for one in sources for case in one.cases):
-        if isinstance(case.outcome, RunResult):
+        if case.outcome is not None:
             for pair in case.outcome.origin.versions.items():
                 found[pair] = found.get(pair, 0) + 1
     for (package, version), runs in found.items():
@@ -201,7 +202,7 @@ def _versions(sources: Sequence[CaseSource]) -> Iterator[tuple[Cell, ...]]:
 
 
 def _run(source: CaseSource, case: Case) -> tuple[Cell, ...]:
-    origin = case.outcome.origin if isinstance(case.outcome, RunResult) else None
+    origin = None if case.outcome is None or not case.outcome.is_simulated else case.outcome.origin
     navigation = origin.navigation or None if origin is not None else None
     seed = None if case.seed is None else str(case.seed)
     who = (source.name, case.condition, label(case.strategy), navigation, seed)
@@ -211,5 +212,5 @@ def _run(source: CaseSource, case: Case) -> tuple[Cell, ...]:
     return (
         *who, quantities.places(one), one.places_total, one.completion_s, one.settled_s,
         quantities.length_s(one), quantities.octets(one), quantities.cpu_ms(one), case.failure,
-        one.digest if isinstance(one, RunResult) else None,
+        one.digest if one is not None and one.is_simulated else None,
     )  # fmt: skip

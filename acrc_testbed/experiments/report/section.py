@@ -7,9 +7,10 @@ from typing import Final, NamedTuple, TypeVar
 from matplotlib.figure import Figure
 
 from acrc_testbed.experiments.report import charts
-from acrc_testbed.experiments.report.cases import Case, Outcome
+from acrc_testbed.experiments.report.cases import Case
 from acrc_testbed.experiments.report.charts import Look
 from acrc_testbed.experiments.report.quantities import BoxSpread, Cell, NumberTable
+from acrc_testbed.results.result import RunResult
 
 T = TypeVar("T")
 UPPER_BOUNDS: Final = frozenset({"oracle"})
@@ -55,7 +56,7 @@ class Group(NamedTuple):
         return label(self.strategy)
 
     @property
-    def outcomes(self) -> tuple[Outcome, ...]:
+    def outcomes(self) -> tuple[RunResult, ...]:
         """Of its runs."""
         return tuple(case.outcome for case in self.cases if case.outcome is not None)
 

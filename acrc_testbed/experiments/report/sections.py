@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from acrc_testbed.experiments.report import charts, quantities
-from acrc_testbed.experiments.report.cases import Case, Outcome
+from acrc_testbed.experiments.report.cases import Case
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
 from acrc_testbed.experiments.report.quantities import BoxSpread, Cell, share, spread
 from acrc_testbed.experiments.report.section import (
@@ -20,6 +20,7 @@ from acrc_testbed.experiments.report.section import (
 )
 from acrc_testbed.experiments.statistics.paired_tests import Interval, mean_interval
 from acrc_testbed.experiments.statistics.survival import Completion, kaplan_meier, restricted_mean
+from acrc_testbed.results.result import RunResult
 
 _MOST_PANELS: Final = 12
 """Of robots' own times; beyond, only the table has them."""
@@ -94,7 +95,7 @@ def running(view: ReportView) -> Section:
     )  # fmt: skip
 
 
-def _times(group: Group, when: Callable[[Outcome], Completion]) -> BoxSpread:
+def _times(group: Group, when: Callable[[RunResult], Completion]) -> BoxSpread:
     return spread(when(one).at for one in group.outcomes)
 
 
@@ -104,7 +105,7 @@ def _end(view: ReportView) -> tuple[float, str] | None:
     return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
-def _time_box(view: ReportView, group: Group, when: Callable[[Outcome], Completion]) -> Box:
+def _time_box(view: ReportView, group: Group, when: Callable[[RunResult], Completion]) -> Box:
     open_ones = tuple(run.at for run in map(when, group.outcomes) if not run.done)
     return Box(group.label, view.look(group), _times(group, when), open_ones)
 
@@ -229,7 +230,7 @@ class Cost:
     """None: unknown."""
 
 
-def _of_outcome(value: Callable[[Outcome], float | None]) -> Callable[[Case], float | None]:
+def _of_outcome(value: Callable[[RunResult], float | None]) -> Callable[[Case], float | None]:
     return lambda case: None if case.outcome is None else value(case.outcome)
 
 

@@ -6,7 +6,7 @@ For measuring alone: it goes into the robot's last record and takes no part in w
 import math
 from collections.abc import Container
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, Self, runtime_checkable
+from typing import Annotated, Any, Final, Protocol, Self, runtime_checkable
 
 import msgspec
 
@@ -15,6 +15,7 @@ from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.plan import GoalOrder
 from actors.robot.behaviour.ports import FARTHEST_BACK, Decision
+from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name, Text
 from actors.task.task import words_fault
 from deeco import Knowledge
 from deeco.component import processes_of
@@ -90,10 +91,46 @@ def _peers_fault(peers: object, limits: RobotLimits) -> str | None:
     return None
 
 
-SUBJECT: Final = "adaptation"
-"""Under which it stands in the outcome."""
 _KEPT: Final = 1000
-"""Decisions, and spells of being blocked, that are listed one by one; what comes later is counted only."""
+"""Decisions, and intervals of being blocked, listed one by one; later ones are counted only."""
+
+
+class AdaptationDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One decision of a robot's adaptation; instants and ages in µs."""
+
+    instant: Count
+    by: Name
+    words: Text
+    source: Name
+    """Robot whose knowledge it is based on."""
+    age: Count
+    """Of that knowledge."""
+    old: tuple[Metres, Metres] | None
+    """Target before, m, map frame ..."""
+    new: tuple[Metres, Metres] | None
+    """... and after."""
+
+
+class AdaptationReport(msgspec.Struct, forbid_unknown_fields=True):
+    """All decisions of a robot's adaptation."""
+
+    decisions: Listed[AdaptationDecision] = []
+    decisions_unlisted: Count = 0
+    blocked: Listed[tuple[Count, Count | None]] | None = None
+    """Intervals in which the robot considered itself blocked, µs; None if its component never asks."""
+
+
+_Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53)]
+
+
+class NodeReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Counts of one robot's deeco node (`deeco.statistics.Statistics`) and of its radio link."""
+
+    counters: Counts
+    exchanges: Counts
+    """By ensemble: exchanges that changed the local knowledge."""
+    replica_age_ms: Annotated[dict[_Bound, Count], msgspec.Meta(max_length=10_000)]
+    """Age of each replica at each own publication: count by the bin's upper bound, ms."""
 
 
 @runtime_checkable
@@ -117,9 +154,8 @@ class DecisionLog:
         adapts = any(process.adaptation for process in processes_of(kind))
         self._decides = isinstance(component, Deciding)
         self._diagnoses = adapts and callable(getattr(kind, "is_blocked", None))
-        self._decisions: list[dict[str, Any]] = [] if former is None else former._decisions
-        self._blocked: list[list[Instant | None]] = [] if former is None else former._blocked
-        self._unlisted: int = 0 if former is None else former._unlisted
+        self._report: AdaptationReport = AdaptationReport() if former is None else former._report
+        self._blocked: list[tuple[int, int | None]] = [] if former is None else former._blocked
         self._is_blocked: bool = former is not None and former._is_blocked
 
     def take(self, commit: Commit) -> None:
@@ -133,38 +169,27 @@ class DecisionLog:
         if words := after.decided_since(before):
             self._decide(commit, words, before.target, after.target)
 
-    def outcome(self) -> dict[str, object]:
-        """The lists, for the result; instants in µs. `blocked` is None for who never asks whether it is."""
-        return {
-            "decisions": self._decisions,
-            "decisions_unlisted": self._unlisted,
-            "blocked": self._blocked if self._diagnoses or self._blocked else None,
-        }
+    def report(self) -> AdaptationReport:
+        """Return the decisions so far, for the run's result."""
+        blocked = self._blocked if self._diagnoses or self._blocked else None
+        return msgspec.structs.replace(self._report, blocked=blocked)
 
     def _decide(self, commit: Commit, words: str, old: Point | None, new: Point | None) -> None:
-        if len(self._decisions) == _KEPT:
-            self._unlisted += 1
+        report = self._report
+        if len(report.decisions) == _KEPT:
+            report.decisions_unlisted += 1
             return
         heard = commit.instant if commit.heard is None else commit.heard
-        self._decisions.append(
-            {
-                "instant": commit.instant,
-                "by": commit.by,
-                "words": words,
-                "source": commit.peer or commit.after.id,
-                "age": commit.instant - heard,
-                "old": None if old is None else [old.x, old.y],
-                "new": None if new is None else [new.x, new.y],
-            }
-        )
+        source, age = commit.peer or commit.after.id, commit.instant - heard
+        report.decisions.append(AdaptationDecision(commit.instant, commit.by, words, source, age, old, new))
 
     def _diagnose(self, is_blocked: bool, now: Instant) -> None:
-        """Spells up to _KEPT; the last one kept stays open no longer than it was."""
+        """Intervals up to _KEPT; the last one kept stays open no longer than it was."""
         if is_blocked is self._is_blocked:
             return
         self._is_blocked = is_blocked
         if not is_blocked:
             if self._blocked and self._blocked[-1][1] is None:
-                self._blocked[-1][1] = now
+                self._blocked[-1] = (self._blocked[-1][0], now)
         elif len(self._blocked) < _KEPT:
-            self._blocked.append([now, None])
+            self._blocked.append((now, None))

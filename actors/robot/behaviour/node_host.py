@@ -16,7 +16,7 @@ from numpy.random import Generator
 from actors.instant import START, Duration, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
 from actors.robot.behaviour import devices
-from actors.robot.behaviour.decisions import SUBJECT, DecisionLog, RobotLimits
+from actors.robot.behaviour.decisions import DecisionLog, NodeReport, RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
@@ -163,11 +163,11 @@ class _Hosted:
 
     def outcome(self) -> dict[str, object]:
         """Return what node and link counted, what the adaptation decided, and the component's own outcome."""
-        outcome = self._node.outcome()
-        outcome["counters"] |= dict(sorted(self._counted.items()))
+        counts = self._node.outcome()
+        counts["counters"] |= dict(sorted(self._counted.items()))
         say = getattr(self._node.knowledge(self._component.id), "outcome", None)
         own = say() if callable(say) else {}
-        return {**own, "deeco": outcome, SUBJECT: self._log.outcome()}
+        return {**own, "deeco": NodeReport(**counts), "adaptation": self._log.report()}
 
     def _deploy(self, first: Instant) -> Node:
         start = self._start

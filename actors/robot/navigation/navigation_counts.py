@@ -1,151 +1,149 @@
-"""What navigation has been through, counted for the result."""
+"""Navigation's report for the run's result: goals by outcome, intervals without a trajectory or a plan."""
 
-from collections import Counter
-from dataclasses import asdict, dataclass
-from enum import Enum
-from typing import Final
+from typing import Final, Literal
+
+import msgspec
 
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.robot.behaviour.plan import AbortReason, GoalPhase, GoalStatus
+from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name
 
 _KEPT: Final = 1000
-"""Goals and spells listed one by one; what comes later is counted only."""
-_REPLACED: Final = "replaced"
-_CANCELLED: Final = "cancelled"
+"""Goals and intervals listed one by one; later ones are counted only."""
+
+Ending = Literal["itself", "abort", "order", "run"]
+"""End of an interval without a valid trajectory: a trajectory or a retreat; navigation gave the goal up; the
+behaviour's next order; the end of the run."""
 
 
-class GoalEnding(Enum):
-    """How a spell without a valid trajectory ended."""
+class GivenGoal(msgspec.Struct, forbid_unknown_fields=True):
+    """One goal that a behaviour gave to navigation; instants in µs."""
 
-    ITSELF = "itself"
-    """There was a valid trajectory again, or a retreat began."""
-    ABORT = "abort"
-    """Navigation gave the goal up."""
-    ORDER = "order"
-    """The behaviour gave another goal, or none, or let the robot stand."""
-    RUN = "run"
-    """The run ended."""
+    begin: Count
+    """Start of the step in which it was given."""
+    x: Metres
+    y: Metres
+    """Position, m, map frame."""
+    end: Count | None = None
+    """Start of the step in which it ended; None: pursued at the end of the process."""
+    how: Name = ""
+    """`succeeded`, `replaced`, `cancelled`, or the reason of its abort; empty while it is pursued."""
 
 
-@dataclass
-class _Given:
-    """A goal in the list; instants in µs."""
+class NavigationReport(msgspec.Struct, forbid_unknown_fields=True):
+    """Counts of one robot's navigation over the life of its process; intervals as begin and end, µs."""
 
-    begin: Instant
-    x: float
-    y: float
-    end: Instant | None = None
-    how: str = ""
-    """"succeeded", "replaced", "cancelled" or the reason of its abort; empty while it is pursued."""
+    goals: Count = 0
+    succeeded: Count = 0
+    cancelled: Count = 0
+    recoveries: Count = 0
+    """Obstacle marks forgotten to try once more."""
+    retreats: Count = 0
+    """Movements backwards from what the bumper touched."""
+    aborted: Counts = {}
+    """By reason."""
+    no_valid_trajectory: Listed[tuple[Count, Count, Ending]] = []
+    """Intervals in which the local planner found no trajectory."""
+    no_valid_trajectory_unlisted: Count = 0
+    given: Listed[GivenGoal] = []
+    given_unlisted: Count = 0
+    without_plan: Listed[tuple[Count, Count]] = []
+    """Intervals in which no path to one goal after the other was found."""
+    paused: Listed[tuple[Count, Count | None]] = []
+    """Intervals in which the behaviour had paused navigation; None: to the end of the run."""
 
 
 class NavigationCounts:
-    """Counts and lists goals by what became of them, and lists the spells without trajectory or plan."""
+    """Fills the report while navigation works."""
 
     def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-        self._aborted: Counter[AbortReason] = Counter()
-        self._spells: list[tuple[Instant, Instant, GoalEnding]] = []
+        self._report = NavigationReport(aborted={reason.value: 0 for reason in AbortReason})
         self._begun: Instant | None = None
-        self._unlisted = 0
-        self._given: list[_Given] = []
-        self._given_unlisted = 0
-        self._planless: list[tuple[Instant, Instant]] = []
         self._planless_since: Instant | None = None
-        self._pauses: list[list[Instant | None]] = []
         self.now = Instant(0)
-        """The start of the step; whoever keeps the journal sets it."""
+        """The start of the step, set by navigation."""
 
     def begins(self, goal: Point | None) -> None:
         """The behaviour has given a goal, or taken it back."""
-        self._counts["cancelled" if goal is None else "goals"] += 1
-        self._close(_CANCELLED if goal is None else _REPLACED)
+        report = self._report
         if goal is None:
-            self.plans(found=True)  # nobody looks for a way any more
-        elif self._given_unlisted or len(self._given) == _KEPT:
-            self._given_unlisted += 1
+            report.cancelled += 1
+            self._close("cancelled")
+            self.plans(found=True)  # a path is no longer searched
+            return
+        report.goals += 1
+        self._close("replaced")
+        if report.given_unlisted or len(report.given) == _KEPT:
+            report.given_unlisted += 1
         else:
-            self._given.append(_Given(self.now, *goal))
+            report.given.append(GivenGoal(self.now, *goal))
 
     def plans(self, found: bool) -> None:
-        """A way to the goal was looked for."""
+        """A path to the goal was searched."""
         if not found:
             self._planless_since = self.now if self._planless_since is None else self._planless_since
         elif self._planless_since is not None:
-            if len(self._planless) < _KEPT:
-                self._planless.append((self._planless_since, self.now))
+            if len(self._report.without_plan) < _KEPT:
+                self._report.without_plan.append((self._planless_since, self.now))
             self._planless_since = None
 
     def pauses(self, paused: bool) -> None:
         """Record that the behaviour pauses navigation or resumes it."""
-        if not paused and self._pauses[-1][1] is None:
-            self._pauses[-1][1] = self.now
-        elif paused and len(self._pauses) < _KEPT:
-            self._pauses.append([self.now, None])
+        intervals = self._report.paused
+        if not paused and intervals[-1][1] is None:
+            intervals[-1] = (intervals[-1][0], self.now)
+        elif paused and len(intervals) < _KEPT:
+            intervals.append((self.now, None))
 
     def enters(self, phase: GoalPhase) -> None:
         """The active goal has come into another phase."""
         if phase is GoalPhase.OBSTRUCTED:
             self._begun = self.now if self._begun is None else self._begun
-        elif phase is not GoalPhase.PLANNING:  # to plan anew finds no trajectory yet
-            self._end(GoalEnding.ITSELF)
+        elif phase is not GoalPhase.PLANNING:  # a new plan is no trajectory yet
+            self._end("itself")
 
     def closes(self, status: GoalStatus, reason: AbortReason | None) -> None:
         """The goal was reached or given up."""
-        self._end(GoalEnding.ABORT if status is GoalStatus.ABORTED else GoalEnding.ITSELF)
+        self._end("abort" if status is GoalStatus.ABORTED else "itself")
         self._close(GoalStatus.SUCCEEDED.value if reason is None else reason.value)
         if reason is None:
-            self._counts["succeeded"] += 1
+            self._report.succeeded += 1
         else:
-            self._aborted[reason] += 1
+            self._report.aborted[reason.value] += 1
 
     def interrupted(self) -> None:
         """The behaviour ends the pursuit of the goal."""
-        self._end(GoalEnding.ORDER)
+        self._end("order")
 
     def recovers(self) -> None:
-        """Marks were forgotten to try once more."""
-        self._counts["recoveries"] += 1
+        """Obstacle marks were forgotten to try once more."""
+        self._report.recoveries += 1
 
     def retreats(self) -> None:
         """The robot begins to back away from what it has touched."""
-        self._counts["retreats"] += 1
+        self._report.retreats += 1
 
-    def outcome(self) -> dict[str, object]:
-        """By subject; instants in µs. A spell that has not ended does so with the run."""
-        spells = [(begin, end, ending.value) for begin, end, ending in self._spells]
+    def report(self) -> NavigationReport:
+        """Return the report so far; open intervals without trajectory or plan end now."""
+        report, now = self._report, self.now
+        trajectory, plan = list(report.no_valid_trajectory), list(report.without_plan)
         if self._begun is not None:
-            spells.append((self._begun, self.now, GoalEnding.RUN.value))
-        return {
-            **{name: self._counts[name] for name in _COUNTS},
-            "aborted": {reason.value: self._aborted[reason] for reason in AbortReason},
-            "no_valid_trajectory": spells,
-            "no_valid_trajectory_unlisted": self._unlisted,
-            "given": [asdict(goal) for goal in self._given],
-            "given_unlisted": self._given_unlisted,
-            "without_plan": self._without_plan(),
-            "paused": self._pauses,
-        }
-
-    def _without_plan(self) -> list[tuple[Instant, Instant]]:
-        """Spells in which no way to the goal was found; goals given anew do not end them."""
-        if self._planless_since is None:
-            return self._planless
-        return [*self._planless, (self._planless_since, self.now)]
+            trajectory.append((self._begun, now, "run"))
+        if self._planless_since is not None:
+            plan.append((self._planless_since, now))
+        return msgspec.structs.replace(report, no_valid_trajectory=trajectory, without_plan=plan)
 
     def _close(self, how: str) -> None:
-        if self._given and self._given[-1].end is None and not self._given_unlisted:
-            self._given[-1].end, self._given[-1].how = self.now, how
+        given = self._report.given
+        if given and given[-1].end is None and not self._report.given_unlisted:
+            given[-1].end, given[-1].how = self.now, how
 
-    def _end(self, ending: GoalEnding) -> None:
+    def _end(self, ending: Ending) -> None:
         if self._begun is None:
             return
-        if len(self._spells) < _KEPT:
-            self._spells.append((self._begun, self.now, ending))
+        if len(self._report.no_valid_trajectory) < _KEPT:
+            self._report.no_valid_trajectory.append((self._begun, self.now, ending))
         else:
-            self._unlisted += 1
+            self._report.no_valid_trajectory_unlisted += 1
         self._begun = None
-
-
-_COUNTS: Final = ("goals", "succeeded", "cancelled", "recoveries", "retreats")

@@ -16,7 +16,7 @@ from actors.portable import cos_sin
 from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus, Plan
 from actors.robot.behaviour.ports import FARTHEST_BACK
 from actors.robot.local_planning.steering import Steering
-from actors.robot.navigation.navigation_counts import NavigationCounts
+from actors.robot.navigation.navigation_counts import NavigationCounts, NavigationReport
 from actors.robot.navigation.planning import GlobalPlanner
 from actors.robot.sweep import Sweep
 from deeco.knowledge import made
@@ -316,9 +316,9 @@ class Navigator:
         """True while it backs out along the robot's trail."""
         return self._withdrawal is not None
 
-    def outcome(self) -> dict[str, object]:
-        """What became of all goals so far, for the result."""
-        return self._journal.outcome()
+    def report(self) -> NavigationReport:
+        """Return the goals so far, for the run's result."""
+        return self._journal.report()
 
     def take(
         self, order: Point | GoalOrder, paused: bool | None = None, back_out: float | None = None

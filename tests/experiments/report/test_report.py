@@ -20,8 +20,7 @@ from acrc_testbed.experiments.report import charts, report
 from acrc_testbed.experiments.report.cases import REAL, read
 from acrc_testbed.experiments.report.section import Section
 from acrc_testbed.experiments.study.study import Factor, Study, Trial
-from acrc_testbed.field_trial.trial_result import RobotTrial, TrialResult
-from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.result import RobotResult, RunResult, without_unknown
 from actors.runtime.errors import AcrcError
 from tests.experiments.report.made_up import LENGTH, campaign
 
@@ -82,7 +81,7 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
     table = rows(written, "places")
     assert [row["strategy"] for row in table] == list(records)
     for row in table:
-        places = sorted(float(run.places_done) for run in results(records[row["strategy"]]))
+        places = sorted(float(run.places_done or 0) for run in results(records[row["strategy"]]))
         assert int(row["runs"]) == len(places)
         assert (float(row["least"]), float(row["most"])) == (places[0], places[-1])
         assert float(row["median"]) == pytest.approx(np.quantile(places, 0.5))
@@ -260,10 +259,15 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
     assert not list((tmp_path / "out").glob("*.png"))
 
 
-def field_trial(plain: RunResult) -> TrialResult:
+def field_trial(plain: RunResult) -> RunResult:
     frames = {"frames_handed": 9, "frames_sent": 8, "copies_heard": 20, "bytes_sent": 400}
-    robot = RobotTrial(10, None, 7, 0, None, 7, 0, frames, None, None, None, (), ())
-    return TrialResult(
+    robot = without_unknown(
+        RobotResult, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
+        completion_s=None, reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None,
+        overruns=None, clock=(), recordings=(),
+    )  # fmt: skip
+    return without_unknown(
+        RunResult,
         robots=1, duration_s=300.0, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
         places_lost=0, completion_s=None, settled_s=None, last_reached_s=250.0, per_robot={"r1": robot},
         contacts=None, frames=frames, radio_bytes_per_robot_s=1.333, deeco=plain.deeco, reference="r1",
@@ -275,7 +279,7 @@ def thirty(trial: Trial, rng: np.random.Generator) -> tuple[int, float | None]:
     return 30, None
 
 
-def put(folder: Path, name: str, result: RunResult | TrialResult) -> Path:
+def put(folder: Path, name: str, result: RunResult) -> Path:
     path = folder / name
     path.parent.mkdir(parents=True)
     path.write_bytes(msgspec.json.encode(result))
