@@ -57,7 +57,7 @@ class Run:
         """
         from acrc_testbed.export import parquet_files, rows
         from acrc_testbed.replay.run_recordings import all_recordings
-        from acrc_testbed.replay.sandboxed_calls import check_trust
+        from acrc_testbed.replay.sandboxed import check_trust
         from actors.runtime.isolation.sandbox import choose
 
         permit = self._permit(modules, trust=trust)

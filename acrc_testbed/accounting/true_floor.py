@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from acrc_testbed.accounting.tracks import STANDARD, EpisodeParameters
 from acrc_testbed.evidence.things_over_time import ON_FLOOR, FloorThing, FloorThings
-from acrc_testbed.replay.recorded_orders import GivenOrder
+from acrc_testbed.replay.run_recordings import GivenOrder
 from actors.floor import distance, flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point

@@ -67,7 +67,7 @@ def export(
 
 def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bool) -> None:
     from acrc_testbed.replay.run_recordings import recordings
-    from acrc_testbed.replay.sandboxed_calls import check_trust
+    from acrc_testbed.replay.sandboxed import check_trust
     from actors.runtime import regular_file
 
     for actor in recordings(out):

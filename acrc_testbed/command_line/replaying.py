@@ -102,10 +102,10 @@ def replay(
         prints = sys.stderr if json else sys.stdout
         report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust), prints)
     else:
-        from acrc_testbed.replay import trusted_replay
+        from acrc_testbed.replay import sandboxed
         from actors.robot.behaviour.foreign import permit_of
 
-        report = trusted_replay.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
+        report = sandboxed.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
 
@@ -131,7 +131,7 @@ def _one(
 ) -> "ReplayReport":
     from acrc_testbed.replay import record_replay
     from acrc_testbed.replay.record_replay import Onlook, replay_actor
-    from acrc_testbed.replay.sandboxed_calls import check_trust
+    from acrc_testbed.replay.sandboxed import check_trust
     from actors.robot.behaviour.foreign import admitted, permit_of
     from actors.robot.behaviour.modules import look_in
     from actors.runtime.errors import AcrcError

@@ -12,8 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.replay.recorded_orders import GivenOrder
-from acrc_testbed.replay.run_recordings import recordings, setup_of
+from acrc_testbed.replay.run_recordings import GivenOrder, recordings, setup_of
 from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from actors.floor.grid import OccupancyGrid

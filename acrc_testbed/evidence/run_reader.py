@@ -21,8 +21,7 @@ from acrc_testbed.evidence.run_evidence import (
     world_setup,
 )
 from acrc_testbed.recordings.topics import Growing, Recorded
-from acrc_testbed.replay.recorded_orders import GivenOrder
-from acrc_testbed.replay.run_recordings import recordings, setup_of
+from acrc_testbed.replay.run_recordings import GivenOrder, recordings, setup_of
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, fault

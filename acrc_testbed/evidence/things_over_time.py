@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.evidence.run_evidence import RunEvidence, largest_radius
-from acrc_testbed.replay.recorded_orders import GivenOrder
+from acrc_testbed.replay.run_recordings import GivenOrder
 from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point

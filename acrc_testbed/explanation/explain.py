@@ -10,7 +10,7 @@ import msgspec
 
 from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
 from acrc_testbed.replay.run_recordings import all_recordings
-from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
 from actors.instant import in_seconds

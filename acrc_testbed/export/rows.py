@@ -7,7 +7,7 @@ from typing import Any, Final
 from acrc_testbed.evidence.run_evidence import RunEvidence, taken
 from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.run_recordings import all_recordings, run_of, setup_of
-from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.trace.frame_fates import FrameFate, frame_fates
 from acrc_testbed.trace.rows import KnowledgeChange, Trace
 from acrc_testbed.trace.traces import BOUNDS, TraceError, traces

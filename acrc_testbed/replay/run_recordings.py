@@ -3,11 +3,12 @@
 import os
 import re
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
 from acrc_testbed.results.seal import elsewhere, where
+from actors.orders import Order
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import NAMES, StrategyFolders
@@ -51,6 +52,14 @@ def all_recordings(out: Path) -> dict[str, Path]:
 def _place(path: Path) -> tuple[str, int, str]:
     """Folders by name; in a folder by the number of the start."""
     return (path.parent.name, len(path.stem), path.stem)
+
+
+class GivenOrder(NamedTuple):
+    """An order, whoever gave it."""
+
+    step: int
+    """At whose boundary it was taken."""
+    order: Order
 
 
 S = TypeVar("S", bound=msgspec.Struct)

@@ -1,41 +1,285 @@
-"""What programs share that replay recorded code in a sandbox: their command line, and the walls."""
+"""Replays of recorded code, each in a process of its own, in a sandbox where the machine has one.
+
+`ask` runs a program once per call and returns its answer, which is untrusted: bytes, bounded, nothing more.
+Such programs share `parser` and `answering`. The one here replays one actor:
+`python -m acrc_testbed.replay.sandboxed --out DIR --actor NAME --answer FILE --own DIR`; its answer is a JSON
+object.
+"""
 
 import os
+
+if __name__ == "__main__":  # an importing process has an environment of its own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
+
+import re
+import signal
+import sys
+import time
 from argparse import ArgumentParser, Namespace
+from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache, partial
 from io import FileIO
 from pathlib import Path
+from typing import Final
 
+import msgspec
+
+from acrc_testbed.replay.record_replay import Onlook, ReplayReport, replay_actor
+from acrc_testbed.replay.run_recordings import all_recordings, code_folders, run_of, told
+from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
+from actors.processes.robot_logs import said, show
 from actors.robot import assembly
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.modules import look_in
+from actors.runtime import prints
+from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
-from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.isolation.sandbox import Confinement, choose, isolate, warn
 from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.failure import print_traceback
 from actors.runtime.lifecycle.linux import die_with_parent
 from actors.runtime.recording import Reading
+from actors.runtime.recording.reading import report_damage
+
+_PROGRAM: Final = "acrc_testbed.replay.sandboxed"
+_ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
+"""Processes on board that serve devices, which cannot be replayed."""
+_SHOWN: Final = 300
+"""Last characters of a failed program's log that its fault quotes."""
+_FILE_MB: Final = 64
+"""Limit of the answer; what the code prints is held to less by `Prints`."""
+
+
+def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | None:
+    """Return the folders that a robot's recorded code may be loaded from; None for world and radio.
+
+    World and radio run this project's code only. Raises AcrcError for code that the permit does not cover,
+    and for code that is not here. Warns about code that was recorded without its hashes.
+    """
+    files = all_recordings(out)
+    if actor in files and _ON_DEVICES.search(actor):
+        raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
+    if actor not in files or actor in {"world", "radio"}:
+        return None
+    run = run_of(files[actor])
+    entry = told(files[actor], run, RobotSetup, "a robot").behaviour
+    folders = admitted(files[actor], entry, code_folders(out), permit)
+    if folders and run.code is None and not permit.trust:
+        say_unhashed(files[actor])
+    return folders
+
+
+@cache
+def say_unhashed(place: Path) -> None:
+    """Warn once that a strategy cannot be compared with the recorded one."""
+    warn(f"{place}: was recorded without the hashes of its strategy's modules, which may be others here")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits of one program."""
+
+    most_bytes: int
+    """Of its answer."""
+    least_s: float = 120.0
+    """Timeout, kernels included ..."""
+    bytes_per_s: float = 4096.0
+    """... plus a second for so many bytes of recordings: half of what a simulated second has, so that a run
+    slower than real time can be replayed, too."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of a program."""
+
+    name: str
+    """Unique among the calls."""
+    actors: Sequence[str]
+    """Robots whose recorded code it runs."""
+    words: Sequence[str] = ()
+    """Further arguments."""
+
+
+@dataclass(frozen=True)
+class CallOutcome:
+    """Result of a call: data or a fault."""
+
+    name: str
+    data: bytes | None = None
+    fault: str | None = None
+    """A sentence that begins with the name."""
+    said: str = ""
+    """The end of what its code printed."""
+
+
+def ask(
+    out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, permit: Permit, isolate: bool
+) -> Iterator[CallOutcome]:
+    """Run a program for each call, as many at a time as there are processors; yield outcomes as they come.
+
+    Code that the permit does not cover is not run, which is the call's fault. `isolate`: see
+    `actors.runtime.isolation.sandbox`.
+    """
+    spawn = "forkserver" if len(calls) > 1 else "exec"
+    with scratch_folder() as home, launcher(spawn) as launched:
+        waiting, running = deque(calls), list[_Running]()
+        while waiting or running:
+            while waiting and len(running) < (os.cpu_count() or 1):
+                call = waiting.popleft()
+                try:
+                    words = program_words(out, call, permit=permit, isolate=isolate)
+                    patience_s = _patience(out, call, bounds)
+                    child = start(launched, module, home, call, words)
+                    running.append(
+                        _Running(child, home / call.name, patience_s, time.monotonic() + patience_s)
+                    )
+                except AcrcError as error:
+                    yield CallOutcome(call.name, fault=str(error))
+            ended = [one for one in running if one.over()]
+            for one in ended:
+                running.remove(one)
+                yield one.answer(launched, bounds)
+            if running and not ended:
+                launched.wait(0.5)
+
+
+def program_words(out: Path, call: Call, *, permit: Permit, isolate: bool) -> tuple[str, ...]:
+    """Return the program's arguments. Raises AcrcError for code that must not run."""
+    code: dict[Path, None] = {}
+    for actor in call.actors:
+        folders = check_trust(out, actor, permit)
+        if folders is None:
+            raise AcrcError(f"{actor}: is no robot")
+        code |= dict.fromkeys(folders)
+    return (
+        *("--out", str(out.resolve()), "--actor", call.name, *call.words),
+        *(word for folder in code for word in ("--path", str(folder))),
+        *(("--any-content",) if permit.trust else ()),
+        *(("--isolate",) if isolate else ()),
+    )
+
+
+def _patience(out: Path, call: Call, bounds: Bounds) -> float:
+    files = all_recordings(out)
+    size = sum(files[actor].stat().st_size for actor in call.actors)
+    return bounds.least_s + size / bounds.bytes_per_s
+
+
+def start(launched: Launcher, module: str, home: Path, call: Call, words: tuple[str, ...]) -> Child:
+    """Start the program in a folder of the call's name in `home`, in which it will write `answer`."""
+    stage = home / call.name
+    (stage / "own").mkdir(parents=True)
+    argv = (*words, "--answer", str(stage / "answer"), "--own", str(stage / "own"))
+    return launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
+
+
+def failed(child: Child) -> str:
+    """Return why a program left no answer, in a sentence."""
+    last = " ".join(said(child.program).split())[-_SHOWN:]
+    why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
+    return f"{child.program.actor}: could not be replayed ({why})"
+
+
+@dataclass(frozen=True)
+class _Running:
+    child: Child
+    stage: Path
+    patience_s: float
+    deadline: float
+
+    def over(self) -> bool:
+        """True once it has ended, or should have."""
+        return self.child.exit_code is not None or time.monotonic() > self.deadline
+
+    def answer(self, launched: Launcher, bounds: Bounds) -> CallOutcome:
+        """Return its answer; a program past its deadline is killed."""
+        program, data, fault = self.child.program, b"", None
+        if self.child.exit_code is None:
+            why = f"what it runs has not ended after {self.patience_s:.0f} s, and was ended"
+            fault = f"{program.actor}: could not be replayed: {why}"
+        while self.child.exit_code is None:
+            self.child.send(signal.SIGKILL)
+            launched.wait(0.5)
+        with suppress(OSError):
+            with (self.stage / "answer").open("rb") as file:
+                data = file.read(bounds.most_bytes + 1)
+            (self.stage / "answer").unlink()
+        if fault is None and len(data) > bounds.most_bytes:
+            fault = f"{program.actor}: answers with more than {bounds.most_bytes} bytes"
+        if fault is None and (not data or self.child.exit_code != 0):
+            fault = failed(self.child)
+        return CallOutcome(program.actor, data if fault is None else None, fault, said(program))
+
+
+BOUNDS: Final = Bounds(1 << 16)
+"""Of a replay: a difference between two messages is one sentence that quotes both."""
+
+
+class ReplayAnswer(msgspec.Struct, frozen=True):
+    """Answer of a replay: one of the two."""
+
+    report: ReplayReport | None = None
+    fault: str | None = None
+
+
+def replay(
+    out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
+) -> ReplayReport:
+    """Replay one actor; a robot in a sandbox, where the machine has one and `isolate` lets it.
+
+    Raises AcrcError for a robot whose recording names code that the permit does not cover; ReplayError at the
+    first output that differs.
+    """
+    folders = check_trust(out, actor, permit)
+    if folders is None:
+        return replay_actor(out, actor)
+    choice = choose(isolate)
+    warn(choice.warning)
+    if isolate is False:
+        look_in(folders, any_content=permit.trust)
+        return replay_actor(out, actor)  # in this process, where a debugger may be
+    report_damage(all_recordings(out)[actor])
+    calls = [Call(actor, (actor,))]
+    (outcome,) = ask(
+        out, "acrc_testbed.replay.sandboxed", calls, bounds, permit=permit, isolate=choice.isolate
+    )
+    show(outcome.said)
+    fault = outcome.fault
+    if outcome.data is not None:
+        try:
+            answer = msgspec.json.decode(outcome.data, type=ReplayAnswer)
+        except (ValueError, RecursionError):
+            raise ReplayError(f"{actor}: what it answers makes no sense") from None
+        if answer.report is not None:
+            return answer.report
+        fault = printable(answer.fault or "")
+    raise ReplayError(fault or f"{actor}: nothing was answered")
 
 
 def parser(program: str) -> ArgumentParser:
-    """The options that each of them has; `program` is its module."""
+    """Return the parser of the arguments that all programs have; `program` is the module."""
     options = ArgumentParser(prog=f"python -m {program}")
     for name in ("--out", "--answer", "--own"):
         options.add_argument(name, type=Path, required=True)
     options.add_argument("--actor", required=True)
     options.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
-    options.add_argument("--any-content", action="store_true", help="which need not be what was recorded")
+    options.add_argument("--any-content", action="store_true", help="accept code other than the recorded")
     options.add_argument("--isolate", action="store_true")
     return options
 
 
 @contextmanager
 def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None = None) -> Iterator[FileIO]:
-    """The new file for the answer, open before this process is in its sandbox, where `--isolate` stands.
+    """Open the new file for the answer, then enter the sandbox if `--isolate` is given.
 
-    `readable`: what it may read of the run; None: all, for one that has ended, where no secret is left.
-    From here on it ends with its parent, and neither answer nor log nor another file becomes larger than
-    `file_mb`. OSError where the file is there already, or cannot be made.
+    `readable`: the files of the run that may be read; None: all, for a run that has ended, which holds no
+    secret. The process ends with its parent, and no file that it writes becomes larger than `file_mb`. Raises
+    OSError where the file exists already, or cannot be made.
     """
     Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
@@ -61,14 +305,33 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
 
 
 def bug(actor: str, error: Exception) -> str:
-    """What is answered where the code failed; the whole traceback goes to the log, if that takes any more."""
+    """Return the answer where the code failed; the traceback goes to the log, if that has room."""
     failure.release()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 
 
 def write_whole(answer: FileIO, data: bytes) -> None:
-    """All of it, however much a single call takes. OSError beyond what a file may have."""
+    """Write all of it, however much a single call takes. OSError beyond what a file may have."""
     left = memoryview(data)
     while left:
         left = left[answer.write(left) :]
+
+
+def main(argv: Sequence[str]) -> int:
+    """Replay one actor and write the answer; return the exit code."""
+    options = parser(_PROGRAM).parse_args(argv)
+    with answering(options, _FILE_MB) as answer:
+        try:
+            onlook = Onlook(prints=partial(prints.on, sys.stdout))
+            told = ReplayAnswer(report=replay_actor(options.out, options.actor, onlook))
+        except AcrcError as error:
+            told = ReplayAnswer(fault=str(error))
+        except Exception as error:
+            told = ReplayAnswer(fault=bug(options.actor, error))
+        answer.write(msgspec.json.encode(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

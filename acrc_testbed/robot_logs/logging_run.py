@@ -9,7 +9,7 @@ from pathlib import Path
 
 from acrc_testbed.evidence.run_evidence import world_setup
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
-from acrc_testbed.replay.sandboxed_calls import Bounds
+from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.robot_logs.robot_entries import (
     body_entries,
     command_entries,

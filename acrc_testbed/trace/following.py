@@ -10,7 +10,7 @@ from typing import Final, Self
 
 from acrc_testbed.recordings.topics import is_closed
 from acrc_testbed.replay.run_recordings import recordings
-from acrc_testbed.replay.sandboxed_calls import Call, failed, program_words, start
+from acrc_testbed.replay.sandboxed import Call, failed, program_words, start
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.trace.traces import PART, Traced, TraceError, decode, inputs, keep, may_keep, parts
 from actors.processes.launch import Child, Launcher, launcher, scratch_folder

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from acrc_testbed.replay.run_recordings import all_recordings, run_of
-from acrc_testbed.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask, check_trust
+from acrc_testbed.replay.sandboxed import Bounds, Call, CallOutcome, ask, check_trust
 from acrc_testbed.trace.rows import VERSION, Trace, misfit
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit

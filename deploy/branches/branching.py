@@ -11,7 +11,6 @@ import msgspec
 from rich.console import Console
 
 from acrc_testbed.replay.record_check import STAMP, check, read_pass
-from acrc_testbed.replay.recorded_orders import OrderBus, recorded_orders
 from acrc_testbed.replay.run_recordings import all_recordings, recordings
 from acrc_testbed.results import summary
 from acrc_testbed.results.result import BranchOrigin, RunResult
@@ -32,10 +31,12 @@ from actors.wording import brief
 from cleaning.strategies import StrategyError, entry
 from deploy.branches.change import (
     Change,
+    OrderBus,
     boundary,
     changed,
     control_of,
     event,
+    recorded_orders,
     strategy_settings,
     with_events,
 )

@@ -5,23 +5,25 @@ branch with a changed value is also compared with its control: the same strategy
 instant, with the values that it had.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from acrc_testbed.replay.recorded_orders import TimedControl
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
-from actors.messages import CONTROL, Control
+from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import Setting, succession
 from actors.robot.behaviour.succession import Turn
+from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
+from actors.runtime.core import Delivery, at
+from actors.runtime.recording import Note, read_recording
 from cleaning.strategies import entry
 from deploy.run import orders
 from deploy.scenario.resolve import resolve
@@ -92,6 +94,13 @@ def event(text: str, branch_s: float) -> BranchEvent:
     if isinstance(order, Pause | Resume | Step | Speed | Stop):
         raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
     return BranchEvent(order, at_s, " ".join(words))
+
+
+class TimedControl(NamedTuple):
+    """The bytes of a Control, and the boundary at which it is taken."""
+
+    step: int
+    payload: bytes
 
 
 def with_events(
@@ -188,3 +197,38 @@ def _from(scenario: Scenario, turn: Turn) -> Scenario:
     first, turns = succession.split(scenario.run.strategy)
     strategy = succession.joined(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
     return scenario.model_copy(update={"run": scenario.run.model_copy(update={"strategy": strategy})})
+
+
+class OrderBus(MemoryBus):
+    """Gives the world these orders, each in time for its boundary; they must be in order."""
+
+    def __init__(self, orders: Iterable[TimedControl]) -> None:
+        super().__init__()
+        self.given = 0
+        self._left = deque(orders)
+        self.listen(at(RADIO_READY), lambda _: self._give(0))
+        self.listen(at(TRUTH), self._after)
+
+    def _after(self, delivery: Delivery) -> None:
+        """The world has closed a step, and will open the next."""
+        truth = decode(delivery.topic, delivery.key, delivery.payload)
+        assert isinstance(truth, Truth)
+        self._give(truth.step + 1)
+
+    def _give(self, step: int) -> None:
+        while self._left and self._left[0].step <= step:
+            self.publish(CONTROL.pattern, self._left.popleft().payload)
+            self.given += 1
+
+
+def recorded_orders(world: Path) -> Iterator[TimedControl]:
+    """Every order from outside in the world's recording: its boundary comes after what was aired last."""
+    boundary = 0
+    for item in read_recording(world):
+        if isinstance(item, Note) or item.direction != "in":
+            continue
+        if item.key == AIRED.pattern:
+            boundary = item.step + 1
+        elif item.key == CONTROL.pattern:
+            assert item.payload is not None, "the receiver of a message keeps it in full"
+            yield TimedControl(boundary, item.payload)

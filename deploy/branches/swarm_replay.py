@@ -7,9 +7,8 @@ from typing import Final
 
 from acrc_testbed.replay.record_check import STAMP, check, read_pass
 from acrc_testbed.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.replay.recorded_orders import OrderBus, recorded_orders
 from acrc_testbed.replay.run_recordings import all_recordings
-from acrc_testbed.replay.sandboxed_calls import say_unhashed
+from acrc_testbed.replay.sandboxed import say_unhashed
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.robot.behaviour.foreign import Permit, admitted
@@ -19,6 +18,7 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry
+from deploy.branches.change import OrderBus, recorded_orders
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay.recorded_orders import TimedControl
 from actors.geometry import Point
 from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
@@ -20,6 +19,7 @@ from cleaning.robot import CleaningRobot
 from cleaning.strategies import entry
 from deeco import Knowledge
 from deploy.branches import change
+from deploy.branches.change import TimedControl
 
 
 def _control(step: int, *orders: object) -> TimedControl:

@@ -20,7 +20,7 @@ from acrc_testbed.accounting.tracks import STANDARD, Said, Tracks
 from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.command_line.app import app
 from acrc_testbed.evidence.run_reader import read_run
-from acrc_testbed.replay.recorded_orders import GivenOrder
+from acrc_testbed.replay.run_recordings import GivenOrder
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.orders import CloseDoor

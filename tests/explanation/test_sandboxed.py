@@ -7,8 +7,7 @@ import pytest
 
 from acrc_testbed.explanation.explain import Explainer, ExplanationError, wish
 from acrc_testbed.export.rows import ExportError, tables
-from acrc_testbed.replay.sandboxed_calls import Bounds
-from acrc_testbed.replay.trusted_replay import replay
+from acrc_testbed.replay.sandboxed import Bounds, replay
 from acrc_testbed.trace.program import whole
 from acrc_testbed.trace.traces import PART, TraceError, decode, encode, parts
 from actors.installation.repository import REPOSITORY

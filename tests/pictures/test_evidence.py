@@ -29,7 +29,7 @@ from acrc_testbed.evidence.things_over_time import FloorThing, FloorThings, Thin
 from acrc_testbed.picture import lanes, marks, moving, run_html, run_page, style
 from acrc_testbed.picture.floor_picture import meetings
 from acrc_testbed.recordings.topics import Recorded
-from acrc_testbed.replay.recorded_orders import GivenOrder
+from acrc_testbed.replay.run_recordings import GivenOrder
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth

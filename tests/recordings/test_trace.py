@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from acrc_testbed.evidence.run_evidence import taken
-from acrc_testbed.replay.sandboxed_calls import Call, ask
+from acrc_testbed.replay.sandboxed import Call, ask
 from acrc_testbed.trace import traces as keeping
 from acrc_testbed.trace import traces as tracing
 from acrc_testbed.trace.frame_fates import frame_fates, replayed
