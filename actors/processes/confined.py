@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple, NoReturn
 
 from actors.runtime.isolation import mounts, sandbox
 from actors.runtime.isolation.sandbox import FOLDER, RECORDING, Names, robot_view
-from actors.runtime.lifecycle import keeper, linux
+from actors.runtime.lifecycle import linux
 from actors.runtime.lifecycle.linux import leave
 
 MESSAGE_LIMIT: Final = 1 << 16
@@ -52,7 +52,7 @@ def born(told: Callable[[], dict[str, Any]], parent: int, private: Collection[in
     except OSError as error:
         told()
         _refuse(error)
-    keeper.enter_namespace(parent, lambda: _prepare(told, ours, theirs), (ours.fileno(), *private))
+    linux.enter_namespace(parent, lambda: _prepare(told, ours, theirs), (ours.fileno(), *private))
     ours.detach()
     return _take_over(theirs)
 
@@ -94,7 +94,7 @@ def _take_over(theirs: socket.socket) -> Part:
         os.close(descriptor)
     request = json.loads(message)
     linux.set_title(request["title"])
-    keeper.add_spent(request["spent"])
+    linux.add_spent(request["spent"])
     os.chdir(FOLDER / "own")
     try:
         sandbox.close_ways_out()

@@ -231,12 +231,12 @@ class ForkServer:
 
     def _withdraw(self) -> None:
         """Remove passwords and sockets that the router and whoever started it were killed too fast to."""
-        from actors.runtime.access import router_file  # noqa: PLC0415  # a server that executes stays small
+        from actors.runtime.access import credentials  # noqa: PLC0415  # a server that executes stays small
 
         for folder, name in self._withdrawn:
             os.fchdir(folder)
             with contextlib.suppress(AcrcError):
-                router_file.remove(Path(name))
+                credentials.remove_router_file(Path(name))
 
     def _tell(self, message: dict[str, Any]) -> None:
         try:

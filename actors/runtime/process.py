@@ -20,8 +20,7 @@ from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
-from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.lifecycle.linux import Ended
+from actors.runtime.lifecycle.linux import Ended, cpu_s
 from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
 from actors.runtime.prints import Prints, taken_by
 from actors.runtime.processor import Processor, processor

@@ -5,7 +5,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from actors.runtime.access import router_file
+from actors.runtime.access import credentials
 from actors.runtime.access.credentials import reveal
 from actors.runtime.access.tls import world_config
 from actors.runtime.errors import AcrcError
@@ -30,13 +30,13 @@ def main(argv: Sequence[str]) -> int:
         conductor = Conductor(core, process.speed)
         note = world_note(told.actor, process.commit)
         router = folder / process.router
-        issued = router_file.read(router)
+        issued = credentials.read_router_file(router)
         world = part(core, note, conductor.drive)
         recorder = Recorder(folder / process.record, told.actor.step_us)
         try:
             return play(world, recorder, world_config(issued), lambda: reveal(issued))
         finally:
-            router_file.remove(router)
+            credentials.remove_router_file(router)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

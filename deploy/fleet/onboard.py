@@ -19,7 +19,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.runtime.access import credentials, router_file
+from actors.runtime.access import credentials
 from actors.runtime.access.credentials import Credentials
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import ActorSetup, ProcessSetup
@@ -77,7 +77,7 @@ class Onboard:
     @property
     def router(self) -> Path:
         """The router file, in the base's folder."""
-        return self.folder(BASE) / router_file.NAME
+        return self.folder(BASE) / credentials.ROUTER_FILE
 
     @property
     def robot(self) -> BodySetup:
@@ -107,13 +107,13 @@ def issue(onboard: Onboard) -> Credentials:
     """Draw new passwords: the robot's lies in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
-    router_file.write(onboard.router, issued)
+    credentials.write_router_file(onboard.router, issued)
     return issued
 
 
 def withdraw(onboard: Onboard) -> None:
     """Remove what is left of passwords and sockets."""
-    router_file.remove(onboard.router)
+    credentials.remove_router_file(onboard.router)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
@@ -136,7 +136,7 @@ def base_program(onboard: Onboard, start: int) -> Program:
     )
     process = ProcessSetup(
         record=f"{_numbered(folder.name, start)}.mcap",
-        router=router_file.NAME,
+        router=credentials.ROUTER_FILE,
         commit=plan.commit,
         with_parent=True,
     )

@@ -24,7 +24,7 @@ import msgspec
 from acrc_testbed.results.seal import HostLoad
 from actors.installation.repository import REPOSITORY
 from actors.processes.launch import Launcher, launcher
-from actors.runtime.access import credentials, router_file, tls
+from actors.runtime.access import credentials, tls
 from actors.runtime.access.credentials import Credentials, reveal
 from actors.runtime.access.tls import load_keys
 from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
@@ -117,7 +117,7 @@ class HostProgram:
         for robot in begin.robots:
             own_folder(run / robot).mkdir(parents=True, exist_ok=True)
         self._issued = credentials.issue({robot: run / robot for robot in begin.robots}, run / _INFRA, ())
-        router_file.write(run / _INFRA / router_file.NAME, self._issued)
+        credentials.write_router_file(run / _INFRA / credentials.ROUTER_FILE, self._issued)
         for words in begin.share:
             launched.share("actors.robot.program", words, run)
 
@@ -223,7 +223,7 @@ def _remove_secrets(folder: Path) -> None:
     """Leave neither keys nor passwords behind, also where the worker is not there to do it."""
     shutil.rmtree(folder / KEYS, ignore_errors=True)
     with suppress(AcrcError):  # what a robot has put in the place of one
-        router_file.remove(folder / RUN / _INFRA / router_file.NAME)
+        credentials.remove_router_file(folder / RUN / _INFRA / credentials.ROUTER_FILE)
 
 
 def _failed(channel: Channel[ToHost], error: Exception) -> int:

@@ -13,7 +13,7 @@ from actors.instant import seconds
 from actors.message_limits import OrderLimits, fault
 from actors.messages import ANSWERED, CONTROL, Answered, Control
 from actors.orders import Order
-from actors.runtime.access import router_file, rules
+from actors.runtime.access import credentials, rules
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
@@ -109,12 +109,12 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     None if it was carried out, else why it was refused. AcrcError if no run is going on there, or it says
     nothing within `patience_s`.
     """
-    file = out / "world" / router_file.NAME
+    file = out / "world" / credentials.ROUTER_FILE
     if not file.is_file():
         raise AcrcError(
             f"{out}: no run is going on here; must be the folder of a run in progress, not in memory"
         )
-    issued = router_file.read(file)
+    issued = credentials.read_router_file(file)
     config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
     ticket = secrets.token_hex(8)
     with open_mesh(config, (at(ANSWERED),), patience_s=5.0) as bus:

@@ -20,7 +20,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
-from actors.runtime.access import credentials, router_file
+from actors.runtime.access import credentials
 from actors.runtime.access.credentials import Credentials, Gate, unix_endpoint
 from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
@@ -210,7 +210,7 @@ def world_program(plan: RunPlan) -> Program:
     """The world's program."""
     process = WorldProcess(
         record="world.mcap",
-        router=router_file.NAME,
+        router=credentials.ROUTER_FILE,
         commit=plan.commit,
         with_parent=True,
         speed=None if plan.options.speed == "max" else float(plan.options.speed),
@@ -319,7 +319,7 @@ def in_common(
 
 def router_of(plan: RunPlan) -> Path:
     """The run's router file."""
-    return plan.folder("world") / router_file.NAME
+    return plan.folder("world") / credentials.ROUTER_FILE
 
 
 def issue_credentials(plan: RunPlan, gate: Gate | None = None) -> Credentials:
@@ -331,13 +331,13 @@ def issue_credentials(plan: RunPlan, gate: Gate | None = None) -> Credentials:
     here = [robot.id for robot in plan.world.robots if robot.id not in away]
     issued = credentials.issue({robot: plan.folder(robot) for robot in here}, plan.folder("world"))
     issued = replace(issued, gate=gate)
-    router_file.write(router_of(plan), issued)
+    credentials.write_router_file(router_of(plan), issued)
     return issued
 
 
 def remove_credentials(plan: RunPlan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
-    router_file.remove(router_of(plan))
+    credentials.remove_router_file(router_of(plan))
 
 
 def observer_program(plan: RunPlan) -> Program:

@@ -16,7 +16,7 @@ from types import FrameType
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
-from actors.runtime.access import router_file
+from actors.runtime.access import credentials
 from actors.runtime.access.credentials import reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
@@ -161,7 +161,7 @@ def main(argv: Sequence[str]) -> int:
         setup, router = told.actor, folder / told.process.router
         if told.process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        issued = router_file.read(router)
+        issued = credentials.read_router_file(router)
         base = Base(setup.located(folder), Clock())
         process = part(base, setup, told.process.commit)
         config = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
@@ -170,7 +170,7 @@ def main(argv: Sequence[str]) -> int:
             recorder = BackgroundRecorder(folder / told.process.record, setup.step_us)
             return play(process, recorder, config, lambda: reveal(issued))
         finally:
-            router_file.remove(router)
+            credentials.remove_router_file(router)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

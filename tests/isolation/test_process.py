@@ -13,8 +13,16 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.isolation import container, sandbox, syscall_filter
-from actors.runtime.isolation.sandbox import OPEN, IsolationChoice, choose, warn
+from actors.runtime.isolation import sandbox, syscall_filter
+from actors.runtime.isolation.sandbox import (
+    OPEN,
+    IsolationChoice,
+    advice,
+    choose,
+    container_kind,
+    remedy,
+    warn,
+)
 from actors.runtime.isolation.syscall_filter import Instruction
 from tests.isolation.attacks import NEST, UNDO
 from tests.isolation.test_attacks import need_isolation
@@ -240,13 +248,11 @@ def isolation_without(*calls: str, kept: int = CAP_SETFCAP) -> str:
     ],
 )
 def test_what_a_container_refuses_is_named_with_what_would_help(calls: Sequence[str], failed: str) -> None:
-    assert isolation_without(*calls) == (
-        f"{REFUSED}: {failed}: Operation not permitted; {container.advice()}"
-    )
+    assert isolation_without(*calls) == (f"{REFUSED}: {failed}: Operation not permitted; {advice()}")
 
 
 def test_root_without_capabilities_is_told_what_it_lacks_and_others_lack_nothing() -> None:
-    refused = f"{REFUSED}: Operation not permitted (/proc/self/uid_map); {container.advice()}"
+    refused = f"{REFUSED}: Operation not permitted (/proc/self/uid_map); {advice()}"
     assert isolation_without(kept=0) == ("None" if os.getuid() else refused)
 
 
@@ -279,7 +285,7 @@ def test_kind_of_container(
     for name in files:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    assert container.kind(variables, tmp_path) == sort
+    assert container_kind(variables, tmp_path) == sort
 
 
 @pytest.mark.parametrize(
@@ -300,19 +306,21 @@ def test_kind_of_container(
     ],
 )  # fmt: skip
 def test_advice_for_a_container(sort: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(container, "kind", lambda: sort)
-    monkeypatch.setattr(sandbox, "available", lambda: f"{REFUSED}: no; {container.advice()}")
-    assert container.advice() == f"{container.remedy()}, or run with --no-isolate" == sentence
+    monkeypatch.setattr(sandbox, "container_kind", lambda: sort)
+    monkeypatch.setattr(sandbox, "available", lambda: f"{REFUSED}: no; {advice()}")
+    assert advice() == f"{remedy()}, or run with --no-isolate" == sentence
     with refused(f"{REFUSED}: no; {sentence}", sandbox.IsolationError):
         choose(True)
     warning = f"robots run as plain processes, because {REFUSED}: no; {OPEN}"
-    assert choose(None) == IsolationChoice(False, f"{warning}; {container.remedy()}" if sort else warning)
+    assert choose(None) == IsolationChoice(False, f"{warning}; {remedy()}" if sort else warning)
 
 
 def test_the_trial_in_a_process_of_its_own_knows_the_container(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("APPTAINER_CONTAINER", "/acrc.sif")
     monkeypatch.setattr(
-        sandbox, "_TRIAL", "from actors.runtime.isolation import container; print(container.kind()); exit(1)"
+        sandbox,
+        "_TRIAL",
+        "from actors.runtime.isolation.sandbox import container_kind; print(container_kind()); exit(1)",
     )
     assert sandbox.available.__wrapped__() == "Apptainer"
 
@@ -322,7 +330,7 @@ def test_isolation_possible_or_not_wanted(
 ) -> None:
     monkeypatch.setattr(sandbox, "available", lambda: None)
     assert choose(None) == choose(True) == IsolationChoice(True, "")
-    monkeypatch.setattr(container, "kind", lambda: "Docker")
+    monkeypatch.setattr(sandbox, "container_kind", lambda: "Docker")
     there = "on host lab1 robots cannot be isolated: no; allow it"
     warning = f"robots run as plain processes, because {there}; {OPEN}"
     assert choose(None, elsewhere=there).warning == warning

@@ -20,7 +20,7 @@ from actors.radio import frame as frame_codec
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
-from actors.runtime.access import credentials, router_file
+from actors.runtime.access import credentials
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.lifecycle.failure import FailureNote
@@ -124,7 +124,9 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     robot = out / "r1"
     image = (robot / "map.png").read_bytes()
     (scratch / "world").mkdir()
-    router_file.write(scratch / "router.json", credentials.issue({"r1": robot}, scratch / "world"))
+    credentials.write_router_file(
+        scratch / "router.json", credentials.issue({"r1": robot}, scratch / "world")
+    )
     readers: tuple[tuple[str, Iterable[Path], Callable[[Path], object]], ...] = (
         ("scenario", (SHIPPED / "scenarios").glob("*.toml"), load_scenario),
         ("fleet", (SHIPPED / "fleets").glob("*.toml"), load_fleet),
@@ -134,7 +136,7 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
             lambda path: load_model(str(path)),
         ),
         ("map", (robot / "map.yaml",), load_map),
-        ("router file", (scratch / "router.json",), router_file.read),
+        ("router file", (scratch / "router.json",), credentials.read_router_file),
         ("credentials", (robot / "credentials",), credentials.read),
     )
     (scratch / "map.png").write_bytes(image)

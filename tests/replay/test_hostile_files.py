@@ -15,7 +15,7 @@ from actors.floor.map_file import load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
 from actors.runtime import regular_file
-from actors.runtime.access import credentials, router_file
+from actors.runtime.access import credentials
 from actors.runtime.errors import AcrcError, printable
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
@@ -71,10 +71,10 @@ def test_a_folder_in_the_place_of_the_routers_socket(tmp_path: Path) -> None:
     robot, world = tmp_path / "r1", tmp_path / "world"
     for folder in (robot, world):
         folder.mkdir()
-    router_file.write(world / "router.json", credentials.issue({"r1": robot}, world))
+    credentials.write_router_file(world / "router.json", credentials.issue({"r1": robot}, world))
     (robot / "router.sock").mkdir()
     with pytest.raises(AcrcError, match=r"^what the run has put there could not be removed: "):
-        router_file.remove(world / "router.json")
+        credentials.remove_router_file(world / "router.json")
     assert list(world.iterdir()) == [] and [path.name for path in robot.iterdir()] == ["router.sock"]
 
 

@@ -9,9 +9,11 @@ import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from actors.runtime import regular_file
+import msgspec
+
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
 OTHERS: Final = ("radio", "observer", "operator")
@@ -143,3 +145,44 @@ def _write_secret(file: Path, text: str) -> None:
     handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     with os.fdopen(handle, "w", encoding="utf-8") as out:
         out.write(text + "\n")
+
+
+ROUTER_FILE: Final = "router.json"
+"""File in the folder of the router's process: whom it knows, and where it listens for each."""
+
+
+def write_router_file(path: Path, issued: Credentials) -> None:
+    """Write `issued` as JSON; the passwords themselves stay in the files that it names."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(issued, enc_hook=str)))
+
+
+def read_router_file(path: Path) -> Credentials:
+    """What `write_router_file` wrote; AcrcError where that cannot be read."""
+    return typed_json.read(path, Credentials, "router file", hook=_path)
+
+
+def remove_router_file(path: Path) -> None:
+    """Remove the file and everything that it names: sockets, their locks, and the passwords of the run.
+
+    AcrcError, once the rest is gone, where something else lies in the place of one.
+    """
+    if not path.exists():
+        return
+    issued = read_router_file(path)
+    sockets = set(issued.sockets.values())
+    hidden = {unnamed(socket) for socket in sockets}
+    locks = {socket.with_name(f"{socket.name}.lock") for socket in hidden}
+    foreign = []
+    keys = () if issued.gate is None else (issued.gate.keys / PRIVATE_KEY_FILE,)
+    private = (*issued.files.values(), issued.dictionary, *keys)
+    for leftover in (*sorted(sockets | hidden | locks), *private, path):
+        try:
+            leftover.unlink(missing_ok=True)
+        except OSError as error:  # a folder lies there, which is somebody else's
+            foreign.append(f"{leftover} ({error.strerror})")
+    if foreign:
+        raise AcrcError(f"what the run has put there could not be removed: {', '.join(foreign)}")
+
+
+def _path(kind: type[Any], value: object) -> Any:
+    return kind(value)

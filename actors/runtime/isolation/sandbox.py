@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,8 +18,8 @@ from typing import Final
 import msgspec
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation import container, mounts, syscall_filter
-from actors.runtime.lifecycle import keeper, linux
+from actors.runtime.isolation import mounts, syscall_filter
+from actors.runtime.lifecycle import linux
 from actors.runtime.lifecycle.linux import write_to
 
 _NAMESPACES: Final = (
@@ -79,8 +79,9 @@ def isolate(plan: Confinement) -> None:
 
     To be called with one thread only, so before Zenoh and numpy start theirs. The program goes on in a child
     of the process that called, with another process id, and whoever waits for the latter sees the child's end
-    (see `keeper`). Afterwards only `plan.own`, scratch folders and what is needed to run are seen, no process
-    but its own children, there is no network, and file locks, watches and new namespaces are refused. Raises
+    (`linux.enter_namespace`). Afterwards only `plan.own`, scratch folders and what is needed to run are seen,
+    no process but its own children, there is no network, and file locks, watches and new namespaces are
+    refused. Raises
     IsolationError where the system does not allow this; the process is then half shut off and must end.
     """
     if sys.platform != "linux":
@@ -115,7 +116,7 @@ def separate(plan: Confinement) -> None:
     if plan.log is not None:
         write_to(os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600))
     enter_namespaces()
-    keeper.enter_namespace(plan.parent)
+    linux.enter_namespace(plan.parent)
     mounts.enter(view)
 
 
@@ -151,7 +152,7 @@ def available() -> str | None:
         trial_run = subprocess.run(
             [sys.executable, "-P", "-c", _TRIAL, folder],
             # Nothing from the working directory, nor from what the user's environment says, is imported here.
-            env={"PYTHONPATH": str(_PROJECT), **container.marks()},
+            env={"PYTHONPATH": str(_PROJECT), **container_variables()},
             capture_output=True,
             text=True,
             check=False,
@@ -243,7 +244,7 @@ def refusal(error: OSError) -> IsolationError:
 
 
 def _sentence(reason: str) -> str:
-    return f"{reason}; {container.advice()}"
+    return f"{reason}; {advice()}"
 
 
 class StrategyFolders(msgspec.Struct, frozen=True):
@@ -326,8 +327,8 @@ def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None
         return IsolationChoice(True)
     if wanted:
         raise IsolationError(reason)
-    cause = reason.removesuffix(f"; {container.advice()}")
-    helps = f"; {container.remedy()}" if container.kind() and cause != reason else ""
+    cause = reason.removesuffix(f"; {advice()}")
+    helps = f"; {remedy()}" if container_kind() and cause != reason else ""
     return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{helps}")
 
 
@@ -337,3 +338,61 @@ def warn(choice_warning: str) -> None:
         from actors.console import screen  # noqa: PLC0415 — robots' processes do not need it
 
         screen(stderr=True).print(f"acrc: {choice_warning}", style="yellow")
+
+
+# A container's own filter on system calls comes first: Docker's refuses the namespaces, and with `--cap-add
+# SYS_ADMIN` still pivot_root(2). docs/trust.md has a table.
+_DOCKER: Final = (
+    "start it with --security-opt seccomp=deploy/container/seccomp.json, where AppArmor is on also with "
+    "--security-opt apparmor=unconfined"
+)
+_REMEDIES: Final = {
+    "Apptainer": "allow unprivileged user namespaces on the machine that it runs on",
+    "Kubernetes": "give it securityContext.seccompProfile.type: Unconfined, where AppArmor is on also "
+    "appArmorProfile.type: Unconfined",
+    "Podman": _DOCKER,
+    "Docker": _DOCKER,
+}
+_OTHERWISE: Final = "let it make user namespaces and mounts"
+_CONTAINER_VARIABLES: Final = {
+    "APPTAINER_CONTAINER": "Apptainer",
+    "SINGULARITY_CONTAINER": "Apptainer",
+    "KUBERNETES_SERVICE_HOST": "Kubernetes",
+}
+_CONTAINER_FILES: Final = {
+    ".singularity.d": "Apptainer",
+    "run/.containerenv": "Podman",
+    ".dockerenv": "Docker",
+}
+_NAMED_IN: Final = "container"
+"""Variable with the container's kind, as systemd's Container Interface has it."""
+_OWN_WORDS: Final = {"docker": "Docker", "podman": "Podman", "kubernetes": "Kubernetes"}
+_ON_THE_MACHINE: Final = "allow unprivileged user namespaces on this machine"
+
+
+def container_kind(environment: Mapping[str, str] = os.environ, root: Path = Path("/")) -> str:
+    """What sort of container this is; empty: none that is known."""
+    for name, sort in _CONTAINER_VARIABLES.items():
+        if environment.get(name):
+            return sort
+    for name, sort in _CONTAINER_FILES.items():
+        if (root / name).exists():
+            return sort
+    named = environment.get(_NAMED_IN, "")
+    return _OWN_WORDS.get(named, named)
+
+
+def container_variables(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """The variables that tell it, for a process that is told nothing else."""
+    return {name: environment[name] for name in (*_CONTAINER_VARIABLES, _NAMED_IN) if name in environment}
+
+
+def remedy() -> str:
+    """What lets robots be isolated here."""
+    sort = container_kind()
+    return f"this is a container ({sort}): {_REMEDIES.get(sort, _OTHERWISE)}" if sort else _ON_THE_MACHINE
+
+
+def advice() -> str:
+    """The same, or the way round; how each IsolationError's sentence ends."""
+    return f"{remedy()}, or run with --no-isolate"
