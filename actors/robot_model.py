@@ -1,51 +1,63 @@
 """Robot models: one TOML file each says what a robot's body, drive and sensors are, to world and robot."""
 
 import math
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
 
-from actors import table_wording, toml_file, wording
+from actors import settings, wording
 from actors.floor import convex
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
-from actors.table import FileTable, Right, Text, as_tuples
+from actors.settings import Place, RuleError, Settings, StartPose, Text
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
-
-
-Vertices = Annotated[
-    tuple[Annotated[tuple[float, float], BeforeValidator(as_tuples)], ...], BeforeValidator(as_tuples)
+Model = Annotated[
+    Text, Meta(description='the name of a robot model such as "turtlebot2", or the path of a .toml file')
 ]
-_A_POLYGON = Right("3 to 32 points [x, y] in m", item="a point [x, y] in m")
+SensorName = Annotated[
+    Text, Meta(description='the name of one of the robot model\'s sensors, such as "chapter"')
+]
+MOST_PLACES: Final = 1000
+Places = Annotated[
+    tuple[Place, ...],
+    Meta(max_length=MOST_PLACES, description=f"a list of points [x, y] in m, at most {MOST_PLACES}"),
+]
+_Vertices = Annotated[
+    tuple[Annotated[tuple[float, float], Meta(description="a point [x, y] in m")], ...],
+    Meta(min_length=3, max_length=32, description="3 to 32 points [x, y] in m"),
+]
+_Offset = Annotated[float, Meta(ge=-5, le=5)]
+_Angle = Annotated[float, Meta(gt=0, le=180)]
+_Range = Annotated[float, Meta(ge=0, le=60)]
+_Noise = Annotated[float, Meta(ge=0, le=10)]
 
 
-class Footprint(FileTable):
+class Footprint(Settings, frozen=True):
     """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
 
-    radius: float | None = Field(None, gt=0, le=5)
+    radius: Annotated[float, Meta(gt=0, le=5)] | None = None
     """Of a disc, m."""
-    vertices: Annotated[Vertices | None, _A_POLYGON] = Field(None, min_length=3, max_length=32)
+    vertices: _Vertices | None = None
     """Of a polygon, m in the body's frame; counter-clockwise once read."""
 
-    @model_validator(mode="after")
-    def _one_shape(self) -> "Footprint":
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.radius is None) == (self.vertices is None):
-            raise ValueError(
+            raise RuleError(
                 f"hold either radius or vertices, but has {'none' if self.radius is None else 'both'}"
             )
         if self.vertices is not None:
             if fault := convex.fault(self.vertices):
-                raise ValueError(f"hold the vertices of a convex polygon round (0, 0), but {fault}")
-            object.__setattr__(self, "vertices", convex.counter_clockwise(self.vertices))
-        return self
+                raise RuleError(f"hold the vertices of a convex polygon round (0, 0), but {fault}")
+            msgspec.structs.force_setattr(self, "vertices", convex.counter_clockwise(self.vertices))
 
     @property
     def circumradius(self) -> float:
@@ -63,73 +75,71 @@ class Footprint(FileTable):
         return convex.distance_to_border(self.vertices)
 
 
-class DriveParameters(FileTable):
+class DriveParameters(Settings, frozen=True):
     """How the body moves on its wheels."""
 
     kind: Literal["differential", "omnidirectional"]
     """A differential drive cannot move sideways and ignores `vy` of a command."""
-    speed: float = Field(gt=0, le=10)
+    speed: Annotated[float, Meta(gt=0, le=10)]
     """The highest, m/s, forward and backward; omnidirectional: in every direction."""
-    acceleration: float = Field(gt=0, le=100)
+    acceleration: Annotated[float, Meta(gt=0, le=100)]
     """The highest, speeding up and braking, m/s²; times the mass it is the force the drive can push with."""
-    turn_rate: float = Field(gt=0, le=30)
+    turn_rate: Annotated[float, Meta(gt=0, le=30)]
     """The highest, rad/s."""
-    turn_acceleration: float = Field(gt=0, le=300)
+    turn_acceleration: Annotated[float, Meta(gt=0, le=300)]
     """The highest, rad/s²."""
-    grip: float = Field(5.0, gt=0, le=100)
+    grip: Annotated[float, Meta(gt=0, le=100)] = 5.0
     """Sideways acceleration at which the wheels of a differential drive begin to slide, m/s²."""
-    watchdog: float = Field(0.5, gt=0, le=60)
+    watchdog: Annotated[float, Meta(gt=0, le=60)] = 0.5
     """The base brakes once its last command is older than this, s."""
 
 
-class Bumper(FileTable):
+class Bumper(Settings, frozen=True):
     """A contact bumper round the front in three sectors: right, centre, left."""
 
-    centre_deg: float = Field(gt=0, le=180)
+    centre_deg: _Angle
     """The centre sector reaches so far to either side of straight ahead, degrees."""
-    reach_deg: float = Field(gt=0, le=180)
+    reach_deg: _Angle
     """The side sectors end so far from straight ahead, degrees."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "Bumper":
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.reach_deg < self.centre_deg:
-            raise ValueError(
+            raise RuleError(
                 f"have a reach_deg of at least centre_deg, not {self.reach_deg:g} and {self.centre_deg:g}"
             )
-        return self
 
 
-class RangeSensor(FileTable):
+class RangeSensor(Settings, frozen=True, kw_only=True):
     """A planar range sensor: a lidar, or a depth camera read as one."""
 
-    x: float = Field(0.0, ge=-5, le=5)
+    x: _Offset = 0.0
     """Where it sits on the body, m forward of the origin."""
-    y: float = Field(0.0, ge=-5, le=5)
+    y: _Offset = 0.0
     """The same, m to the left."""
-    heading_deg: float = Field(0.0, gt=-180, le=180)
+    heading_deg: Annotated[float, Meta(gt=-180, le=180)] = 0.0
     """Where the middle of its view points, degrees counter-clockwise from straight ahead."""
-    field_of_view_deg: float = Field(gt=0, le=360)
+    field_of_view_deg: Annotated[float, Meta(gt=0, le=360)]
     """Angle between the first and the last ray, or the full circle, degrees."""
-    rays: int = Field(ge=2, le=10_000)
+    rays: Annotated[int, Meta(ge=2, le=10_000)]
     """Rays per sweep, at equal angles."""
-    range_min: float = Field(0.0, ge=0, le=60)
+    range_min: _Range = 0.0
     """Whatever is nearer gives no echo, but hides what is behind it, m."""
-    range_max: float = Field(gt=0, le=60)
+    range_max: Annotated[float, Meta(gt=0, le=60)]
     """Whatever is farther gives no echo, m."""
-    rate: float = Field(gt=0, le=1000)
+    rate: Annotated[float, Meta(gt=0, le=1000)]
     """Sweeps per second, Hz."""
-    noise: float = Field(0.0, ge=0, le=10)
+    noise: _Noise = 0.0
     """Standard deviation of a range, m."""
-    noise_growth: float = Field(0.0, ge=0, le=10)
+    noise_growth: _Noise = 0.0
     """Adds so much times the square of the range to the standard deviation, 1/m."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "RangeSensor":
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.range_max <= self.range_min:
-            raise ValueError(
+            raise RuleError(
                 f"have a range_max above range_min, not {self.range_max:g} m and {self.range_min:g} m"
             )
-        return self
 
     @property
     def mount(self) -> Pose:
@@ -162,40 +172,52 @@ class RangeSensor(FileTable):
         return self.increment - half if self.full_circle else -half
 
 
-class _ModelFile(FileTable):
+class RobotModel(Settings, frozen=True, kw_only=True):
+    """A kind of robot, as its file describes it, with one of its range sensors mounted."""
+
     name: Text
-    mass: float = Field(gt=0, le=10_000)
-    friction: float = Field(ge=0, le=10)
+    mass: Annotated[float, Meta(gt=0, le=10_000)]
+    """kg, centred at the body's origin."""
+    friction: _Noise
+    """Coefficient of the body sliding along a wall; between two robots the product of both."""
     odometry: OdometryKind
+    """Model of odometry errors unless a scenario names another one."""
     default_sensor: str
+    """Name of the mounted sensor."""
     footprint: Footprint
     drive: DriveParameters
     bumper: Bumper | None = None
-    sensors: dict[str, RangeSensor] = Field(min_length=1)
+    sensors: Annotated[dict[str, RangeSensor], Meta(min_length=1)]
+    """By name."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> "_ModelFile":
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.odometry == "kobuki" and self.drive.kind != "differential":
-            raise ValueError("have a differential drive where odometry is 'kobuki', which reads two wheels")
-        return self
+            raise RuleError("have a differential drive where odometry is 'kobuki', which reads two wheels")
+
+    @property
+    def sensor(self) -> RangeSensor:
+        """The mounted sensor."""
+        return self.sensors[self.default_sensor]
+
+    def with_sensor(self, **changes: float) -> "RobotModel":
+        """Return the model with these properties of its mounted sensor changed."""
+        sensor = msgspec.structs.replace(self.sensor, **changes)
+        return msgspec.structs.replace(self, sensors={**self.sensors, self.default_sensor: sensor})
 
 
-@dataclass(frozen=True)
-class RobotModel:
-    """A kind of robot with the range sensor that is mounted on it."""
+class RobotDescription(Settings, frozen=True):
+    """One robot, as fleet, world, base and the robot itself have it."""
 
-    name: str
-    footprint: Footprint
-    mass: float
-    """kg, centred at the body's origin."""
-    friction: float
-    """Coefficient of the body sliding along a wall; between two robots the product of both."""
-    drive: DriveParameters
-    bumper: Bumper | None
-    odometry: OdometryKind
-    """Which model of odometry errors the robot has unless a scenario says otherwise."""
-    sensor_name: str
-    sensor: RangeSensor
+    id: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
+    model: Model
+    """Name of a shipped robot model, or the path of a model file."""
+    sensor: SensorName | None
+    """The mounted sensor of the model's; None: the model's own choice."""
+    start: StartPose
+    """x, y in m and heading in rad at switch-on, map frame."""
+    places: Places
+    """The places that it has to clean, in this order, m, map frame."""
 
 
 def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
@@ -212,23 +234,13 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     Without `sensor` the file's default is taken. Anything wrong is a AcrcError.
     """
     name, text = _read(name_or_path)
-    file = table_wording.parse(text, _ModelFile, name)
-    mounted = file.default_sensor if sensor is None else sensor
-    if mounted not in file.sensors:
+    model = settings.parse(text, RobotModel, name)
+    mounted = model.default_sensor if sensor is None else sensor
+    if mounted not in model.sensors:
         asked = "default_sensor" if sensor is None else "the sensor"
-        right = wording.one_of(sorted(file.sensors))
+        right = wording.one_of(sorted(model.sensors))
         raise AcrcError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
-    return RobotModel(
-        name=file.name,
-        footprint=file.footprint,
-        mass=file.mass,
-        friction=file.friction,
-        drive=file.drive,
-        bumper=file.bumper,
-        odometry=file.odometry,
-        sensor_name=mounted,
-        sensor=file.sensors[mounted],
-    )
+    return msgspec.structs.replace(model, default_sensor=mounted)
 
 
 def _read(name_or_path: str) -> tuple[str, str]:
@@ -240,4 +252,4 @@ def _read(name_or_path: str) -> tuple[str, str]:
     if not name_or_path.endswith(".toml"):
         right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
         raise AcrcError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
-    return name_or_path, toml_file.read(Path(name_or_path), "robot model")
+    return name_or_path, settings.read_text(Path(name_or_path), "robot model")

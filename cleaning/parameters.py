@@ -4,10 +4,11 @@ Text: "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Pr
 7.4.1. Code: d3scomp/deeco-adaptation-testbed, CleanerRobot and the two ensembles.
 """
 
+import math
 from dataclasses import dataclass, field, fields
 from enum import Enum
 
-from actors.bounds import ParameterError, check, check_range
+from actors.settings import ParameterError, check_range
 from deeco import Duration, seconds
 from deeco.link import LinkParameters
 
@@ -38,16 +39,14 @@ class CleaningParameters:
     """The same for whatever reason navigation may have to give the place up."""
 
     def __post_init__(self) -> None:
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        check(
-            "strategy",
-            self,
-            positive=[name for name, value in values.items() if isinstance(value, float)],
-            least={name: 0 for name, value in values.items() if isinstance(value, int)},
-        )
-        for name in ("no_plan_attempts", "aborted_attempts"):
-            if values[name] > 1 and not self.retry:
-                raise ParameterError(f"strategy.{name}", values[name], "0 or 1 without retry")
+        for name in (one.name for one in fields(self)):
+            value = getattr(self, name)
+            if isinstance(value, float) and not 0 < value < math.inf:
+                raise ParameterError(f"strategy.{name}", value, "above 0")
+            if isinstance(value, int) and value < 0:
+                raise ParameterError(f"strategy.{name}", value, "at least 0")
+            if name in {"no_plan_attempts", "aborted_attempts"} and value > 1 and not self.retry:
+                raise ParameterError(f"strategy.{name}", value, "0 or 1 without retry")
 
 
 @dataclass(frozen=True)

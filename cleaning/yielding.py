@@ -8,9 +8,9 @@ no valid trajectory, and without backing out stand to the end of the run.
 from dataclasses import dataclass, field
 from typing import Final, Self
 
-from actors.bounds import check_range
 from actors.geometry import Point
 from actors.robot.behaviour import FARTHEST_BACK, FloorPlan, Navigation
+from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import Measured
-from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -30,6 +29,7 @@ from actors.robot.navigation.navfn import NavfnPlanner, global_costs
 from actors.robot.navigation.planning import PLANNER_PRESETS
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.settings import ParameterError
 
 PRESET: Final = "chapter"
 CATEGORIES: Final = ("free", "near_goal", "turning")

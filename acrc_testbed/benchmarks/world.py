@@ -1,6 +1,5 @@
 """Speed of physics and scans alone, beside navground, pymunk and given figures of Stage."""
 
-import dataclasses
 import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -48,7 +47,7 @@ def best(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) ->
 def turtlebot(rays: int) -> RobotModel:
     """The chapter's robot with so many rays."""
     model = load_model("turtlebot2", "chapter")
-    return dataclasses.replace(model, sensor=model.sensor.model_copy(update={"rays": rays}))
+    return model.with_sensor(rays=rays)
 
 
 def strewn(grid: OccupancyGrid, count: int, rng: Generator) -> list[Pose]:

@@ -237,7 +237,7 @@ def units(
 
     root = clone("fleet units")
     loaded = load_fleet(fleet)
-    chosen = loaded.robot(robot)
+    chosen = loaded.robot_named(robot)
     written = unit_files.write(
         loaded,
         chosen,
@@ -295,7 +295,7 @@ def keys(
 
     loaded = load_fleet(fleet)
     hosts = fleet_keys.hosts_of(host or [], loaded)
-    folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
+    folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)
     if not revoke:
         made = fleet_keys.issue(loaded, folder, hosts, now=now, days=days)
         _answer_keys(loaded, made, [], None, json=json)

@@ -44,7 +44,7 @@ def strategies(json: Json = False) -> None:
 def presets(json: Json = False) -> None:
     """List presets of radio, localisation and navigation."""
     # read from the sources: importing them takes as long as starting a simulation
-    actors, tables = REPOSITORY / "actors", REPOSITORY / "deploy" / "scenario" / "stack_tables.py"
+    actors, tables = REPOSITORY / "actors", REPOSITORY / "actors" / "robot" / "stack.py"
     odometry = {
         "table": "localisation",
         "name": "odometry",

@@ -251,7 +251,7 @@ class FieldTrialError(AcrcError):
 class _Base(msgspec.Struct, frozen=True):
     """What the first record of a robot's base says of it."""
 
-    robot: str
+    id: str
 
 
 class Punctuality(msgspec.Struct, frozen=True):
@@ -388,7 +388,7 @@ def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
     if run.actor != "base":
         return
     try:
-        robot = typed_json.decode(run.setup, _Base).robot
+        robot = typed_json.decode(run.setup, _Base).id
         final = read_notes(path).get("final")
         if final is None:
             trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ class PlacementError(AcrcError):
     """Something that cannot stand where, or as often as, it was asked to."""
 
 
-@dataclass(frozen=True)
-class Area:
+class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A named rectangle of the floor, its sides along the axes of the map frame."""
 
     name: str

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Self
+from typing import Annotated, Final, Self
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from actors.bounds import check_range
 from actors.floor.map_file import load_map
 from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium.medium import Interferer, Propagation
@@ -24,11 +24,15 @@ from actors.radio.propagation.indoor import (
     line_of_sight,
 )
 from actors.radio.propagation.interferers import Wifi, WifiParameters
-from actors.radio.propagation.walls import WallPatch, build, material
+from actors.radio.propagation.walls import MaterialName, WallPatch, build, material
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import ActorSetup, ProcessSetup
+from actors.settings import Settings, Text
 
+Channel = Annotated[
+    int, Meta(ge=11, le=26, description="an IEEE 802.15.4 channel, a whole number from 11 to 26")
+]
 CHIP_NOISE_DBM: Final = -95.51
 """Noise at which 1 % of frames of 20 octets are lost at -95 dBm, which is how the standard defines the
 sensitivity (IEEE 802.15.4-2006, 6.1.7) and what Microchip DS39776C gives as typical for the MRF24J40."""
@@ -116,8 +120,23 @@ def preset(name: str) -> RadioParameters:
     return PRESETS[name]
 
 
-class RadioSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The robots with transceivers, and the radio's model; what is None is as the preset has it."""
+class RadioTable(Settings, frozen=True):
+    """What is different from a preset of the radio's model; None is as the preset has it."""
+
+    preset: Annotated[Text, Meta(description='the name of a radio preset, such as "chapter"')] = "chapter"
+    """Name of the model's parameters, see `PRESETS`."""
+    channel: Channel | None = None
+    """Part of the band that the frames use; it counts where there is Wi-Fi."""
+    walls: MaterialName | None = None
+    """Material of what is occupied on the map, see `walls.MATERIALS`; "air": walls cost nothing."""
+    shadowing_db: Annotated[float, Meta(ge=0, le=30, extra={"unit": "dB"})] | None = None
+    """Standard deviation of the loss between places alike, dB; 0: none."""
+    correlation_distance: Annotated[float, Meta(ge=0.1, le=1000, extra={"unit": "metres"})] | None = None
+    """Over which the shadowing changes, m."""
+
+
+class RadioSetup(RadioTable, frozen=True, kw_only=True):
+    """The robots with transceivers, and the radio's model."""
 
     seed: int
     """Of everything random on the medium; the run's, if that has no key."""
@@ -125,20 +144,10 @@ class RadioSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Length of a step, µs."""
     robots: tuple[tuple[str, int], ...]
     """Id and short address (IEEE 802.15.4) of every robot, in the order of the scenario."""
-    preset: str = "chapter"
-    """Name of the model's parameters, see `PRESETS`."""
     map: str = ""
     """Path of the floor plan's YAML; empty: there are no walls."""
-    walls: str | None = None
-    """Material of what the floor plan has as occupied, see `walls.MATERIALS`."""
     patches: tuple[WallPatch, ...] = ()
-    """Where it is of another one."""
-    shadowing_db: float | None = None
-    """Standard deviation of the shadowing, dB."""
-    correlation_distance: float | None = None
-    """Over which the shadowing changes, m."""
-    channel: int | None = None
-    """11 to 26."""
+    """Where walls are of another material."""
     wifi: tuple[WifiParameters, ...] = ()
     """Wi-Fi stations about."""
 
@@ -181,7 +190,6 @@ def radio_model(setup: RadioSetup) -> RadioModel:
 def _amended(setup: RadioSetup) -> RadioParameters:
     named = preset(setup.preset)
     channel = named.channel if setup.channel is None else setup.channel
-    check_range("radio.channel", channel, 11, 26)
     return replace(named, channel=channel, propagation=_propagation(setup, named.propagation))
 
 

@@ -12,7 +12,6 @@ from actors.geometry import Point, Pose, wrap
 from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
-from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import Start
 from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
@@ -28,11 +27,12 @@ from actors.robot.navigation.floor_plan import ReachableFloor
 from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, ground
-from actors.robot.stack import Stack
+from actors.robot.stack import Adaptation, Stack
 from actors.robot.sweep import Sweeps
-from actors.robot_model import RobotModel
+from actors.robot_model import RobotDescription, RobotModel
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
+from actors.settings import Count
 
 KERNELS: Final = (
     *(foundations, arrays, draws, distance, flood, potential, ray_tracing, cost_map, map_grid, local_plan),
@@ -40,16 +40,12 @@ KERNELS: Final = (
 )
 
 
-Count = Annotated[int, msgspec.Meta(ge=0)]
-
-
-class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RobotSetup(RobotDescription, frozen=True, kw_only=True):
     """Everything that makes up one robot, whatever process it runs in.
 
     Paths are relative to the folder of the set-up, and may be absolute.
     """
 
-    id: Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
     epoch: Count
     """How often it has been restarted."""
     first_step: Count
@@ -58,16 +54,8 @@ class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     step_us: Annotated[int, msgspec.Meta(ge=1)]
     address: Count
     """On the radio."""
-    start: tuple[float, float, float]
-    """x, y in m and heading in rad at switch-on, map frame."""
-    places: tuple[Point, ...]
-    """That it has to clean, m, map frame."""
     behaviour: str
     """Entry string `module:function`."""
-    model: str
-    """Name of a shipped robot model, or the path of a model file."""
-    sensor: str | None = None
-    """The model's range sensor to use; None: the model's own."""
     map: str = "map.yaml"
     """The floor plan."""
     adaptation: Adaptation = Adaptation()
@@ -117,7 +105,7 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
         address=setup.address,
         epoch=setup.epoch,
         pose=setup.pose,
-        places=setup.places,
+        places=tuple(Point(*place) for place in setup.places),
         generator=own,
         settings=MappingProxyType(dict(told.settings)),
         exchange=told.exchange,

@@ -56,7 +56,7 @@ class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fiel
 
 def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSetup[A, P]:
     """The set-up of what is called `actor`, such as "a robot", in a file. Raises AcrcError."""
-    return typed_json.read(path, kind, f"set-up of {actor}", strict=True)
+    return typed_json.read(path, kind, f"set-up of {actor}")
 
 
 def setup_bytes(setup: msgspec.Struct) -> bytes:

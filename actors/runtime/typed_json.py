@@ -9,7 +9,7 @@ import msgspec
 
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.wording import shown, unknown_key
+from actors.wording import shown
 
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
@@ -56,32 +56,14 @@ def read(
     what: str,
     most: int = regular_file.LARGEST,
     hook: Callable[[type, Any], Any] | None = None,
-    *,
-    strict: bool = False,
 ) -> T:
-    """What stands in a file, which should be a `what`, such as "set-up of a robot". Raises AcrcError.
-
-    `strict`: refuse a key that is not known also where a dataclass stands, which passes over such a key.
-    """
+    """What stands in a file, which should be a `what`, such as "set-up of a robot". Raises AcrcError."""
     try:
-        data = regular_file.content(path, most)
-        found = decode(data, kind, hook=hook)
-        if strict:
-            _refuse_unknown(msgspec.json.decode(data), msgspec.to_builtins(found), "")
-        return found
+        return decode(regular_file.content(path, most), kind, hook=hook)
     except OSError as error:
         raise AcrcError(f"{path}: the {what} cannot be read: {error.strerror or error}") from None
     except (ValueError, AcrcError) as error:
         raise AcrcError(f"{path}: no {what}: {str(error)[:_MOST_TOLD]}") from None
-
-
-def _refuse_unknown(given: object, taken: object, place: str) -> None:
-    """Raise ValueError for a key that was not taken."""
-    if isinstance(given, dict) and isinstance(taken, dict):
-        for name, value in given.items():
-            if name not in taken:
-                raise ValueError(unknown_key(place, name, taken))
-            _refuse_unknown(value, taken[name], f"{place}.{name}" if place else name)
 
 
 def decode(

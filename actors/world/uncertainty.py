@@ -5,10 +5,10 @@ All of it is drawn once, from the run's seed; robots have the map as it is in it
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -16,6 +16,7 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
 from actors.portable.draws import normals
+from actors.settings import Settings, Share
 from actors.world.odometry import KobukiErrors, StageErrors
 
 _LATTICE: Final = 2.0
@@ -29,18 +30,18 @@ _PASSAGE: Final = 0.6
 places its middle is twice its radius farther."""
 
 
-class Uncertainty(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The doses; those of the defaults are none."""
+class Uncertainty(Settings, frozen=True):
+    """How the floor differs from the robots' map, what sensors miss, how odometry drifts."""
 
-    map_error: float = 0.0
+    map_error: Annotated[float, Meta(ge=0, le=0.5, extra={"unit": "metres"})] = 0.0
     """Standard deviation of how far a wall is from where the map has it, m, by direction."""
-    glass: float = 0.0
+    glass: Share = 0.0
     """Share of the walls that range sensors look through."""
-    furniture: int = 0
-    """So many things on the floor that the map does not have."""
-    drift: float = 1.0
-    """The odometry's errors are so many times as large."""
-    dropout: float = 0.0
+    furniture: Annotated[int, Meta(ge=0, le=1000)] = 0
+    """So many things on the floor, of 0.25 m radius, that the map does not have."""
+    drift: Annotated[float, Meta(ge=0, le=1000)] = 1.0
+    """The odometry's errors are so many times as large as those of its kind."""
+    dropout: Share = 0.0
     """Share of the rays of every scan that give no echo, whatever they hit."""
 
 

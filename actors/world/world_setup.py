@@ -10,26 +10,17 @@ import msgspec
 from actors.messages import DRIVE, SENSES
 from actors.orders import Order
 from actors.randomness import derived_seed, keyed_seed
-from actors.robot_model import OdometryKind
+from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 from actors.world.uncertainty import Uncertainty
 
 
-class BodySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One robot's body and where it starts."""
+class BodySetup(RobotDescription, frozen=True, kw_only=True):
+    """One robot's body and where it starts; its places are used to measure only."""
 
-    id: str
-    model: str
-    """Name of a shipped robot model, or the path of a model file."""
-    sensor: str | None
-    """Name of a sensor preset of the model; None = the model's default."""
     odometry: OdometryKind
     """Which model of odometry errors it has."""
-    start: tuple[float, float, float]
-    """x, y in metres and heading in radians, map frame."""
-    places: tuple[tuple[float, float], ...]
-    """The places the robot has to clean, m; used to measure only, robots read theirs from their own file."""
 
 
 class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -10,8 +10,8 @@ odometry alone nobody knows. A robot that stands sees nothing new, so after a wh
 from dataclasses import dataclass, field
 from typing import Self
 
-from actors.bounds import check_range
 from actors.robot.behaviour import FARTHEST_BACK, Behaviour, Navigation, Positioning, Start, host
+from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import State

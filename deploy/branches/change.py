@@ -14,6 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+from msgspec.structs import replace
+
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
@@ -196,7 +198,7 @@ def _present(scenario: Scenario, change: Change) -> Turn:
 def _from(scenario: Scenario, turn: Turn) -> Scenario:
     first, turns = succession.split(scenario.run.strategy)
     strategy = succession.joined(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
-    return scenario.model_copy(update={"run": scenario.run.model_copy(update={"strategy": strategy})})
+    return replace(scenario, run=replace(scenario.run, strategy=strategy))
 
 
 class OrderBus(MemoryBus):

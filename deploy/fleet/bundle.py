@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from actors import toml_file
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError, wrong_value
 from actors.installation.version import COMMIT, MINORS, requirements, software
@@ -21,6 +20,7 @@ from actors.runtime import regular_file
 from actors.runtime.access.credentials import PRIVATE_KEY_FILE
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError, printable
+from actors.settings import read_text, toml_tables
 from deploy.fleet import doctor
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.scenario.scenario_file import map_files, strategy_files
@@ -68,7 +68,7 @@ def make(
         raise wrong_value("--python", python, f"one of {', '.join(known)}")
     if out.is_dir():
         raise OptionError(f"--out: {out} is a folder; must be a file")
-    robot = fleet.robot(name)
+    robot = fleet.robot_named(name)
     for found in list(doctor.configuration(doctor.Machine(), fleet, robot, permit)):
         if not found.ok:
             raise AcrcError(f"{found.subject}: {found.text}")
@@ -102,7 +102,7 @@ def _program(root: Path) -> _Files:
 
 def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
     """Return fleet file, map, models and keys at the same relative paths, and the fleet file's path."""
-    tables = toml_file.tables(toml_file.read(fleet.path, "fleet"), fleet.path)
+    tables = toml_tables(read_text(fleet.path, "fleet"), fleet.path)
 
     def local(named: str) -> Path:
         if Path(named).is_absolute():
@@ -115,7 +115,7 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
     paths |= {local(one["model"]) for one in tables["robot"] if one.get("model", "").endswith(".toml")}
     private = set[Path]()
     if robot.listen is not None:
-        keys = local(tables.get("keys", fleet.keys.name)) / robot.id
+        keys = local(tables.get("keys", Path(fleet.keys).name)) / robot.id
         private = {keys / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE)}
     top = os.path.commonpath([path.parent for path in paths | private])
     names = {path: f"{CONFIGURATION}/{path.relative_to(top)}" for path in paths | private}

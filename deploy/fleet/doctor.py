@@ -488,7 +488,7 @@ def consult(
     if fleet is not None and name is None:
         known = ", ".join(robot.id for robot in fleet.robots)
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
-    robot = fleet.robot(name) if fleet is not None and name is not None else None
+    robot = fleet.robot_named(name) if fleet is not None and name is not None else None
     found: list[DoctorFinding] = []
     for one in findings(machine or Machine(), fleet, robot, permit):
         found.append(one)

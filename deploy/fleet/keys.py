@@ -55,7 +55,7 @@ def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
         robot, equals, host = word.partition("=")
         if not equals or not _HOST.fullmatch(host):
             raise wrong_value("--host", word, "a robot's id and its name or address, such as r2=192.168.1.12")
-        fleet.robot(robot)
+        fleet.robot_named(robot)
         found.setdefault(robot, []).append(host)
     return found
 
@@ -105,7 +105,7 @@ def renew(
     """
     for machine in revoked:
         if machine != OPERATOR:
-            fleet.robot(machine)
+            fleet.robot_named(machine)
     if not (out / HOME / AUTHORITY_FILE).is_file():
         raise AcrcError(
             f"{out}: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"

@@ -121,11 +121,11 @@ def base_program(onboard: Onboard, start: int) -> Program:
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BASE)
     robot = onboard.robot
     base = BaseSetup(
-        robot=robot.id,
+        id=robot.id,
         model=f"../{robot.id}/{MODEL}" if robot.model.endswith(".toml") else robot.model,
         sensor=robot.sensor,
         start=robot.start,
-        places=len(robot.places),
+        places=robot.places,
         step_us=plan.world.step_us,
         base=ports.base,
         range=ports.range,

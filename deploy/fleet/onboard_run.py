@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
@@ -294,9 +296,9 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
             f"`{command()} add debugpy` brings it"
         )
     pose_file = options.out.parent / f"{name}.pose"
-    robot = fleet.robot(name)
+    robot = fleet.robot_named(name)
     if options.at is not None:
-        robot = robot.model_copy(update={"start": _told(options.at, robot)})
+        robot = msgspec.structs.replace(robot, start=_told(options.at, robot))
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     ports = Ports(

@@ -29,7 +29,7 @@ from cleaning.strategies.registry import STRATEGIES
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.scenario.resolve import ResolvedScenario, Swarm, robot_setup
-from deploy.scenario.stack_tables import presets_of
+from deploy.scenario.scenario_file import with_models
 from deploy.scenario.tables import Scenario, to_toml
 
 MAP: Final = "map"
@@ -55,21 +55,11 @@ def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioC
     files = [name for name in named if name is not None and name.endswith(".toml")]
     places = {name: f"{_MODELS}/{number}-{Path(name).name}" for number, name in enumerate(files, start=1)}
 
-    def moved(model: str | None) -> str | None:
-        return model if model is None else places.get(model, model)
-
     lay = options.modules[0] if options.modules else scenario.run.modules
     modules = os.path.relpath(lay, out) if ":" in scenario.run.strategy and lay else None
-    here = scenario.model_copy(
-        update={
-            "map": f"{MAP}/map.yaml",
-            "run": scenario.run.model_copy(update={"modules": modules}),
-            "robots": scenario.robots.model_copy(update={"model": moved(scenario.robots.model)}),
-            "robot": tuple(
-                robot.model_copy(update={"model": moved(robot.model)}) for robot in scenario.robot
-            ),
-        }
-    )
+    run = msgspec.structs.replace(scenario.run, modules=modules)
+    here = msgspec.structs.replace(scenario, map=f"{MAP}/map.yaml", run=run)
+    here = with_models(here, lambda model: places.get(model, model))
     models = tuple((Path(name), place) for name, place in places.items())
     return ScenarioCopy(
         to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software())
@@ -78,7 +68,7 @@ def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioC
 
 def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
     """The origin of a run of `scenario`, whose file is called `name`."""
-    run, presets = scenario.run, presets_of(scenario)
+    run, presets = scenario.run, scenario.presets
     return Origin(
         name,
         run.strategy,

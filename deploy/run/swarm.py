@@ -67,8 +67,8 @@ from deploy.run.plan import (
 )
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
+from deploy.scenario.survey import scenario_warnings
 from deploy.scenario.tables import Scenario
-from deploy.scenario.warnings import scenario_warnings
 
 if TYPE_CHECKING:
     from deploy.hosts.run_hosts import Recruits, RunHosts

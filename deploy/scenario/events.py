@@ -14,8 +14,7 @@ from actors.orders import Order
 from actors.runtime.errors import AcrcError
 from actors.wording import shown
 from actors.world.world_setup import TimedOrder
-from deploy.scenario.stack_tables import AreaTable
-from deploy.scenario.tables import EventTable, Scenario
+from deploy.scenario.tables import AreaTable, EventTable, Scenario
 
 
 def robot_fault(scenario: Scenario) -> str | None:

@@ -3,26 +3,58 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from msgspec.structs import asdict, replace
+
+from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
-from actors.geometry import Point
+from actors.floor.placement import PlacementError, check_pose, draw_points
+from actors.geometry import Point, wrap
 from actors.instant import milliseconds, seconds
 from actors.radio import radio_model
-from actors.radio.propagation.interferers import WifiParameters
-from actors.radio.propagation.walls import WallPatch, inside
+from actors.radio.propagation.walls import inside
 from actors.radio.radio_model import RadioSetup
+from actors.randomness import generator
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.stack import Stack
-from actors.robot_model import load_model
+from actors.robot.stack import Adaptation, Stack
+from actors.robot_model import OdometryKind, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
+from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.events import check_areas, of_places, timed_orders
-from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
-from deploy.scenario.stack_tables import adaptation, presets_of, stack_of
+from deploy.scenario.events import check_areas, for_places, for_starts, of_places, timed_orders
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
+
+
+class SpotError(AcrcError):
+    """Robots or places that the floor plan has no room for."""
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How far from everything else robots and places are drawn."""
+
+    clearance: float = 0.6
+    """From walls, m. Default: a robot can pass between the point and the wall."""
+    apart: float = 0.6
+    """From each other, centre to centre, m: of the robots' starts, and of one robot's places. Default: as
+    `clearance`."""
+    per_robot: int = 10
+    """Places of a robot unless the scenario says. Default: d3scomp/deeco-adaptation-testbed,
+    GARBAGE_PER_ROBOT."""
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """One robot's kind, before it has a start and places."""
+
+    id: str
+    model: str
+    sensor: str
+    odometry: OdometryKind
+    radius: float
+    own: RobotTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +119,15 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_doors(grid, figures, scenario)
     robots = tuple(
         BodySetup(
-            figure.id, figure.model, figure.sensor, figure.odometry, start,
+            figure.id,
+            figure.model,
+            figure.sensor,
+            start,
             places(grid, figure, start, scenario),
+            odometry=figure.odometry,
         )
         for figure, start in zip(figures, poses, strict=True)
-    )  # fmt: skip
+    )
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
     world = WorldSetup(
         map=scenario.map,
@@ -101,7 +137,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         duration_us=seconds(run.duration),
         robots=robots,
         events=timed_orders(scenario),
-        uncertainty=Uncertainty(**dict(scenario.uncertainty)),
+        uncertainty=scenario.uncertainty,
     )
     if world.uncertainty != Uncertainty():  # else what is said above of the map holds
         _check_floor(world)
@@ -111,47 +147,30 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         scenario=settled,
         grid=grid,
         world=world,
-        radio=_radio_setup(scenario, addresses),
+        radio=RadioSetup(
+            **asdict(scenario.radio),
+            seed=run.seed_of("radio"),
+            step_us=step_us,
+            robots=addresses,
+            map=scenario.map,
+            patches=scenario.wall,
+            wifi=scenario.wifi,
+        ),
         behaviour=behaviour,
-        adaptation=adaptation(settled.strategy, settled.deeco, settled.area),
-        stack=stack_of(settled),
+        adaptation=settled.adaptation,
+        stack=settled.stack,
     )
 
 
 def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
     """Raise AcrcError if a table [[wall]] holds nothing that is occupied."""
-    for index, (patch, table) in enumerate(zip(_patches(scenario), scenario.wall, strict=True)):
+    for index, patch in enumerate(scenario.wall):
         if not (grid.cells[inside(grid, patch)] == OCCUPIED).any():
-            (x0, x1), (y0, y1) = table.x, table.y
+            (x0, x1), (y0, y1) = patch.x, patch.y
             raise AcrcError(
                 f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied,"
                 " but must hold a wall"
             )
-
-
-def _radio_setup(scenario: Scenario, addresses: tuple[tuple[str, int], ...]) -> RadioSetup:
-    """What the radio is told: robots with their short addresses, the preset, what differs from it."""
-    radio = scenario.radio
-    return RadioSetup(
-        seed=scenario.run.seed_of("radio"),
-        step_us=milliseconds(scenario.run.step_ms),
-        robots=addresses,
-        preset=radio.preset,
-        map=scenario.map,
-        walls=radio.walls,
-        patches=_patches(scenario),
-        shadowing_db=radio.shadowing_db,
-        correlation_distance=radio.correlation_distance,
-        channel=radio.channel,
-        wifi=tuple(
-            WifiParameters(*station.at, station.channel, station.duty, station.power_dbm)
-            for station in scenario.wifi
-        ),
-    )
-
-
-def _patches(scenario: Scenario) -> tuple[WallPatch, ...]:
-    return tuple(WallPatch(table.material, table.x, table.y) for table in scenario.wall)
 
 
 def _check_floor(world: WorldSetup) -> None:
@@ -168,7 +187,7 @@ def _figure(robot: str, scenario: Scenario) -> RobotSpec:
     name = own.model or common.model
     model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
     odometry = own.odometry or common.odometry or model.odometry
-    return RobotSpec(robot, name, model.sensor_name, odometry, model.footprint.circumradius, own)
+    return RobotSpec(robot, name, model.default_sensor, odometry, model.footprint.circumradius, own)
 
 
 def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
@@ -176,26 +195,168 @@ def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
 
     Of the areas it keeps those of the places: robots may ask for a random point there.
     """
-    tables = tuple(
-        RobotTable(
-            id=robot.id,
-            model=robot.model,
-            sensor=robot.sensor,
-            odometry=robot.odometry,
-            start=robot.start,
-            places=robot.places,
+    tables = tuple(RobotTable(**asdict(robot)) for robot in robots)
+    presets = {name: {"preset": one, **getattr(scenario, name)} for name, one in scenario.presets.items()}
+    return replace(
+        scenario,
+        robots=replace(scenario.robots, start=(), areas=None),
+        places=PlacesTable(preset="listed"),
+        area=of_places(scenario),
+        robot=tables,
+        **presets,
+    )
+
+
+def starts(
+    grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario, spacing: Spacing = Spacing()
+) -> list[tuple[float, float, float]]:
+    """Every robot's first pose, in order: as given, or drawn at a distance from all that are given."""
+    given: dict[str, tuple[float, float, float]] = {}
+    for index, figure in enumerate(figures):
+        pose = figure.own.start
+        if pose is None and index < len(scenario.robots.start):
+            pose = scenario.robots.start[index]
+        if pose is not None:
+            check_pose(grid, Point(*pose[:2]), figure.radius, figure.id)
+            given[figure.id] = (pose[0], pose[1], wrap(pose[2]))
+    _check_apart([figure for figure in figures if figure.id in given], given)
+    taken = [Point(*pose[:2]) for pose in given.values()]
+    floor = taken[0] if taken else None
+    for figure in figures:
+        if figure.id in given:
+            continue
+        point = _draw_start(grid, figure, scenario, spacing, taken, floor)
+        taken.append(point)
+        given[figure.id] = (*_to_the_millimetre(point), 0.0)
+    return [given[figure.id] for figure in figures]
+
+
+def _draw_start(
+    grid: OccupancyGrid,
+    figure: RobotSpec,
+    scenario: Scenario,
+    spacing: Spacing,
+    taken: Sequence[Point],
+    floor: Point | None,
+) -> Point:
+    try:
+        (point,) = draw_points(
+            grid,
+            1,
+            rng=generator(scenario.run.seed_of("placement"), "start", figure.id),
+            clearance=max(spacing.clearance, figure.radius),
+            apart=max(spacing.apart, 2 * figure.radius),
+            keep_off=taken,
+            start=floor,
+            passage=figure.radius,
+            areas=for_starts(scenario),
         )
-        for robot in robots
-    )
-    return scenario.model_copy(
-        update={
-            "robots": scenario.robots.model_copy(update={"start": (), "areas": None}),
-            "places": PlacesTable(preset="listed"),
-            **{
-                name: {"preset": preset, **getattr(scenario, name)}
-                for name, preset in presets_of(scenario).items()
-            },
-            "area": of_places(scenario),
-            "robot": tables,
-        }
-    )
+    except PlacementError as error:
+        where = "" if scenario.robots.areas is None else " in robots.areas"
+        raise SpotError(
+            f"robot {figure.id} finds no start{where} beside {len(taken)} others: {error}"
+        ) from error
+    return point
+
+
+def _check_apart(figures: Sequence[RobotSpec], given: dict[str, tuple[float, float, float]]) -> None:
+    for index, figure in enumerate(figures):
+        here = Point(*given[figure.id][:2])
+        for other in figures[:index]:
+            gap, needed = here.distance_to(Point(*given[other.id][:2])), figure.radius + other.radius
+            if gap < needed:
+                raise SpotError(
+                    f"robots {other.id} and {figure.id} would start {gap:.3f} m apart at"
+                    f" ({here.x:g}, {here.y:g}), but must be at least {needed:.3f} m apart"
+                )
+
+
+def check_events(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+    """Raise an AcrcError if an event puts a robot or a place into a wall."""
+    radius = {figure.id: figure.radius for figure in figures}
+    for index, event in enumerate(scenario.event):
+        if event.move is not None and event.to is not None:
+            check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
+        for x, y in event.places or ():
+            if not grid.is_free(Point(x, y)):
+                raise SpotError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
+
+
+def check_doors(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+    """Raise SpotError for a door that there is not, or that is to close or open when it is so already."""
+    doorways = Doorways(grid, max(figure.radius for figure in figures))
+    closed: set[int] = set()
+    for index, event in sorted(enumerate(scenario.event), key=lambda item: item[1].at):
+        point, verb = event.close or event.open, "open" if event.close is None else "close"
+        if point is None:
+            continue
+        try:
+            door = doorways.at(Point(*point))
+            doorways.closed(door)
+        except DoorError as error:
+            raise SpotError(f"event[{index}].{verb} is no door: {error}") from None
+        if (door.index in closed) == (verb == "close"):
+            state = "closed" if verb == "close" else "open"
+            raise SpotError(f"event[{index}] would {verb} a door at {event.at:g} s, which is {state} then")
+        closed ^= {door.index}
+
+
+def places(
+    grid: OccupancyGrid,
+    figure: RobotSpec,
+    start: tuple[float, float, float],
+    scenario: Scenario,
+    spacing: Spacing = Spacing(),
+) -> tuple[tuple[float, float], ...]:
+    """The robot's places: its own, or those that the preset means."""
+    if figure.own.places is not None:
+        return _checked(grid, figure, figure.own.places, f"of {scenario.map}")
+    index = scenario.ids.index(figure.id)
+    count = spacing.per_robot if scenario.places.per_robot is None else scenario.places.per_robot
+    if scenario.places.preset == "golden" and index < len(GOLDEN):
+        where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
+        return _checked(grid, figure, _golden(index, count), where)
+    if count == 0:
+        return ()
+    chosen = for_places(scenario)
+    try:
+        points = draw_points(
+            grid,
+            count,
+            rng=generator(scenario.run.seed_of("placement"), "places", figure.id),
+            clearance=spacing.clearance,
+            apart=spacing.apart,
+            start=Point(*start[:2]),
+            passage=figure.radius,
+            areas=chosen,
+        )
+    except PlacementError as error:
+        where = "on all free floor" if chosen is None else "in places.areas"
+        raise SpotError(f"robot {figure.id} cannot get its {count} places {where}: {error}") from error
+    return tuple(map(_to_the_millimetre, points))
+
+
+def _to_the_millimetre(point: Point) -> tuple[float, float]:
+    """So that people can read and repeat it."""
+    return round(point.x, 3), round(point.y, 3)
+
+
+def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
+    points = GOLDEN[index]
+    if count > len(points):
+        raise SpotError(
+            f'places.per_robot is {count}, but must be at most {len(points)} where places.preset is "golden"'
+        )
+    return points[:count]
+
+
+def _checked(
+    grid: OccupancyGrid, figure: RobotSpec, points: Sequence[tuple[float, float]], where: str
+) -> tuple[tuple[float, float], ...]:
+    """The points; SpotError for one that is not on free floor, `where` that should be."""
+    for index, (x, y) in enumerate(points):
+        if not grid.is_free(Point(x, y)):
+            raise SpotError(
+                f"place {index} of robot {figure.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
+            )
+    return tuple((x, y) for x, y in points)

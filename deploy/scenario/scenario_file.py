@@ -2,14 +2,14 @@
 
 import difflib
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
+from msgspec.structs import replace
 
-from actors import table_wording, toml_file, wording
+from actors import wording
 from actors.floor import offices
 from actors.floor.map_file import load_map, read_header
 from actors.floor.offices import OfficesError
@@ -19,11 +19,13 @@ from actors.robot.behaviour import succession
 from actors.robot.behaviour.foreign import is_installed
 from actors.robot.behaviour.modules import located
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
+from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError
+from actors.runtime.process_setup import located_model
+from actors.settings import ParameterError, decode, loads, read_text, toml_tables
 from deploy.scenario import events
 from deploy.scenario.events import area_fault, robot_fault
-from deploy.scenario.stack_tables import IMPROVED_REMOVED, AreaTable, stack_fault
-from deploy.scenario.tables import Scenario, document
+from deploy.scenario.tables import AreaTable, Scenario
 
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
@@ -70,26 +72,32 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     """
     path = DEFAULT_SCENARIO if path is None else path
     check_there(path, DEFAULT_SCENARIO.parent)
-    return parse(toml_file.read(path, "scenario"), path, overrides)
+    return parse(read_text(path, "scenario"), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
-    content = toml_file.tables(text, path)
+    content = toml_tables(text, path)
     if says_study(content):
         carried_out = typed("campaign", path)
         raise AcrcError(f"{path}: is a study, must be a scenario; to carry the study out: {carried_out}")
     own_map = content.get("map")
     options = _lay_over(content, overrides)
     try:
-        scenario = Scenario.model_validate(content)
-    except ValidationError as error:
-        raise _first(error, content, path, options) from None
+        scenario = decode(Scenario, content)
+    except ParameterError as error:
+        option = options.get(tuple(error.key.split(".")))
+        if option is not None and error.right:
+            raise wrong_value(option, error.value, error.right) from None
+        raise (OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: {error}")) from None
     scenario = _on_its_map(scenario, own_map, path, options)
-    faults = (robot_fault, area_fault, events.fault, stack_fault)
-    for fault in (find(scenario) for find in faults):
-        if fault:
-            raise AcrcError(f"{path}: {fault}")
+    try:
+        fault = robot_fault(scenario) or area_fault(scenario) or events.fault(scenario)
+        _ = scenario.stack
+    except AcrcError as error:
+        fault = str(error)
+    if fault:
+        raise AcrcError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
 
 
@@ -108,7 +116,7 @@ def _on_its_map(
         raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
     if moved and (fault := bound(scenario, str(own), options)):
         raise OptionError(f"{option}: {fault}")
-    scenario = scenario.model_copy(update={"map": there})
+    scenario = replace(scenario, map=there)
     return with_areas(scenario, own_areas=not moved or ("area",) in options)
 
 
@@ -154,7 +162,7 @@ def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
         if not key.strip() or not equals:
             raise wrong_value("--set", word, "a key and a value, such as deeco.publish=0.5")
         try:
-            value = toml_file.loads(f"value = {text}")["value"]
+            value = loads(f"value = {text}")["value"]
         except (ValueError, KeyError):
             value = text.strip()
         given.append((key.strip(), value))
@@ -181,43 +189,26 @@ def _number(value: float | str) -> float | str:
     return value
 
 
-def _first(
-    error: ValidationError, content: Mapping[str, Any], path: Path, options: Mapping[tuple[str, ...], str]
-) -> AcrcError:
-    """The first thing wrong, in the words of the option or of the file that it comes from."""
-    first = error.errors(include_url=False)[0]
-    option = options.get(tuple(str(part) for part in first["loc"]))
-    if option is not None and first["type"] == "extra_forbidden":
-        return OptionError(f"{option}: {table_wording.sentence(first, Scenario, content)}")
-    if option is not None:
-        right = table_wording.right_at(Scenario, first["loc"])
-        return wrong_value(option, first["input"], right.words)
-    return AcrcError(f"{path}: {table_wording.sentence(first, Scenario, content)}")
-
-
 def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
     """Paths as they are meant: relative to the scenario file's folder."""
-
-    def absolute(model: str) -> str:
-        return str(folder / model) if model.endswith(".toml") else model
-
-    run = scenario.run.model_copy(update={"modules": str(folder / (scenario.run.modules or "."))})
-    robots = scenario.robots.model_copy(update={"model": absolute(scenario.robots.model)})
-    others = tuple(
-        robot if robot.model is None else robot.model_copy(update={"model": absolute(robot.model)})
-        for robot in scenario.robot
+    return with_models(
+        replace(scenario, run=replace(scenario.run, modules=str(folder / (scenario.run.modules or ".")))),
+        lambda model: located_model(model, folder),
     )
-    return scenario.model_copy(update={"run": run, "robots": robots, "robot": others})
+
+
+def with_models(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
+    """Return the scenario with other names or paths of its robot models."""
+    robots = replace(scenario.robots, model=moved(scenario.robots.model))
+    own = tuple(
+        robot if robot.model is None else replace(robot, model=moved(robot.model)) for robot in scenario.robot
+    )
+    return replace(scenario, robots=robots, robot=own)
 
 
 def module_folders(scenario: Scenario) -> tuple[Path, ...]:
     """Where a scenario says that its strategy lies."""
     return (Path(scenario.run.modules),) if scenario.run.modules else ()
-
-
-def to_toml(scenario: Scenario) -> str:
-    """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
-    return document(scenario.model_dump(exclude_none=True))
 
 
 def map_of(told: str, folder: Path) -> str:
@@ -253,7 +244,7 @@ def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
         tables = tuple(
             AreaTable(name=room.name, x=(room.x0, room.x1), y=(room.y0, room.y1)) for room in rooms
         )
-    return scenario if tables == scenario.area else scenario.model_copy(update={"area": tables})
+    return scenario if tables == scenario.area else replace(scenario, area=tables)
 
 
 def title(told: str) -> str:
@@ -264,7 +255,7 @@ def title(told: str) -> str:
 def is_scenario(path: Path) -> bool:
     """True if a file is a scenario; of one that cannot be read nobody knows."""
     try:
-        content = toml_file.tables(toml_file.read(path, "scenario"), path)
+        content = toml_tables(read_text(path, "scenario"), path)
     except AcrcError:
         return False
     return "map" in content and not says_study(content)

@@ -2,20 +2,27 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Wedge
+from numpy.typing import NDArray
 
 from acrc_testbed.picture import floor_picture, style
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
+from actors.radio.radio_model import needed_dbm, radio_model
 from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
+from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.scenario_file import title
-from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
+from deploy.scenario.survey import MapSurvey, ScenarioSurvey
+
+_LATTICE: Final = 0.25
+"""Between the points at which radio is looked at, m."""
 
 
 def draw(found: ScenarioSurvey) -> Figure:
@@ -63,12 +70,36 @@ def write(found: ScenarioSurvey, path: Path) -> None:
 
 def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
     """From each start, to where on the floor half of the longest frames arrive."""
-    x, y = lattice(found.grid)
+    x, y = _lattice(found.grid)
     free = np.array([[found.grid.is_free(Point(east, north)) for east in x.tolist()] for north in y.tolist()])
     look: dict[str, Any] = {"levels": [0.0], "linewidths": 1.0, "linestyles": "dotted", "zorder": 3}
-    for index, left in enumerate(covered(found.resolved, found.grid)):
+    for index, left in enumerate(_covered(found.resolved, found.grid)):
         if left[free].min() < 0.0 < left[free].max():
             axes.contour(x, y, np.where(free, left, np.nan), colors=[style.colour(index)], **look)
+
+
+def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
+    """For each robot, (rows, columns) of a lattice: how many dB a frame from its start has left.
+
+    At 0 half of the longest frames arrive; the lattice covers the map, its points `_LATTICE` apart.
+    """
+    model = radio_model(resolved.radio)
+    x, y = _lattice(grid)
+    points = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
+    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    starts = np.array([body.start[:2] for body in resolved.world.robots], np.float64)
+    loss = model.propagation.loss_db(starts, points)
+    return [(budget - row).reshape(len(y), len(x)) for row in loss]
+
+
+def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The x and the y of the points at which radio is looked at, m."""
+    west, south, (east, north) = grid.origin.x, grid.origin.y, grid.corner
+    return _every(west, east), _every(south, north)
+
+
+def _every(begin: float, end: float) -> NDArray[np.float64]:
+    return np.asarray(np.arange(begin + _LATTICE / 2, end, _LATTICE), np.float64)
 
 
 def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
@@ -131,7 +162,7 @@ def draw_model(model: RobotModel) -> Figure:
         axes.set_ylabel("to the left, m")
         axes.grid(alpha=0.25, lw=0.5)
     near.set_title(model.name, loc="left", fontweight="bold", fontsize=10)
-    far.set_title(f"sensor {model.sensor_name}", loc="left", fontweight="bold", fontsize=10)
+    far.set_title(f"sensor {model.default_sensor}", loc="left", fontweight="bold", fontsize=10)
     handles: list[Patch | Line2D] = [
         Patch(color=_BODY, alpha=0.35, label="body, the line straight ahead"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),

@@ -1,31 +1,331 @@
-"""What a scenario, a map and a robot model mean before anything runs, in words and numbers."""
+"""What a scenario, a map and a robot model mean before anything runs, and what will fail in a run."""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
-from actors import toml_file
-from actors.floor.grid import UNKNOWN, OccupancyGrid, largest_region, passable, reachable
+from actors.floor import flood
+from actors.floor.doorway import Doorways
+from actors.floor.grid import (
+    OCCUPIED,
+    UNKNOWN,
+    Cell,
+    OccupancyGrid,
+    largest_region,
+    nearest_cell,
+    passable,
+    reachable,
+)
 from actors.floor.map_file import load_map, map_warnings
 from actors.floor.regions import Regions, regions
-from actors.geometry import Point
-from actors.radio.radio_model import RadioModel, needed_dbm, radio_model, reach
+from actors.geometry import STILL, Point, Pose
+from actors.instant import Instant
+from actors.radio.radio_model import needed_dbm, radio_model, reach
+from actors.robot.assembly import common_ground, navigator
+from actors.robot.behaviour.plan import GoalStatus
+from actors.robot.cost_maps.cost_map import room_needed
+from actors.robot.navigation.navfn import global_costs
+from actors.robot.navigation.planning import ground, narrowest_door
+from actors.robot.navigation.potential import IMPASSABLE, descent, potential
+from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.settings import read_text, toml_tables
 from actors.task.task import PlaceKey
+from actors.world.sensing import RangeSensors
+from actors.world.world_setup import BodySetup
 from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.stack_tables import presets_of
-from deploy.scenario.warnings import out_of_reach, scenario_warnings
 
-_LATTICE: Final = 0.25
-"""Between the points at which radio is looked at, m."""
+_CYCLE_US: Final = 200_000
+_TRIED_US: Final = 60_000_000
+"""A robot whose goal is still active then, without any command, does not get away."""
+_STEP: Final = 0.01
+"""Between the distances from a wall that are tried for a start, m."""
+_NAMED: Final = 3
+"""Names in a sentence; the others are counted."""
+_FADED_DB: Final = 6.0
+"""So far below the power at which half of the longest frames arrive, no frame does, dB."""
+_MOST_CELLS: Final = 1_000_000
+"""Larger maps are not looked at in half cells."""
+_SAMPLES: Final = 80
+"""Points of each part of the floor between which radio links are computed, at most."""
+
+
+def scenario_warnings(resolved: ResolvedScenario) -> tuple[str, ...]:
+    """Return what will fail in a run of the scenario, a sentence each."""
+    return _warnings(_floor(resolved, resolved.grid))
+
+
+def _warnings(floor: "_Floor") -> tuple[str, ...]:
+    told = map_warnings(floor.resolved.world.map)
+    return (*told, *_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
+
+
+class _RobotFloor(NamedTuple):
+    """Floor on which both planners of one robot's navigation find room for its body."""
+
+    clearance: float
+    """With which the local planner stands free at any angle, m."""
+    door: float
+    """Width of doors that both planners pass for certain, m."""
+    parts: NDArray[np.int32]
+    """(rows, columns): connected parts of the floor, from 1 on; 0 without room."""
+
+
+class _Floor:
+    """Reachable floor of every robot's navigation."""
+
+    def __init__(self, resolved: ResolvedScenario, grid: OccupancyGrid, slack: float = 0.0) -> None:
+        """`slack`: the clearance may be so much less at the centre of a cell, m, than robots need."""
+        self.slack = slack
+        self.resolved, self.grid, self.robots = resolved, grid, resolved.world.robots
+        self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
+        self.model, self._room = cache(load_model), cache(self._made)
+        reach = resolved.adaptation.settings.get("reach")
+        self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
+        self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
+        """The part of the floor that each robot starts in; 0 for none."""
+        self.unreached = dict(self._unreached())
+        """By place that its owner does not get to: another cell from which it could be visited, if any."""
+
+    def radius(self, robot: BodySetup) -> float:
+        """Return the radius of the robot's body, m."""
+        return self.model(robot.model, robot.sensor).footprint.circumradius
+
+    def room(self, robot: BodySetup) -> _RobotFloor:
+        """Return what the robot's body needs."""
+        return self._room(self.radius(robot))
+
+    def _made(self, radius: float) -> _RobotFloor:
+        stack, grid = self.resolved.stack, self.grid
+        clearance, cell = room_needed(radius, stack.local_map), self.resolved.grid.resolution
+        if stack.planner.method == "navfn":
+            passable = global_costs(grid, radius, stack.planner).costs < IMPASSABLE
+        else:
+            coarse = ground(grid, radius, stack.planner)
+            factor = round(coarse.grid.resolution / grid.resolution)
+            passable = (coarse.costs > 0).repeat(factor, axis=0).repeat(factor, axis=1)
+            passable = passable[: grid.rows, : grid.columns]
+        wide = grid.clearance >= clearance - self.slack
+        return _RobotFloor(
+            clearance,
+            max(2 * clearance, narrowest_door(radius, stack.planner, cell)),
+            flood.regions(passable & wide),
+        )
+
+    def part(self, robot: BodySetup, room: _RobotFloor) -> int:
+        """Return the part of the floor that the robot starts in, 0 for none.
+
+        A start too near to a wall counts as if it were a little farther away.
+        """
+        at = Point(*robot.start[:2])
+        cell = nearest_cell(self.grid, room.parts > 0, at, room.clearance)
+        return 0 if cell is None else int(room.parts[cell])
+
+    def _unreached(self) -> Iterator[tuple[PlaceKey, Cell | None]]:
+        for robot in self.robots:
+            parts, start = self.room(robot).parts, self.starts[robot.id]
+            for index, place in enumerate(robot.places):
+                here = Point(*place)
+                if start and parts[self.grid.cell(here)] == start:
+                    continue
+                if not start or nearest_cell(self.grid, parts == start, here, self.reach) is None:
+                    yield PlaceKey(robot.id, index), nearest_cell(self.grid, parts > 0, here, self.reach)
+
+
+def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
+    """Return the floor; in half cells where it seems to fall apart, as robots may be between two cells."""
+    floor = _Floor(resolved, grid)
+    if not floor.unreached and len(set(floor.starts.values())) == 1:
+        return floor
+    if grid.cells.size <= _MOST_CELLS:
+        halves = grid.cells.repeat(2, axis=0).repeat(2, axis=1)
+        grid = OccupancyGrid(halves, grid.resolution / 2, grid.origin)
+    return _Floor(resolved, grid, grid.resolution / 2)
+
+
+def _starts(floor: _Floor) -> Iterator[str]:
+    """Yield the robots whose local planner finds no way off the wall that they start at."""
+    for robot in floor.robots:
+        clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
+        gap = floor.grid.clearance_at(at, clearance)
+        if gap < clearance and robot.places and not _drives_off(floor, robot, robot.start):
+            needed = _needed(floor, robot, gap, clearance)
+            yield (
+                f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
+                f"planner of {floor.preset} cannot leave from there, and needs {_up(needed)} m"
+            )
+
+
+def _needed(floor: _Floor, robot: BodySetup, gap: float, most: float) -> float:
+    """Return from which distance on the robot drives off the wall that it starts at, m."""
+    x, y, heading = robot.start
+    east, north = np.gradient(floor.grid.clearance)[::-1]
+    cell = floor.grid.cell(Point(x, y))
+    away = math.atan2(north[cell], east[cell])
+    for step in range(1, math.ceil((most - gap) / _STEP)):
+        pose = x + step * _STEP * math.cos(away), y + step * _STEP * math.sin(away), heading
+        if _drives_off(floor, robot, pose):
+            return gap + step * _STEP
+    return most
+
+
+def _drives_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
+    """Return whether the robot's navigation finds a first command towards its first place."""
+    model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
+    stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
+    driver = navigator(common_ground(grid, model, stack), model, stack)
+    sensors = RangeSensors(grid, [model], [np.random.default_rng(0)])
+    (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
+    ranges.setflags(write=False)
+    here = Pose(0.0, 0.0, 0.0)
+    driver.take(Point(*robot.places[0]))
+    for instant in range(0, _TRIED_US, _CYCLE_US):
+        driver.sense(Instant(instant), here, Sweep(ranges, here))
+        if driver.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
+            return True
+        if driver.goal is None or driver.goal.status is not GoalStatus.ACTIVE:
+            return False
+    return False
+
+
+def _places(floor: _Floor) -> Iterator[str]:
+    """Yield why places are not reached; one sentence for all that one door cuts off."""
+    obstacles: dict[tuple[float, str | int, int], str] = {}
+    behind: dict[str, list[str]] = {}
+    for robot in floor.robots:
+        needed = floor.room(robot).clearance
+        for index, place in enumerate(robot.places):
+            key, at = PlaceKey(robot.id, index), Point(*place)
+            gap, name = floor.grid.clearance_at(at, needed), f"{robot.id}/{index}"
+            if key not in floor.unreached:
+                if gap < floor.radius(robot):
+                    yield (
+                        f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, so "
+                        f"that the robot visits it from beside, within its reach of {floor.reach:g} m"
+                    )
+            elif (cell := floor.unreached[key]) is None:
+                yield (
+                    f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, and no "
+                    f"point within the robot's reach of {floor.reach:g} m of it has that"
+                )
+            else:
+                part = int(floor.room(robot).parts[cell])
+                ends = floor.radius(robot), floor.starts[robot.id] or robot.id, part
+                why = obstacles.get(ends) or obstacles.setdefault(ends, _obstacle(floor, robot, cell))
+                behind.setdefault(why, []).append(name)
+    for why, names in behind.items():
+        yield f"{why} to {_places_named(names)}"
+
+
+def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
+    """Return the narrowest spot on the widest way from the robot's start to a cell, in words."""
+    grid, room, x, y = floor.grid, floor.room(robot), *robot.start[:2]
+    parts = room.parts == floor.starts[robot.id] if floor.starts[robot.id] else None
+    start = grid.cell(Point(x, y)) if parts is None else nearest_cell(grid, parts, Point(x, y))
+    assert start is not None
+    if not flood.flood(grid.free, *start)[goal]:
+        return f"no way leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
+    low, high = 0.0, room.clearance
+    while high - low > grid.resolution / 8:  # the widest way's least clearance
+        middle = (low + high) / 2
+        found = grid.clearance[start] >= middle and flood.flood(grid.clearance >= middle, *start)[goal]
+        low, high = (middle, high) if found else (low, middle)
+    costs = (grid.free & (grid.clearance >= low)).astype(np.int32)
+    costs.setflags(write=False)  # as a robot's: the kernels are compiled for that
+    way = descent(costs, potential(costs, *goal), *start)
+    row, column = way[int(np.argmin(grid.clearance[way[:, 0], way[:, 1]]))].tolist()
+    at, width = grid.centre(Cell(row, column)), _width(grid, row, column)
+    return (
+        f"the door at ({at.x:.2f}, {at.y:.2f}), {width:.2f} m wide, is too narrow for robots of "
+        f"{2 * floor.radius(robot):g} m with {floor.preset}, which needs "
+        f"{_up(max(room.door, width + 0.01))} m: robots may not get"
+    )
+
+
+def _width(grid: OccupancyGrid, row: int, column: int) -> float:
+    """Return how wide the floor is at a free cell, along its row or along its column, m: the shorter."""
+    runs = []
+    for line, at in ((grid.blocking[row], column), (grid.blocking[:, column], row)):
+        walls = np.concatenate(([-1], np.flatnonzero(line), [line.size]))
+        after = int(np.searchsorted(walls, at))
+        runs.append(int(walls[after] - walls[after - 1]) - 1)
+    return min(runs) * grid.resolution
+
+
+def _closed_doors(floor: _Floor) -> Iterator[str]:
+    """Yield the places that become unreachable once doors are closed for good."""
+    grid = floor.resolved.grid
+    doors = Doorways(grid, max(map(floor.radius, floor.robots)))
+    closed: dict[int, float] = {}
+    for event in sorted(floor.resolved.scenario.event, key=lambda one: one.at):
+        if event.close is not None:
+            closed[doors.at(Point(*event.close)).index] = event.at
+        elif event.open is not None:
+            del closed[doors.at(Point(*event.open)).index]
+    cells = grid.cells.copy()
+    for index in closed:
+        cells[doors.closed(doors.regions.doors[index])] = OCCUPIED
+    if closed:
+        left = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
+        if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:
+            yield (
+                f"no event opens the doors again that are closed by {max(closed.values()):g} s: then no way "
+                f"leads to {_places_named(names)}"
+            )
+
+
+def _apart(floor: _Floor) -> Iterator[str]:
+    """Yield robots that no way joins, and whether no radio link does either."""
+    room, together = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
+    for robot in floor.robots:
+        together.setdefault(floor.part(robot, room), []).append(robot)
+    groups = [robots for part, robots in sorted(together.items()) if part]
+    for number, robots in enumerate(groups[1:], start=1):
+        others = [one for group in groups[:number] for one in group]
+        names, rest = (_listed([one.id for one in group]) for group in (robots, others))
+        yield f"no way for {floor.preset} joins the parts of the floor that {names} and {rest} start in"
+        if not floor.resolved.scenario.run.strategy.startswith("none") and not _heard(
+            floor, room, robots, others
+        ):
+            yield f"no radio frame gets from the part of the floor of {names} to that of {rest}"
+
+
+def _heard(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
+    """Return whether a frame gets from any floor of some robots to any of the others'."""
+    grid, model = floor.grid, radio_model(floor.resolved.radio)
+    ends = []
+    for robots in (ones, others):
+        inside = np.isin(room.parts, [floor.part(one, room) for one in robots])
+        rows, columns = np.nonzero(inside)
+        chosen = np.linspace(0, rows.size - 1, min(rows.size, _SAMPLES)).astype(np.intp)
+        x, y = grid.centres()
+        ends.append(np.column_stack((x[columns[chosen]], y[rows[chosen]])))
+    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    return bool((model.propagation.loss_db(ends[0], ends[1]) <= budget + _FADED_DB).any())
+
+
+def _up(length: float) -> str:
+    """Return a length in m, rounded up to centimetres."""
+    return f"{math.ceil(length * 100 - 1e-6) / 100:.2f}"
+
+
+def _places_named(names: list[str]) -> str:
+    return f"place{'s' if len(names) > 1 else ''} {_listed(names)}"
+
+
+def _listed(names: list[str]) -> str:
+    """Return the first names, and how many more there are."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,42 +361,18 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     radii = {body.id: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
     floors = {body.id: reachable(grid, Point(*body.start[:2]), radii[body.id]) for body in world.robots}
     radius = max(radii.values())
-    standing = passable(grid, radius)
+    standing, floor = passable(grid, radius), _floor(resolved, grid)
     return ScenarioSurvey(
         resolved=resolved,
         grid=grid,
         radius=radius,
         reached=np.logical_or.reduce(list(floors.values())),
         parts=regions(grid, standing, grid.clearance),
-        out_of_reach=out_of_reach(resolved),
-        warnings=scenario_warnings(resolved),
+        out_of_reach=tuple(floor.unreached),
+        warnings=_warnings(floor),
         close=tuple(_close(resolved, CleaningParameters().reach)),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
-
-
-def covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
-    """For each robot, (rows, columns) of a lattice: how many dB a frame from its start has left.
-
-    At 0 half of the longest frames arrive; the lattice covers the map, its points `_LATTICE` apart.
-    """
-    model: RadioModel = radio_model(resolved.radio)
-    x, y = lattice(grid)
-    points = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
-    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
-    starts = np.array([body.start[:2] for body in resolved.world.robots], np.float64)
-    loss = model.propagation.loss_db(starts, points)
-    return [(budget - row).reshape(len(y), len(x)) for row in loss]
-
-
-def lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The x and the y of the points at which radio is looked at, m."""
-    west, south, (east, north) = grid.origin.x, grid.origin.y, grid.corner
-    return _every(west, east), _every(south, north)
-
-
-def _every(begin: float, end: float) -> NDArray[np.float64]:
-    return np.asarray(np.arange(begin + _LATTICE / 2, end, _LATTICE), np.float64)
 
 
 def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
@@ -122,7 +398,7 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
         f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
         f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
         f"{found.parts.count} regions, {_narrow_places(len(doors))}",
-        "navigation {navigation}, localisation {localisation}".format(**presets_of(found.resolved.scenario)),
+        "navigation {navigation}, localisation {localisation}".format(**found.resolved.scenario.presets),
         f"radio: half of the longest frames arrive over {found.radio_reach:.1f} m in line of sight",
     ]
     said += [
@@ -146,7 +422,7 @@ def as_json(found: ScenarioSurvey) -> dict[str, Any]:
         "regions": found.parts.count,
         "radio_reach_m": found.radio_reach,
         "warnings": found.warnings,
-        **presets_of(found.resolved.scenario),
+        **found.resolved.scenario.presets,
         "out_of_reach": [_name(key) for key in found.out_of_reach],
         "close": [
             {"one": _name(one), "other": _name(other), "apart_m": apart} for one, other, apart in found.close
@@ -232,15 +508,16 @@ def map_as_json(found: MapSurvey) -> dict[str, Any]:
 def is_model(path: Path) -> bool:
     """True if a file is a robot model's; of one that cannot be read nobody knows."""
     try:
-        content = toml_file.read(path, "robot model")
-        return "footprint" in toml_file.tables(content, path)
+        content = read_text(path, "robot model")
+        return "footprint" in toml_tables(content, path)
     except AcrcError:
         return False
 
 
 def model_as_json(model: RobotModel) -> dict[str, Any]:
     """The same for programs, and all else that the model says, as its file has it."""
-    told: dict[str, Any] = TypeAdapter(RobotModel).dump_python(model, mode="json")
+    told: dict[str, Any] = msgspec.to_builtins(model)
+    told |= {"sensor": told.pop("sensors")[model.default_sensor], "sensor_name": told.pop("default_sensor")}
     return {"is": "robot model", **told}
 
 
@@ -261,7 +538,7 @@ def model_sentences(model: RobotModel) -> Iterator[str]:
         far = sensor.noise + sensor.noise_growth * sensor.range_max**2
         noise = f"noise of {sensor.noise * 1000:.0f} mm, {far * 1000:.0f} mm at its farthest"
     yield (
-        f"sensor {model.sensor_name}: {sensor.rays} rays over {sensor.field_of_view_deg:g}°, "
+        f"sensor {model.default_sensor}: {sensor.rays} rays over {sensor.field_of_view_deg:g}°, "
         f"{sensor.range_min:g} to {sensor.range_max:g} m, {sensor.rate:g} Hz, {noise}"
     )
     if model.bumper is None:

@@ -5,198 +5,144 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
+from msgspec import Meta, field
 
-from actors.radio.propagation.walls import MATERIALS
+from actors.floor.placement import Area
+from actors.radio.propagation.interferers import WifiParameters
+from actors.radio.propagation.walls import WallPatch
+from actors.radio.radio_model import RadioTable
 from actors.randomness import keyed_seed
-from actors.robot_model import OdometryKind
-from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Span, Text, as_tuples
-from deploy.scenario.stack_tables import AreaTable, DeecoTable, Settings
+from actors.robot.behaviour.ports import ExchangeSettings, Scalar
+from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
+from actors.robot_model import MOST_PLACES, Model, OdometryKind, Places, SensorName
+from actors.settings import Place, Settings, Span, StartPose, Text, check_spans, plain
+from actors.world.uncertainty import Uncertainty
 
 MOST_WIFI: Final = 20
-
-
-def _known(name: str) -> str:
-    if name not in MATERIALS:
-        raise ValueError
-    return name
-
-
-Material = Annotated[
-    str,
-    AfterValidator(_known),
-    Right("a material: " + ", ".join(f'"{name}"' for name in MATERIALS)),
-]
-
-
-class RadioTable(FileTable):
-    """[radio]: the model of the air; what is absent is as the preset has it."""
-
-    preset: Annotated[Text, Right('the name of a radio preset, such as "chapter"')] = "chapter"
-    """Name of the radio's parameters."""
-    channel: Annotated[
-        int | None, Field(ge=11, le=26), Right("an IEEE 802.15.4 channel, a whole number from 11 to 26")
-    ] = None
-    """Which part of the band the frames use; it counts where there is Wi-Fi."""
-    walls: Material | None = None
-    """What everything is made of that is occupied on the map; "air": walls cost nothing."""
-    shadowing_db: Annotated[float | None, Field(ge=0, le=30), Right("a number of dB from 0 to 30")] = None
-    """Standard deviation of the loss between places alike, dB; 0: none."""
-    correlation_distance: Annotated[
-        float | None, Field(ge=0.1, le=1000), Right("a number of metres from 0.1 to 1000")
-    ] = None
-    """Over which the shadowing changes, m."""
-
-
-class WallTable(FileTable):
-    """[[wall]]: a rectangle in which what is occupied on the map is of a material of its own."""
-
-    material: Material
-    x: Span
-    """From west to east, m."""
-    y: Span
-    """From south to north, m."""
-
-
-class WifiTable(FileTable):
-    """[[wifi]]: a Wi-Fi station that is on and off."""
-
-    at: Annotated[Point, Right(A_POINT)]
-    """Where it stands."""
-    channel: Annotated[int, Field(ge=1, le=13), Right("a Wi-Fi channel, a whole number from 1 to 13")]
-    duty: Annotated[float, Field(gt=0, lt=1), Right("a number above 0 and below 1")]
-    """Share of the time that it sends."""
-    power_dbm: Annotated[float, Field(ge=-60, le=30), Right("a number of dBm from -60 to 30")] = 17.0
-    """Radiated power, dBm."""
-
-
-MOST_PLACES: Final = 1000
-ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
-Id = Annotated[str, StringConstraints(pattern=rf"^{ROBOT_ID.pattern}$")]
-RobotId = Annotated[Id, Right('the id of a robot, such as "r2"')]
-Names = Annotated[
-    tuple[Text, ...],
-    BeforeValidator(as_tuples),
-    Field(min_length=1),
-    Right('a list of names of areas, such as ["hall"]', item='the name of an area, such as "hall"'),
-]
-Model = Annotated[Text, Right('the name of a robot model such as "turtlebot2", or the path of a .toml file')]
-Sensor = Annotated[Text, Right('the name of one of the robot model\'s sensors, such as "chapter"')]
-OdometryName = Annotated[OdometryKind, Right('"exact", "stage" or "kobuki"')]
-Radius = Annotated[float, Field(gt=0, le=1000), Right("a number of metres above 0, at most 1000")]
-Seconds = Annotated[float, Field(gt=0, le=1e6), Right("a number of seconds above 0, at most 1000000")]
-Parameters = Annotated[Mapping[str, Any], Right("a table of a preset and of parameters")]
-"""As it stands in the file; what may stand there, `deploy.scenario.stack_tables` says."""
-
-
 MOST_ROBOTS: Final = 500
+MOST_ITEMS: Final = 1000
+"""Of a list in [strategy]."""
+ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
+RobotId = Annotated[
+    str, Meta(pattern=rf"\A{ROBOT_ID.pattern}\Z", description='the id of a robot, such as "r2"')
+]
+Names = Annotated[
+    tuple[Annotated[Text, Meta(description='the name of an area, such as "hall"')], ...],
+    Meta(min_length=1, description='a list of names of areas, such as ["hall"]'),
+]
+Seconds = Annotated[float, Meta(gt=0, le=1_000_000, extra={"unit": "seconds"})]
+Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+StepMs = Annotated[
+    int,
+    Meta(
+        ge=10,
+        le=100,
+        multiple_of=10,
+        description="a multiple of the 10 ms physics sub-step, from 10 to 100",
+    ),
+]
+Parameters = Annotated[dict[str, Any], Meta(description="a table of a preset and of parameters")]
+"""As it stands in the file; what may stand there, `actors.robot.stack` says."""
+_Setting = Annotated[
+    Scalar | Annotated[tuple[Scalar, ...], Meta(max_length=MOST_ITEMS)],
+    Meta(
+        description="true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+        f" {MOST_ITEMS} of these"
+    ),
+]
+_StrategySettings = Annotated[
+    dict[str, _Setting],
+    Meta(description="a table [strategy] with the strategy's settings; its name stands in run.strategy"),
+]
 
 
-class RunTable(FileTable):
+class ConductTable(Settings, frozen=True):
+    """[run]: the robots' adaptation strategy."""
+
+    strategy: Annotated[Text, Meta(description='the name of a strategy, such as "none"')] = "none"
+    """Name of the strategy, or the entry "module:function" of one's own."""
+    modules: Annotated[Text, Meta(description="the path of a folder, relative to this file")] | None = None
+    """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
+
+
+class RunTable(ConductTable, frozen=True):
     """[run]: how long, in which steps, from which seed, and what the robots do when they are stuck."""
 
     duration: Seconds = 600.0
     """Simulated time after which the run ends, s."""
-    step_ms: Annotated[
-        int,
-        Field(ge=10, le=100, multiple_of=10),
-        Right("a multiple of the 10 ms physics sub-step, from 10 to 100"),
-    ] = 100
+    step_ms: StepMs = 100
     """Length of a step, ms."""
-    seed: Annotated[int, Field(ge=0, lt=2**63), Right("a whole number from 0 to 9223372036854775807")] = 1
+    seed: Seed = 1
     """From which every random stream is derived."""
-    key: Annotated[
-        str | None,
-        Field(pattern="^([0-9a-fA-F]{2}){16,64}$"),
-        Right("32 to 128 hexadecimal digits, an even number, as of `openssl rand -hex 16`"),
-    ] = None
+    key: (
+        Annotated[
+            str,
+            Meta(
+                pattern=r"\A([0-9a-fA-F]{2}){16,64}\Z",
+                description="32 to 128 hexadecimal digits, an even number, as of `openssl rand -hex 16`",
+            ),
+        ]
+        | None
+    ) = None
     """Every random stream is derived from it, too, so that no robot that knows the seed can compute one."""
-    strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
-    """Name of the robots' adaptation strategy, or the entry "module:function" of one's own."""
-    modules: Annotated[Text | None, Right("the path of a folder, relative to the scenario file")] = None
-    """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
 
     def seed_of(self, part: str) -> int:
         """The seed of what is drawn for one part of the run."""
         return keyed_seed(self.seed, self.key or "", part)
 
 
-class RobotsTable(FileTable):
+class RobotsTable(Settings, frozen=True):
     """[robots]: how many, of which kind, and where they start."""
 
-    count: Annotated[int, Field(ge=1, le=MOST_ROBOTS), Right(f"a whole number from 1 to {MOST_ROBOTS}")] = 4
+    count: Annotated[int, Meta(ge=1, le=MOST_ROBOTS)] = 4
     """They are called r1, r2, and so on."""
     model: Model = "turtlebot2"
     """Name of a shipped robot model, or the path of a model file relative to the scenario file."""
-    sensor: Sensor | None = None
+    sensor: SensorName | None = None
     """Which of the model's sensors is mounted; absent: the model's own choice."""
-    odometry: OdometryName | None = None
+    odometry: OdometryKind | None = None
     """Which errors the odometry has; absent: those of the model."""
     start: Annotated[
-        tuple[Pose, ...],
-        BeforeValidator(as_tuples),
-        Field(max_length=MOST_ROBOTS),
-        Right(f"a list of poses [x, y, heading] in m, m and rad, at most {MOST_ROBOTS}", item=A_POSE),
+        tuple[StartPose, ...],
+        Meta(max_length=MOST_ROBOTS, description=f"a list of at most {MOST_ROBOTS} poses [x, y, heading]"),
     ] = ()
     """Where r1, r2, … start; robots beyond the list are put somewhere free."""
     areas: Names | None = None
     """Where they are put then: in these areas; absent: anywhere free."""
 
 
-class PlacesTable(FileTable):
+class PlacesTable(Settings, frozen=True):
     """[places]: which places the robots have to clean."""
 
-    preset: Annotated[
-        Literal["golden", "areas", "free", "listed"] | None, Right('"golden", "areas", "free" or "listed"')
-    ] = None
+    preset: Literal["golden", "areas", "free", "listed"] | None = None
     """areas: drawn in `areas`; free: drawn on all reachable floor; listed: every [[robot]] lists its own;
     golden: those of the original testbed for r1 to r4, for the others as if absent. Absent: areas if the
     scenario has any, else free."""
     areas: Names | None = None
     """In which areas, each as often as its surface says; absent: in all of the scenario's."""
-    per_robot: Annotated[
-        int | None, Field(ge=0, le=MOST_PLACES), Right(f"a whole number from 0 to {MOST_PLACES}")
-    ] = None
+    per_robot: Annotated[int, Meta(ge=0, le=MOST_PLACES)] | None = None
     """How many each robot gets; absent: 10, as in the original testbed."""
 
 
-class UncertaintyTable(FileTable):
-    """[uncertainty]: how the floor differs from the robots' map, what sensors miss, how odometry drifts."""
-
-    map_error: Annotated[float, Field(ge=0, le=0.5), Right("a number of metres from 0 to 0.5")] = 0.0
-    """Standard deviation of how far walls are from where the map has them, m."""
-    glass: Annotated[float, Field(ge=0, le=1), Right("a share from 0 to 1")] = 0.0
-    """Share of the walls that range sensors look through."""
-    furniture: Annotated[int, Field(ge=0, le=1000), Right("a whole number from 0 to 1000")] = 0
-    """So many things on the floor, of 0.25 m radius, that the map does not have."""
-    drift: Annotated[float, Field(ge=0, le=1000), Right("a number from 0 to 1000")] = 1.0
-    """The odometry's errors are so many times as large as those of its kind."""
-    dropout: Annotated[float, Field(ge=0, le=1), Right("a share from 0 to 1")] = 0.0
-    """Share of the rays of every scan that give no echo, whatever they hit."""
-
-
-class RobotTable(FileTable):
+class RobotTable(Settings, frozen=True):
     """[[robot]]: what is different about one robot."""
 
     id: RobotId
     model: Model | None = None
-    sensor: Sensor | None = None
+    sensor: SensorName | None = None
     """Which sensor; absent: as for all robots if the model is theirs, else the model's own choice."""
-    odometry: OdometryName | None = None
-    start: Annotated[Pose | None, Right(A_POSE)] = None
-    places: Annotated[
-        tuple[Point, ...] | None,
-        BeforeValidator(as_tuples),
-        Field(max_length=MOST_PLACES),
-        Right(f"a list of points [x, y] in m, at most {MOST_PLACES}", item=A_POINT),
-    ] = None
+    odometry: OdometryKind | None = None
+    start: StartPose | None = None
+    places: Places | None = None
     """The places it has to clean, in this order."""
 
 
-class EventTable(FileTable):
+class EventTable(Settings, frozen=True):
     """[[event]]: something that happens at an instant: one of the actions, with what belongs to it."""
 
-    at: Annotated[float, Field(ge=0, le=1e6), Right("a number of seconds from 0 to below the duration")]
+    at: Annotated[
+        float, Meta(ge=0, le=1_000_000, description="a number of seconds from 0 to below the duration")
+    ]
     """When, s; it happens at the first step boundary from then on."""
     kill: RobotId | None = None
     """End the robot's process; its body stays."""
@@ -208,55 +154,100 @@ class EventTable(FileTable):
     """Start the robot's process anew."""
     move: RobotId | None = None
     """Put the robot somewhere else: `to`."""
-    to: Annotated[Pose | None, Right(A_POSE)] = None
-    jam: Annotated[Point | None, Right(A_POINT)] = None
+    to: StartPose | None = None
+    jam: Place | None = None
     """Switch a jammer on: `radius`, `duration`."""
     lose: RobotId | None = None
     """Let the robot not receive the next frame that it would have received: `of` whom."""
     of: RobotId | None = None
-    obstacle: Annotated[Point | None, Right(A_POINT)] = None
+    obstacle: Place | None = None
     """Put a round thing on the floor: `radius`."""
     give: RobotId | None = None
     """Give the robot further places: `places`."""
-    places: Annotated[
-        tuple[Point, ...] | None,
-        BeforeValidator(as_tuples),
-        Field(min_length=1, max_length=MOST_PLACES),
-        Right(f"a list of 1 to {MOST_PLACES} points [x, y] in m", item=A_POINT),
-    ] = None
-    close: Annotated[Point | None, Right(A_POINT)] = None
+    places: (
+        Annotated[
+            tuple[Place, ...],
+            Meta(
+                min_length=1,
+                max_length=MOST_PLACES,
+                description=f"a list of 1 to {MOST_PLACES} points [x, y] in m",
+            ),
+        ]
+        | None
+    ) = None
+    close: Place | None = None
     """Close the door that this point lies in, once nobody stands in it."""
-    open: Annotated[Point | None, Right(A_POINT)] = None
+    open: Place | None = None
     """Open it again."""
-    radius: Radius | None = None
+    radius: Annotated[float, Meta(gt=0, le=1000, extra={"unit": "metres"})] | None = None
     duration: Seconds | None = None
 
 
-class Scenario(FileTable):
+class AreaTable(Settings, frozen=True):
+    """[[area]]: a rectangle of the floor that has a name."""
+
+    name: Annotated[Text, Meta(description='a name such as "hall"')]
+    x: Span
+    """From the west edge to the east edge, m."""
+    y: Span
+    """From the south edge to the north edge, m."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_spans(self, "x", "y")
+
+    @property
+    def area(self) -> Area:
+        """The rectangle."""
+        (x0, x1), (y0, y1) = self.x, self.y
+        return Area(self.name, x0, y0, x1, y1)
+
+
+class SwarmFile(Settings, frozen=True, kw_only=True):
+    """What a scenario and a fleet file have in common."""
+
+    map: Annotated[Text, Meta(description="the path of a map's YAML file, relative to this file")]
+    """A map file; in a scenario also the name of a floor that `actors.floor.offices` draws: "offices:7"."""
+    strategy: _StrategySettings = field(default_factory=dict)
+    """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
+    deeco: ExchangeSettings = ExchangeSettings()
+    localisation: Parameters = field(default_factory=dict)
+    """How robots localise: a preset, and parameters where they differ from it (`actors.robot.stack`)."""
+    navigation: Parameters = field(default_factory=dict)
+    """The same of their navigation; the preset holds for the next three tables, too."""
+    planner: Parameters = field(default_factory=dict)
+    local_map: Parameters = field(default_factory=dict)
+    dwa: Parameters = field(default_factory=dict)
+    area: tuple[AreaTable, ...] = ()
+
+    @property
+    def adaptation(self) -> Adaptation:
+        """What every robot is told about its strategy and exchange."""
+        return Adaptation(dict(self.strategy), self.deeco, tuple(table.area for table in self.area))
+
+    @property
+    def stack(self) -> Stack:
+        """What every robot is told about how it localises and navigates. Raises AcrcError."""
+        return stack({name: getattr(self, name) for name in TABLES})
+
+    @property
+    def presets(self) -> dict[str, str]:
+        """The presets of localisation and of navigation, by table."""
+        return presets({"localisation": self.localisation, "navigation": self.navigation})
+
+
+class Scenario(SwarmFile, frozen=True, kw_only=True):
     """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
 
-    map: Annotated[Text, Right("the path of a map's YAML file, relative to the scenario file")]
-    """A map file; or the name of a floor that `actors.floor.offices` draws, such as "offices:7"."""
     run: RunTable = RunTable()
-    strategy: Settings = Field(default_factory=dict)
-    """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
-    deeco: DeecoTable = DeecoTable()
-    localisation: Parameters = Field(default_factory=dict)
-    """How robots localise: a preset, and parameters where they differ from it (`stack_tables`)."""
-    navigation: Parameters = Field(default_factory=dict)
-    """The same of their navigation; the preset holds for the next three tables, too."""
-    planner: Parameters = Field(default_factory=dict)
-    local_map: Parameters = Field(default_factory=dict)
-    dwa: Parameters = Field(default_factory=dict)
     robots: RobotsTable = RobotsTable()
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()
-    uncertainty: UncertaintyTable = UncertaintyTable()
-    area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
-    robot: Annotated[tuple[RobotTable, ...], BeforeValidator(as_tuples)] = ()
-    event: Annotated[tuple[EventTable, ...], BeforeValidator(as_tuples)] = ()
-    wall: Annotated[tuple[WallTable, ...], BeforeValidator(as_tuples)] = ()
-    wifi: Annotated[tuple[WifiTable, ...], BeforeValidator(as_tuples), Field(max_length=MOST_WIFI)] = ()
+    uncertainty: Uncertainty = Uncertainty()
+    robot: tuple[RobotTable, ...] = ()
+    event: tuple[EventTable, ...] = ()
+    wall: tuple[WallPatch, ...] = ()
+    wifi: Annotated[tuple[WifiParameters, ...], Meta(max_length=MOST_WIFI)] = ()
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -341,4 +332,4 @@ def _array(items: Sequence[object]) -> str:
 
 def to_toml(scenario: Scenario) -> str:
     """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
-    return document(scenario.model_dump(exclude_none=True))
+    return document(plain(scenario))

@@ -18,7 +18,7 @@ from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
 from actors.radio.robot_medium import FrameOutcomes, Handed, RobotMedium, TransceiverTruth
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
 
-USUAL_DBM: Final = BoardSettings.power_dbm
+USUAL_DBM: Final = BoardSettings(0).power_dbm
 """A device that is set to this power sends with that of the radio's preset; others as much above or below."""
 State = tuple[float, float, float, float, float, float]
 """x, y, heading; vx, vy, omega, as `Bodies.truth` has them."""

@@ -10,8 +10,8 @@ import struct
 from dataclasses import astuple, dataclass
 from typing import Any, Final
 
-from actors.bounds import check_range
 from actors.messages import FRAME_DATA_LIMIT
+from actors.settings import check_range
 from firmware_bridge.serial_port import BOARD
 
 BAUD: Final = BOARD.baud

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -74,14 +73,13 @@ class Sights:
 
 
 def _with_lidar(model: RobotModel) -> RobotModel:
-    lidar = {
-        "field_of_view_deg": 360.0,
-        "rays": _RAYS,
-        "range_min": LIDAR.range_min,
-        "range_max": LIDAR.range_max,
-        "rate": LIDAR.turns,
-    }
-    return replace(model, sensor=model.sensor.model_copy(update=lidar))
+    return model.with_sensor(
+        field_of_view_deg=360.0,
+        rays=_RAYS,
+        range_min=LIDAR.range_min,
+        range_max=LIDAR.range_max,
+        rate=LIDAR.turns,
+    )
 
 
 class RobotBody:

@@ -75,7 +75,7 @@ class Base:
         self._keeper = None if setup.last_pose is None else PoseKeeper(Path(setup.last_pose), now)
         begun = None if self._keeper is None else self._keeper.begun
         start = Pose(*(setup.start if begun is None else begun.pose))
-        self.core = BaseCore(setup.robot, setup.step_us, now, start, setup.places, self._vehicle)
+        self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.places), self._vehicle)
         self.core.patience = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 

@@ -5,6 +5,7 @@ from typing import Final, Self
 
 import msgspec
 
+from actors.robot_model import RobotDescription
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 
 OPENNI: Final = "openni"
@@ -13,17 +14,9 @@ PATIENCE_S: Final = 30.0
 """Of a base; own choice: a restarted robot should be there by then."""
 
 
-class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     """Everything a base needs to know."""
 
-    robot: str
-    model: str
-    """Name of a shipped robot model, or the path of a model file."""
-    sensor: str | None
-    start: tuple[float, float, float]
-    """Where it is switched on: x, y in m and heading in rad, map frame."""
-    places: int
-    """How many it has to clean at first."""
     step_us: int
     base: str
     """Path of the Kobuki's port."""

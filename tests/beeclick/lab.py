@@ -108,7 +108,7 @@ def causes(events: Iterable[Event]) -> list[str]:
 def boards(count: int, spacing: float = 2.0) -> EmulatedAir:
     """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
     addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
-    where = air(RadioSetup(1, SUBSTEP, addresses, "beeclick"))
+    where = air(RadioSetup(seed=1, step_us=SUBSTEP, robots=addresses, preset="beeclick"))
     for _ in addresses:
         where.add(EmulatedBoard(where, START))
     where.place(START, [standing(number * spacing, 0.0) for number in range(count)])

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.bounds import ParameterError
 from actors.ieee802154 import TURNAROUND_NS
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.radio.frame import DataFrame, airtime_us, link_qualities, rssi_codes, rssi_dbm, strengths_dbm
 from actors.radio.medium.state import Cca
 from actors.radio.radio_model import RadioSetup, radio_model
+from actors.settings import ParameterError
 from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
@@ -145,9 +145,15 @@ def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"address": 0xFFFE}, "board.address is 65534, but must be from 0 to 65533"),
-        ({"address": 1, "pan": 0xFFFF}, "board.pan is 65535, but must be from 0 to 65534"),
-        ({"address": 1, "channel": 10}, "board.channel is 10, but must be from 11 to 26"),
+        ({"address": 0xFFFE}, "BoardSettings.address is 65534, but must be a whole number from 0 to 65533"),
+        (
+            {"address": 1, "pan": 0xFFFF},
+            "BoardSettings.pan is 65535, but must be a whole number from 0 to 65534",
+        ),
+        (
+            {"address": 1, "channel": 10},
+            "BoardSettings.channel is 10, but must be a whole number from 11 to 26",
+        ),
         ({"address": 1, "power_dbm": -12}, "board.power_dbm is -12, but must be 0, -0.5 or -6.3 dBm, or"),
     ],
 )
@@ -233,7 +239,7 @@ class Bench:
 
     def __init__(self, boards: int = 1, distance: float = 2.0) -> None:
         self.now = START
-        model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+        model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
         # a frame begins when the chip has it, but for the turnaround
         at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
         model = replace(model, parameters=replace(model.parameters, transceiver=at_once))

@@ -369,7 +369,7 @@ class CountingLink(BoardLink):
 
 
 def empty_air() -> EmulatedAir:
-    model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+    model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
     return EmulatedAir([2], lambda channel: model, 1)
 
 
@@ -482,7 +482,7 @@ def test_the_link_carries_what_line_and_air_can(
         lab.run(milliseconds(1))
         desk.events.clear()
     rate = (desk.link.counters["sent"] - before) / (duration / 1e6)
-    model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+    model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
     medium = Medium([model.parameters.transceiver], model.propagation, model.parameters.phy, seed=1)
     medium.offer(0, Saturated(octets(data_bytes)))
     medium.run(duration * 1000)

@@ -149,7 +149,7 @@ def _first_frame(epoch: int) -> Outgoing:
 
 @pytest.mark.parametrize(("rssi_dbm", "relays"), [(-79.0, 0), (-81.0, 1)])
 def test_what_the_scenario_says_of_relaying_reaches_the_node(rssi_dbm: float, relays: int) -> None:
-    exchange = ExchangeSettings(relay=True, relay_below_dbm=-80.0)
+    exchange = ExchangeSettings(relay=True, relay_below=-80.0)
 
     def hosted(robot: str, address: int) -> Behaviour:
         pose, places = Pose(1.0, 2.0, 0.0), (LONGEST.point,)
@@ -184,7 +184,9 @@ def test_every_name_of_a_port_is_on_the_page(port: type) -> None:
 
 
 def test_every_field_and_every_public_name_is_on_the_page() -> None:
-    wanted = {one.name for kind in (Start, Decision, ExchangeSettings) for one in fields(kind)}
+    wanted = {one.name for kind in (Start, Decision) for one in fields(kind)} | {
+        *ExchangeSettings.__struct_fields__
+    }
     wanted |= {one for kind in (PlaceKey, PlaceReport, PlaceGivenUp) for one in kind.__struct_fields__}
     wanted |= {"PlaceReport", "PlaceGivenUp", *View._fields, *Goal._fields, *robots.behaviour.__all__}
     wanted |= {one.name for kind in (GoalStatus, AbortReason, GoalPhase) for one in kind}

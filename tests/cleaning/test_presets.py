@@ -184,7 +184,10 @@ def test_each_kind_of_field_is_set() -> None:
             {"xyz": 1},
             "strategy.xyz is not known; strategy may hold reach, tries, fair, title, mode, lease, points",
         ),
-        ({"points": (1, "2")}, 'strategy.points is "2", but must be a finite number'),
+        (
+            {"points": (1, "2")},
+            'strategy.points is [1, "2"], but must be a list, each item a finite number',
+        ),
         ({"reach": math.nan}, "strategy.reach is NaN, but must be a finite number"),
         ({"tries": 2.0}, "strategy.tries is 2.0, but must be a whole number"),
         ({"fair": 1}, "strategy.fair is 1, but must be true or false"),

@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from actors.installation.repository import REPOSITORY
@@ -61,8 +62,8 @@ def test_a_scenario_from_an_editor_on_windows(encoding: str, tmp_path: Path) -> 
     file = tmp_path / "corridor.toml"
     file.write_bytes(text.replace("\n", "\r\n").encode(encoding))
     if encoding != "utf-16":
-        assert load_scenario(file).run == load_scenario(shipped).run.model_copy(
-            update={"modules": str(tmp_path)}
+        assert load_scenario(file).run == msgspec.structs.replace(
+            load_scenario(shipped).run, modules=str(tmp_path)
         )
         return
     with pytest.raises(AcrcError, match=r"the scenario file is UTF-16; save it as UTF-8$"):

@@ -109,7 +109,7 @@ class Theatre:
         self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
         self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
         addresses = tuple((robot, number + 1) for number, robot in enumerate(robots))
-        self.radio = build_radio(RadioSetup(1, STEP, addresses))
+        self.radio = build_radio(RadioSetup(seed=1, step_us=STEP, robots=addresses))
         radio = self._shell(self.radio, (at(TRUTH), at(TRANSMIT, "*")), "radio")
         self.shells = [self.world, radio]
         self.truths: list[Truth] = []
@@ -132,7 +132,15 @@ class Theatre:
         places: tuple[tuple[float, float], ...] = (),
     ) -> WorldSetup:
         setups = tuple(
-            BodySetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
+            BodySetup(
+                id=robot,
+                model="turtlebot2",
+                sensor=None,
+                odometry="exact",
+                start=STARTS[robot],
+                places=places,
+            )
+            for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
         return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)

@@ -75,7 +75,10 @@ def floor() -> PageFloor:
 def world(*events: TimedOrder) -> WorldSetup:
     places = {"r1": ((13.0, 13.0), (14.0, 13.0)), "r2": (), "r3": ()}
     start = (12.0, 13.0, 0.0)
-    robots = [BodySetup(robot, "turtlebot2", None, "exact", start, own) for robot, own in places.items()]
+    robots = [
+        BodySetup(id=robot, model="turtlebot2", sensor=None, odometry="exact", start=start, places=own)
+        for robot, own in places.items()
+    ]
     return WorldSetup(str(MAP), 1, 100_000, 1_000_000, tuple(robots), events)
 
 

@@ -34,7 +34,14 @@ def study(primary: tuple[tuple[str, str], ...], seeds: int) -> Study:
     cells = runs()
     strategies = tuple(dict.fromkeys(strategy for strategy, _ in cells))
     places = tuple(dict.fromkeys(count for _, count in cells))
-    return Study("rows", "", strategies, seeds, primary=primary, factors=(Factor(FACTOR, places),))
+    return Study(
+        name="rows",
+        scenario="",
+        strategies=strategies,
+        seeds=seeds,
+        primary=primary,
+        factors=(Factor(FACTOR, places),),
+    )
 
 
 def samples(primary: tuple[tuple[str, str], ...]) -> list[PairedSample]:

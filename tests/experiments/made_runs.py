@@ -33,7 +33,9 @@ def trials(
 
 
 def study(one: str = "one", other: str = "other", **words: object) -> Study:
-    made = Study("made", "/nowhere.toml", (one, other), 20, primary=((one, other),))
+    made = Study(
+        name="made", scenario="/nowhere.toml", strategies=(one, other), seeds=20, primary=((one, other),)
+    )
     return msgspec.structs.replace(made, **words)
 
 

@@ -43,7 +43,7 @@ pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 SHORT = (("robots.count", 2), ("run.duration", 3.0))
-STUDY = Study("short", str(CORRIDOR), ("none", "chapter"), 2, settings=SHORT)
+STUDY = Study(name="short", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=2, settings=SHORT)
 DRAWN = (
     Distribution("dropout", (("share", (0.0, 0.2)),)),
     Distribution("odometry", (("drift", (1.0, 5.0)),)),
@@ -95,8 +95,8 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
     folder = tmp_path_factory.mktemp("own")
     (folder / "cheat.py").write_text(CHEAT)
     study = Study(
-        "short", own_scenario(folder), ("none", "chapter", "cheat:quiet"), 1, settings=SHORT,
-        factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
+        name="short", scenario=own_scenario(folder), strategies=("none", "chapter", "cheat:quiet"),
+        seeds=1, settings=SHORT, factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
     )  # fmt: skip
     kept = store.create(folder / "out", study)
     progress = carry_out(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
@@ -173,7 +173,9 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> N
 
 
 def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
-    kept = store.create(tmp_path / "out", Study("s", str(CORRIDOR), ("none", "chapter"), 5))
+    kept = store.create(
+        tmp_path / "out", Study(name="s", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5)
+    )
     assert results_table.write(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
         keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
@@ -191,7 +193,14 @@ def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
 @pytest.mark.timeout(240)
 def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Path) -> None:
     (tmp_path / "cheat.py").write_text(CHEAT)
-    study = Study("s", own_scenario(tmp_path), ("cheat:quiet",), 1, settings=SHORT, isolated=True)
+    study = Study(
+        name="s",
+        scenario=own_scenario(tmp_path),
+        strategies=("cheat:quiet",),
+        seeds=1,
+        settings=SHORT,
+        isolated=True,
+    )
     kept = store.create(tmp_path / "out", study)
     carry_out(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
     (record,) = kept.records()
@@ -211,7 +220,10 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
     ):
         (tmp_path / f"{name}.py").write_text(f"def behaviour(start):\n    {line}\n")
     strategies = ("fails:behaviour", "dies:behaviour", "hangs:behaviour", "none")
-    folder = store.create(tmp_path / "out", Study("s", own_scenario(tmp_path), strategies, 1, settings=SHORT))
+    folder = store.create(
+        tmp_path / "out",
+        Study(name="s", scenario=own_scenario(tmp_path), strategies=strategies, seeds=1, settings=SHORT),
+    )
     began = time.monotonic()
     progress = carry_out(folder, CampaignOptions(jobs=2, patience_s=9.0, modules=(tmp_path,)))
     assert (progress.done, progress.failed) == (4, 3)

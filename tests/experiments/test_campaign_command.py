@@ -156,7 +156,9 @@ def test_the_preset_is_the_chapters_experiment() -> None:
 
 @pytest.fixture
 def kept(tmp_path: Path) -> store.Store:
-    kept = store.create(tmp_path / "kept", Study("kept", "/s.toml", ("none",), 1))
+    kept = store.create(
+        tmp_path / "kept", Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=1)
+    )
     keep(kept.path(next(kept.study.trials())), TrialRecord("none", 1, {}, failure="it rained"))
     seal(kept.folder)
     return kept
@@ -174,7 +176,7 @@ def test_a_trial_that_was_changed_is_named_by_who_reads_or_goes_on(kept: store.S
 
 
 def test_a_campaign_that_goes_on_is_unsealed_until_it_ends(kept: store.Store) -> None:
-    store.create(kept.folder, Study("kept", "/s.toml", ("none",), 2))
+    store.create(kept.folder, Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=2))
     assert check_seal(kept.folder) is None
     assert store.load(kept.folder).study.seeds == 2
 

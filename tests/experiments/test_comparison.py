@@ -109,7 +109,7 @@ def test_holm_is_over_the_declared_tests_alone() -> None:
         "2 cannot, because too few pairs differ."
     ]
     assert family([], three) == []
-    assert family([], Study("s", "/s.toml", ("a", "b", "c"), 40)) == [
+    assert family([], Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)) == [
         "No comparison was declared, so nothing is tested; all that follows is exploration."
     ]
 
@@ -120,7 +120,7 @@ def test_what_no_run_can_show_is_said_before_the_first() -> None:
     assert foreseen(study(seeds=6)) == foreseen(study(seeds=6, primary_metric="places")) == []
     assert foreseen(study(seeds=6, factors=(Factor("robots.count", (4, 8)),))) == []
     assert foreseen(study(seeds=3), rules_for(study(seeds=3)).least)[0].startswith(said.format(3))
-    undeclared = Study("s", "/s.toml", ("a", "b", "c"), 40)
+    undeclared = Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
     assert foreseen(undeclared)[0].startswith(
         "The study declares no comparison, so acrc compare will estimate"
     )
@@ -201,7 +201,9 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
 
 
 ROOT = Path(__file__).parents[2]
-STUDY = Study("s", str(ROOT / "scenarios" / "corridor.toml"), ("none", "chapter"), 60)
+STUDY = Study(
+    name="s", scenario=str(ROOT / "scenarios" / "corridor.toml"), strategies=("none", "chapter"), seeds=60
+)
 CAP = 60
 Floats = NDArray[np.float64]
 

@@ -103,7 +103,14 @@ GAINS = {("maze", 4): 2, ("maze", 8): 4, ("flat", 4): -9, ("flat", 8): -7, ("hal
 FLOORS = Factor(
     "floor", ("maze", "flat", "hall"), tuple((("map", f"{name}.yaml"),) for name in ("maze", "flat", "hall"))
 )
-STUDY = Study("s", "/s.toml", ("a", "b"), 1, primary=(("a", "b"),), factors=(FLOORS, Factor("n", (4, 8))))
+STUDY = Study(
+    name="s",
+    scenario="/s.toml",
+    strategies=("a", "b"),
+    seeds=1,
+    primary=(("a", "b"),),
+    factors=(FLOORS, Factor("n", (4, 8))),
+)
 
 
 def campaign(plain: RunResult, study: Study = STUDY) -> list[TrialRecord]:

@@ -16,9 +16,8 @@ from acrc_testbed.experiments.comparison.family import tests_of as count_tests
 from acrc_testbed.experiments.comparison.family import verdicts
 from acrc_testbed.experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
 from acrc_testbed.experiments.study.study import Distribution, Factor, Study, Trial, Variant
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study_file import RandomFactor, draw_cells, load_study
 from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
-from acrc_testbed.experiments.study.vary_table import RandomFactor, draw_cells
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
@@ -42,7 +41,9 @@ DOORS = Distribution(
 CLOSURES = Distribution("closures", (("count", (1, 2)), ("at", (0.0, 2.0)), ("duration", (1.0, 60.0))))
 TASKS = Distribution("tasks", (("count", (2, 3)), ("at", (0.0, 2.0))))
 ALL = (KILLS, JAMS, DROPOUT, ODOMETRY, DOORS)
-STUDY = Study("drawn", str(CORRIDOR), ("none", "chapter"), 40, distributions=ALL)
+STUDY = Study(
+    name="drawn", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=40, distributions=ALL
+)
 
 
 def test_what_is_drawn_is_the_same_for_every_strategy_and_another_for_another_seed() -> None:
@@ -152,7 +153,9 @@ def test_distributions_and_values_stand_side_by_side(tmp_path: Path) -> None:
 
 
 CHAPTER = ROOT / "scenarios" / "chapter.toml"
-CONDITIONS_STUDY = Study("s", str(CHAPTER), ("none", "chapter"), 3, conditions="drawn")
+CONDITIONS_STUDY = Study(
+    name="s", scenario=str(CHAPTER), strategies=("none", "chapter"), seeds=3, conditions="drawn"
+)
 EVERYTHING = {
     "robots.start": [],
     "places.preset": "areas",
@@ -281,8 +284,9 @@ def test_cells_and_levels_of_a_study(tmp_path: Path) -> None:
 def test_cells_are_compared_together_and_fixed_factors_one_by_one(plain: RunResult) -> None:
     """Two cells of four seeds, in which one strategy is always better: eight pairs, one test."""
     study = Study(
-        "s", "/s.toml", ("a", "b"), 4, primary=(("a", "b"),), primary_metric="places",
-        factors=(Factor("p", (1, 2)),), random=(Factor("r", (4, 8)),), cells=((("r", 4),), (("r", 8),)),
+        name="s", scenario="/s.toml", strategies=("a", "b"), seeds=4, primary=(("a", "b"),),
+        primary_metric="places", factors=(Factor("p", (1, 2)),),
+        random=(Factor("r", (4, 8)),), cells=((("r", 4),), (("r", 8),)),
     )  # fmt: skip
     records = [made(plain, trial) for trial in study.trials()]
     found = samples(records, study)

@@ -112,7 +112,9 @@ def more_places(found: Sequence[PairVerdict]) -> bool:
 @pytest.mark.parametrize("share", [0.6, 0.71, 0.8])
 def test_power_for_normal_effects(share: float, full: bool, record_property: Record) -> None:
     campaigns, rng = 300 if full else 40, np.random.default_rng(2)
-    study = Study("normal", "", ("one", "other"), CAP, primary=(("one", "other"),))
+    study = Study(
+        name="normal", scenario="", strategies=("one", "other"), seeds=CAP, primary=(("one", "other"),)
+    )
     for pairs in (10, 20, 40):
         drawn = ([normal_sample(share, pairs, rng)] for _ in range(campaigns))
         delivered = sum(more_places(verdicts(one, study)) for one in drawn) / campaigns

@@ -36,7 +36,7 @@ pyserial==3.5
 """
 HEALTHY = Patient(versions={"numpy": "2.2.6", "rich": "15.0.0", "cryptography": "50.0.2", "pyserial": "3.5"})
 OFFICE_FLEET = load_fleet(OFFICE)
-R2 = OFFICE_FLEET.robot("r2")
+R2 = OFFICE_FLEET.robot_named("r2")
 
 
 def well(subject: str, text: str) -> DoctorFinding:
@@ -106,7 +106,7 @@ def test_what_a_computer_lacks_is_told_with_its_remedy(
     assert found.ok is ok and text in found.text
 
 
-AT_1 = fleet(robot(1, 'base = "/dev/ttyUSB1"')).robot("r1")
+AT_1 = fleet(robot(1, 'base = "/dev/ttyUSB1"')).robot_named("r1")
 ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
 
 
@@ -138,7 +138,7 @@ def test_whether_the_base_can_be_reached(
 
 
 def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> None:
-    narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot("r1")
+    narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot_named("r1")
     assert list(doctor.devices(HEALTHY, narrow))[-1] == wrong(
         "range",
         "the camera sees 58°, but the robot model's sensor has rays over 360°; it should be a sensor that "
@@ -162,28 +162,28 @@ def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> Non
 
 def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wrong() -> None:
     lost = fleet(head='map = "maps/nowhere.yaml"\n')
-    assert list(doctor.floor(lost, lost.robot("r1"))) == [
+    assert list(doctor.floor(lost, lost.robot_named("r1"))) == [
         wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
     ]
     one = fleet(robot(1, "start = [0, 0, 0]\nplaces = [[12.2, 5.9], [0, 0]]") + robot(2))
-    _, start, places = doctor.floor(one, one.robot("r1"))
+    _, start, places = doctor.floor(one, one.robot_named("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
     assert places == wrong("places", "place 1 at (0, 0) is not free, but must be on free floor")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
-    assert list(doctor.floor(two, two.robot("r2")))[1] == wrong(
+    assert list(doctor.floor(two, two.robot_named("r2")))[1] == wrong(
         "start", "r2 would stand 0.10 m from r1, but must be at least 0.35 m off"
     )
 
 
 def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
-    assert behaviour(unknown, unknown.robot("r1")).text.startswith(
+    assert behaviour(unknown, unknown.robot_named("r1")).text.startswith(
         "strategy 'chaptr' is not known; it should be one of "
     )
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
-    assert behaviour(own, own.robot("r1"), Permit((tmp_path,))) == wrong(
+    assert behaviour(own, own.robot_named("r1"), Permit((tmp_path,))) == wrong(
         "behaviour", "strategy 'broken_strategy:made' fails with KeyError: 'reach'; mend its code"
     )
 
@@ -195,7 +195,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Pat
 
     def found(**changes: object) -> DoctorFinding:
         machine = HEALTHY.but(**{"certified": good} | changes)
-        return doctor.finding("keys", doctor.keys, machine, listening, listening.robot("r1"))
+        return doctor.finding("keys", doctor.keys, machine, listening, listening.robot_named("r1"))
 
     assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
@@ -209,7 +209,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Pat
     )
     assert "certificate.pem is that of r2" in found(certified=Certified("r2", good.begins, good.ends)).text
     silent = fleet()
-    *_, last = doctor.configuration(HEALTHY, silent, silent.robot("r1"), INSTALLED)
+    *_, last = doctor.configuration(HEALTHY, silent, silent.robot_named("r1"), INSTALLED)
     assert last.subject == "behaviour"
 
 
@@ -226,7 +226,7 @@ def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> No
     error = machine.clock_error()
     assert error is None or error >= 0
     assert machine.free_bytes() > 0
-    assert machine.version_of("pydantic") is not None and machine.version_of("no-such-package") is None
+    assert machine.version_of("msgspec") is not None and machine.version_of("no-such-package") is None
     (tmp_path / "file").touch(mode=0o640)
     assert machine.mode(tmp_path / "file") == 0o640
     with pytest.raises(ValueError):

@@ -50,17 +50,20 @@ def test_paths_are_relative_to_the_file_wherever_one_stands(
     monkeypatch.chdir(tmp_path)
     mine = load_fleet(Path("fleets/mine.toml"))
     assert mine.path == file
-    assert mine.map == tmp_path / "maps" / "floor.yaml"
-    assert mine.keys == tmp_path / "fleets" / "secret"
+    assert mine.map == str(tmp_path / "maps" / "floor.yaml")
+    assert mine.keys == str(tmp_path / "fleets" / "secret")
     assert mine.run.modules == str(tmp_path / "fleets" / "own")
-    assert mine.robot("r1").model == str(tmp_path / "fleets" / "models" / "wide.toml")
+    assert mine.robot_named("r1").model == str(tmp_path / "fleets" / "models" / "wide.toml")
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("", "robot is missing, but must be written as tables [[robot]]"),
-        ("step_ms = 15" + ROBOT, "step_ms is 15, but must be a multiple of 10 ms, from 10 to 100"),
+        (
+            "step_ms = 15" + ROBOT,
+            "step_ms is 15, but must be a multiple of the 10 ms physics sub-step, from 10 to 100",
+        ),
         ("[run]\nstrateg = 1" + ROBOT, "run.strateg is not known; did you mean run.strategy?"),
         ("[radio]\npan = 0xFFFF" + ROBOT, "radio.pan is 65535, but must be a whole number from 0 to 0xFFFE"),
         ("[radio]\npower_db = 1" + ROBOT, f"radio.power_db is 1, but must be {POWER}"),

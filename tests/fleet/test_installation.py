@@ -41,7 +41,7 @@ def seen(port: UsbPort) -> dict[str, str]:
     return found | ({"serial": port.serial} if port.serial else {})
 
 
-R2 = load_fleet(OFFICE).robot("r2")
+R2 = load_fleet(OFFICE).robot_named("r2")
 KOBUKI, FTDI, CP2102 = map(seen, ALL)
 MINE = {"GROUP=": "dialout", "MODE=": "0660", "TAG+=": "systemd"}
 RULE_TOKEN = r'([A-Z]+(?:\{[A-Za-z0-9_/.]+\})?(?:==|!=|\+=|=))"([^"\\]*)"'
@@ -99,7 +99,7 @@ def _holds(key: str, value: str, device: Rule) -> bool:
 
 def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str, dict[str, list[str]]]:
     loaded = fleet(robot(2, more), path=path)
-    return read_unit(service(loaded, loaded.robot("r2"), program=program, user="robot"))
+    return read_unit(service(loaded, loaded.robot_named("r2"), program=program, user="robot"))
 
 
 def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
@@ -189,9 +189,9 @@ def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expecte
 
 @pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/tmp/k", "/dev/a b"])
 def test_what_a_rule_cannot_or_must_not_name_it_does_not(port: str) -> None:
-    text = rules(fleet(robot(1, f'base = "{port}"')).robot("r1"), ALL)
+    text = rules(fleet(robot(1, f'base = "{port}"')).robot_named("r1"), ALL)
     assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
-    camera = fleet(robot(1, 'range = "openni"')).robot("r1")
+    camera = fleet(robot(1, 'range = "openni"')).robot_named("r1")
     assert effect(read_rules(rules(camera, ALL)), CP2102) == {}
 
 
@@ -266,7 +266,7 @@ def test_systemds_own_verifiers_have_nothing_to_say_where_they_are_installed(
     loaded = fleet(
         robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
     )
-    written = write(loaded, loaded.robot(name), tmp_path, program=ACRC, user="root", plugged=ALL)
+    written = write(loaded, loaded.robot_named(name), tmp_path, program=ACRC, user="root", plugged=ALL)
     read_unit(written.service_file.read_text())
     read_rules(written.rules_file.read_text())
     if shutil.which("systemd-analyze"):
@@ -303,7 +303,7 @@ class SmallClone:
         self.office.write_text(OFFICE.read_text().replace("../maps", "maps"))
         shutil.copytree(ROOT / "maps", folder / "maps")
         fleet = load_fleet(self.office)
-        keys.issue(fleet, fleet.keys, {}, now=datetime.now(UTC), days=1)
+        keys.issue(fleet, Path(fleet.keys), {}, now=datetime.now(UTC), days=1)
 
     def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
         fleet, permit = load_fleet(self.office), permit or Permit()

@@ -30,12 +30,21 @@ STARTS = ((12.0, 12.5, 0.0), (14.0, 12.5, 3.0), (16.0, 12.0, 1.0))
 def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
     """Robots r1, r2, … in the corridor, each with a place 0.6 m in front of r1."""
     bodies = tuple(
-        BodySetup(f"r{number}", "turtlebot2", None, odometry, start, ((12.6, 12.5),))
+        BodySetup(
+            id=f"r{number}",
+            model="turtlebot2",
+            sensor=None,
+            odometry=odometry,
+            start=start,
+            places=((12.6, 12.5),),
+        )
         for number, start in enumerate(STARTS[:robots], start=1)
     )
     world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies)
     addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
-    return LaboratorySetup(world, RadioSetup(1, 100_000, addresses, "beeclick", world.map))
+    return LaboratorySetup(
+        world, RadioSetup(seed=1, step_us=100_000, robots=addresses, preset="beeclick", map=world.map)
+    )
 
 
 def now() -> Instant:

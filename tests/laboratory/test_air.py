@@ -49,10 +49,11 @@ DRIVEN: Sequence[State] = (
 )
 CORRIDOR = str(ROOT / "maps/corridor.yaml")
 ADDRESSES = tuple((robot, number) for number, robot in enumerate(ROBOTS, start=1))
-PLAIN = RadioSetup(7, STEP, ADDRESSES, "chapter", CORRIDOR)
+PLAIN = RadioSetup(seed=7, step_us=STEP, robots=ADDRESSES, preset="chapter", map=CORRIDOR)
 ROUGH = RadioSetup(
-    7, STEP, ADDRESSES, "beeclick", CORRIDOR, "concrete", (WallPatch("glass", (13.0, 17.0), (0.0, 8.0)),),
-    6.0, 2.0, 15, (WifiParameters(14.0, 8.0, 5, 0.5),),
+    seed=7, step_us=STEP, robots=ADDRESSES, preset="beeclick", map=CORRIDOR, walls="concrete",
+    patches=(WallPatch("glass", (13.0, 17.0), (0.0, 8.0)),),
+    shadowing_db=6.0, correlation_distance=2.0, channel=15, wifi=(WifiParameters((14.0, 8.0), 5, 0.5),),
 )  # fmt: skip
 JAM, LOSS = Jam(13.0, 12.5, 3.0, 2_500_000), Loss("r2", "r1")
 
@@ -164,9 +165,17 @@ ALL = ("below_sensitivity", "disturbed", "half_duplex", "collision", "withheld")
     [
         (PLAIN, (), ALL),
         (ROUGH, ("r2", "r3"), ALL),
-        (RadioSetup(7, STEP, ADDRESSES, "rosomnet", CORRIDOR), ROBOTS, ("below_sensitivity",)),
-        (RadioSetup(7, STEP, ADDRESSES, "ns3", CORRIDOR), ("r1",), ("collision",)),
-        (RadioSetup(7, STEP, ADDRESSES, "ideal"), (), ("collision",)),
+        (
+            RadioSetup(seed=7, step_us=STEP, robots=ADDRESSES, preset="rosomnet", map=CORRIDOR),
+            ROBOTS,
+            ("below_sensitivity",),
+        ),
+        (
+            RadioSetup(seed=7, step_us=STEP, robots=ADDRESSES, preset="ns3", map=CORRIDOR),
+            ("r1",),
+            ("collision",),
+        ),
+        (RadioSetup(seed=7, step_us=STEP, robots=ADDRESSES, preset="ideal"), (), ("collision",)),
     ],
     ids=("chapter", "beeclick, concrete, glass, shadowing, Wi-Fi", "rosomnet", "ns3", "ideal"),
 )
@@ -187,7 +196,7 @@ def test_boards_and_simulated_transceivers_lose_the_same_frames_for_the_same_cau
 
 
 def test_a_board_on_another_channel_is_heard_there_only_and_comes_back() -> None:
-    room = air(RadioSetup(1, STEP, ADDRESSES[:2], "beeclick"))
+    room = air(RadioSetup(seed=1, step_us=STEP, robots=ADDRESSES[:2], preset="beeclick"))
     boards = [EmulatedBoard(room, START) for _ in range(2)]
     for board in boards:
         room.add(board)
@@ -210,7 +219,9 @@ class Pair:
 
     def __init__(self) -> None:
         self.now = START
-        self.air: EmulatedAir = air(RadioSetup(1, 10_000, (("r1", 1), ("r2", 2)), "beeclick"))
+        self.air: EmulatedAir = air(
+            RadioSetup(seed=1, step_us=10_000, robots=(("r1", 1), ("r2", 2)), preset="beeclick")
+        )
         self.transceivers = [SimulatedTransceiver(self.air, BoardSettings(address, 11)) for address in (1, 2)]
         self.links = [TransceiverLink(), TransceiverLink()]
         for transceiver, link in zip(self.transceivers, self.links, strict=True):

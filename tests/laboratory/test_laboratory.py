@@ -329,4 +329,4 @@ def test_a_robots_name_must_do_as_a_folder() -> None:
     whole = setup(1).world
     world = msgspec.structs.replace(whole, robots=(msgspec.structs.replace(whole.robots[0], id="../r1"),))
     with pytest.raises(AcrcError, match=r"a robot '../r1'; its name should do as a folder's"):
-        LaboratorySetup(world, RadioSetup(1, 100_000, (("../r1", 1),)))
+        LaboratorySetup(world, RadioSetup(seed=1, step_us=100_000, robots=(("../r1", 1),)))

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -470,7 +471,7 @@ _MAP: Final = (
 
 def write_log(file: Path, course: Course) -> None:
     """Write a course as a log; equal courses give equal files."""
-    sensor, start = course.sensor.model_dump(), list(course.start)
+    sensor, start = msgspec.to_builtins(course.sensor), list(course.start)
     about = {"format": FORMAT, "version": VERSION, "sensor": sensor, "start": start}
     rays = ",".join(f"r{i}" for i in range(course.sensor.rays))
     members: dict[str, str | bytes] = {

@@ -3,19 +3,19 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from actors.bounds import ParameterError
 from actors.geometry import Point, Pose, wrap
 from actors.robot.localisation import PRESETS, Amcl, AmclParameters, DeadReckoning, Estimate
 from actors.robot.localisation.amcl import Recovery
 from actors.robot.localisation.motion import parts_of
 from actors.robot.sweep import Sweep
+from actors.settings import ParameterError
 from tests.localisation.scenes import ROOM, Drive, amcl, blind, error, scan
 
 CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
@@ -231,24 +231,23 @@ def test_the_long_average_has_to_be_the_slower_one(fast: float) -> None:
 @pytest.mark.parametrize(
     ("field", "value", "right"),
     [
-        ("min_particles", 0, "be at least 1"),
+        ("min_particles", 0, "be a whole number of at least 1"),
         ("max_particles", 499, "be at least min_particles 500"),
-        ("alpha1", -0.1, "be at least 0"),
-        ("sigma_hit", 0.0, "be above 0"),
-        ("z_rand", 0.0, "be above 0"),
-        ("recovery_fast", 1.5, "be at most 1"),
-        ("z_hit", -0.5, "be at least 0"),
-        ("search_poses", -1, "be at least 0"),
+        ("alpha1", -0.1, "be a number of at least 0"),
+        ("sigma_hit", 0.0, "be a number above 0"),
+        ("z_rand", 0.0, "be a number above 0 and at most 1"),
+        ("recovery_fast", 1.5, "be a number from 0 to 1"),
+        ("z_hit", -0.5, "be a number from 0 to 1"),
+        ("search_poses", -1, "be a whole number of at least 0"),
         ("weighting", "sum", 'be "cubes" or "product"'),
         ("odometry_model", "omni", 'be "diff" or "diff-corrected"'),
-        ("max_distance", float("nan"), "be above 0"),
+        ("max_distance", float("nan"), "be a number above 0"),
     ],
 )
 def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
     with pytest.raises(ParameterError) as raised:
         AmclParameters(**{field: value})
-    shown = json.dumps(value) if isinstance(value, str) else f"{value:g}"
-    assert str(raised.value) == f"localisation.{field} is {shown}, but must {right}"
+    assert str(raised.value) == f"AmclParameters.{field} is {json.dumps(value)}, but must {right}"
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(0.0, 0.0), (0.0, 0.1), (0.001, 0.0)])

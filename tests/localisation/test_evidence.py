@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
@@ -198,7 +199,7 @@ def test_beams_lie_at_equal_angles_over_the_whole_view(model: RobotModel, view: 
     gaps = np.diff(angles)
     assert len(chosen.rays) == count
     assert gaps == pytest.approx(math.radians(view) / spaces, abs=1.01 * model.sensor.increment)
-    few = TURTLEBOT.sensor.model_copy(update={"rays": 12})
+    few = replace(TURTLEBOT.sensor, rays=12)
     assert measurement.beams(few, 60).rays.tolist() == list(range(12))
     if view < 360:
         assert chosen.rays[0] == 0 and chosen.rays[-1] == model.sensor.rays - 1

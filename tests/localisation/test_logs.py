@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -76,7 +77,7 @@ def test_the_reader_of_the_page_reads_a_log(written: Path) -> None:
     exec(source, names)
     sensor, start, odometry, truth, scans = names["load"](written)
     course = drive(SETUP)
-    assert sensor == course.sensor.model_dump() and tuple(start) == course.start
+    assert sensor == msgspec.to_builtins(course.sensor) and tuple(start) == course.start
     assert all(f"sensor.{field}`" in page for field in sensor)
     np.testing.assert_array_equal(odometry, np.column_stack([course.instants, course.odometry]))
     np.testing.assert_array_equal(truth, np.column_stack([course.instants, course.truth]))

@@ -1,16 +1,15 @@
 """The rolling window: marks stay where they were seen, until something is seen through them."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.bounds import ParameterError
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
@@ -28,12 +27,13 @@ from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
+from actors.settings import ParameterError
 from tests.robot.base import TWO_ROOMS
 
 RADIUS = 0.177
 TURTLEBOT = load_model("turtlebot2", "chapter").sensor
-ALL_ROUND = TURTLEBOT.model_copy(update={"rays": 360})
-CAMERA = load_model("turtlebot2", "kinect").sensor.model_copy(update={"rays": 120, "x": 0.0})
+ALL_ROUND = replace(TURTLEBOT, rays=360)
+CAMERA = replace(load_model("turtlebot2", "kinect").sensor, rays=120, x=0.0)
 ORIGIN = Pose(0.0, 0.0, 0.0)
 START = Instant(0)
 SILENCE = np.full(360, NO_ECHO_MM, np.uint16)
@@ -145,7 +145,7 @@ def test_what_is_marked_where_the_floor_was_seen_free_is_an_arrival() -> None:
     assert (np.hypot(*(cells - 39.5).T) < 11).all()
     local.take(Instant(200_000), Pose(0.11, 0.0, 0.0), None)
     assert (np.argwhere(local.arrivals == seen) == cells - (0, 2)).all()
-    with pytest.raises(ParameterError, match=r"local_map.free_memory is 0, but must be above 0"):
+    with pytest.raises(ParameterError, match=r"free_memory is 0, but must be above 0"):
         CostMapParameters(moving_memory=seconds(1))
 
 
@@ -160,7 +160,7 @@ def test_a_robot_backs_off_no_nearer_to_a_wall_than_the_local_planner_may_drive(
 
 
 def test_nothing_is_free_where_the_map_does_not_reach() -> None:
-    with pytest.raises(ParameterError, match=r"navigation.retreat is 1.5, but must be at most 1"):
+    with pytest.raises(ParameterError, match=r"retreat is 1.5, but must be a number above 0 and at most 1"):
         NavigationParameters(retreat=1.5)
     here = Pose(0.0, 0.0, 2.0)
     local = mapped(sweep(here))

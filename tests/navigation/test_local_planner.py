@@ -3,13 +3,13 @@
 import itertools
 import math
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from actors.geometry import STILL, Pose, Twist
@@ -103,7 +103,7 @@ def test_no_command_exceeds_the_limits(
 
 @PRESETS
 def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
-    slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
+    slow = replace(KIND.drive, speed=0.15, acceleration=0.5, turn_rate=0.5)
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
     made = local_planner(local, DWA[preset], slow)

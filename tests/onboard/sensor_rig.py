@@ -230,12 +230,21 @@ class SensorRig:
 
     def __init__(self, floor: Path, starts: Starts, seed: int, speed: float = 0.5) -> None:
         bodies = tuple(
-            BodySetup(f"r{number}", "turtlebot2", "chapter", "kobuki", start, ())
+            BodySetup(
+                id=f"r{number}",
+                model="turtlebot2",
+                sensor="chapter",
+                odometry="kobuki",
+                start=start,
+                places=(),
+            )
             for number, start in enumerate(starts, start=1)
         )
         world = WorldSetup(str(floor), seed, STEP, 1_000_000, bodies)
         addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
-        self.laboratory = Laboratory(LaboratorySetup(world, RadioSetup(seed, STEP, addresses, "beeclick")))
+        self.laboratory = Laboratory(
+            LaboratorySetup(world, RadioSetup(seed=seed, step_us=STEP, robots=addresses, preset="beeclick"))
+        )
         self.lidars = {
             name: FaultyRplidar(hardware.lidar._sight, generator(seed, "laboratory lidar", name))
             for name, hardware in self.laboratory.robots.items()

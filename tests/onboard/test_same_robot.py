@@ -281,7 +281,7 @@ def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
     assert not pose.exists() and told(prepared, 0).doubt is None
     for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0"):
         with pytest.raises(OptionError, match=f"^--at: {wrong}; must be start, or X,Y,HEADING in m and rad"):
-            _told(wrong, stands.robot("r2"))
+            _told(wrong, stands.robot_named("r2"))
 
 
 def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
@@ -295,11 +295,11 @@ def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
     while faults:
         link.look()
     assert said == [f"no laptop can watch or stop it: {why}" for why in ("it is over", "the clock is wrong")]
-    assert _link_fault(one, one.robot("r1")).startswith(
+    assert _link_fault(one, one.robot_named("r1")).startswith(
         f"{tmp_path}/keys/r1/authority.pem cannot be read (No "
     )
     fleet_keys.issue(one, tmp_path / "keys", {}, now=datetime.now(UTC) - timedelta(days=3), days=1)
-    assert "but it is " in _link_fault(one, one.robot("r1"))
+    assert "but it is " in _link_fault(one, one.robot_named("r1"))
 
 
 class Played:

@@ -70,8 +70,8 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
 def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
     resolved = resolve(load_scenario(CHAPTER))
     found = survey.survey(resolved)
-    x, y = survey.lattice(found.grid)
-    (sx, sy, _), left = resolved.world.robots[2].start, survey.covered(resolved, found.grid)[2]
+    x, y = scenario_picture._lattice(found.grid)
+    (sx, sy, _), left = resolved.world.robots[2].start, scenario_picture._covered(resolved, found.grid)[2]
     away = np.hypot(x - sx, y[:, None] - sy)
     assert (left[away > found.radio_reach + 0.01] < 0).all(), "walls only take"
     assert (left[away < 0.5] > 0).all()

@@ -277,7 +277,7 @@ def test_halt_finishes_without_an_answer() -> None:
 )
 def test_a_setup_that_makes_no_sense_is_named(robots: tuple[tuple[str, int], ...], sentence: str) -> None:
     with pytest.raises(AcrcError) as error:
-        build(RadioSetup(1, STEP if robots else 0, robots))
+        build(RadioSetup(seed=1, step_us=STEP if robots else 0, robots=robots))
     assert str(error.value) == sentence
 
 

@@ -90,7 +90,9 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
 
 
 def test_a_set_up_amends_its_preset() -> None:
-    setup = RadioSetup(1, 100_000, (), "rosomnet", walls="concrete", shadowing_db=3.0, channel=26)
+    setup = RadioSetup(
+        seed=1, step_us=100_000, robots=(), preset="rosomnet", walls="concrete", shadowing_db=3.0, channel=26
+    )
     found = radio_model(setup).parameters
     assert found.phy == preset("rosomnet").phy and found.channel == 26
     assert (found.propagation.walls, found.propagation.shadowing.sigma_db) == ("concrete", 3.0)
@@ -101,7 +103,9 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
     through, open_space = np.array([[12.0, 5.0]]), np.array([[17.5, 5.0]])
     losses = {}
     for walls in ("air", "brick", "concrete"):
-        propagation = radio_model(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
+        propagation = radio_model(
+            RadioSetup(seed=1, step_us=100_000, robots=(), map=CORRIDOR, walls=walls)
+        ).propagation
         losses[walls] = float(propagation.loss_db(through, open_space)[0, 0])
     assert losses["air"] == pytest.approx(24.5 + 40.2 + 20 * math.log10(5.5))
     assert losses["concrete"] > losses["brick"] > losses["air"] + 2 * MATERIALS["brick"].crossing_db
@@ -112,12 +116,15 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
     [
         ({"preset": "ether"}, f"Radio preset 'ether' is unknown; known are {', '.join(PRESETS)}."),
         ({"walls": "cheese"}, f"Wall material 'cheese' is unknown; known are {', '.join(MATERIALS)}."),
-        ({"channel": 27}, "radio.channel is 27, but must be from 11 to 26"),
+        (
+            {"channel": 27},
+            "RadioSetup.channel is 27, but must be an IEEE 802.15.4 channel, a whole number from 11 to 26",
+        ),
     ],
 )
 def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:
     with pytest.raises(AcrcError) as error:
-        radio_model(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
+        radio_model(RadioSetup(seed=1, step_us=100_000, robots=(), **wrong))  # type: ignore[arg-type]
     assert str(error.value) == sentence
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
@@ -84,7 +85,7 @@ def test_a_model_or_an_image_that_does_not_fit_is_refused() -> None:
         DepthError, match="the camera sees 58°, but the robot model's sensor has rays over 360°"
     ):
         DepthScanner(load_model("turtlebot2", "chapter").sensor)
-    DepthScanner(KINECT.model_copy(update={"field_of_view_deg": 40.0}))
+    DepthScanner(replace(KINECT, field_of_view_deg=40.0))
     with pytest.raises(DepthError, match="has 320 columns and 240 rows; it should have 640 and 480"):
         DepthScanner(KINECT).take(Instant(0), np.zeros((240, 320), np.uint16))
 

@@ -184,7 +184,7 @@ def test_pipes_devices_and_huge_files_are_refused(copy: Path, tmp_path: Path, na
 
 
 def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, victim: Path) -> None:
-    study = Study("received", "/nowhere/scenario.toml", ("none", "chapter"), 2)
+    study = Study(name="received", scenario="/nowhere/scenario.toml", strategies=("none", "chapter"), seeds=2)
     kept = store.create(tmp_path / "received", study)
     for trial in study.trials():
         keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, failure="it never was"))

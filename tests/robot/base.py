@@ -1,7 +1,6 @@
 """A base for closed loops in tests: follows commands within limits, and casts rays by small strides."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ STRIDE = 0.01
 
 def model(rays: int = 180) -> RobotModel:
     turtlebot = load_model("turtlebot2", "chapter")
-    return replace(turtlebot, sensor=turtlebot.sensor.model_copy(update={"rays": rays, "range_max": 3.0}))
+    return turtlebot.with_sensor(rays=rays, range_max=3.0)
 
 
 def plan(drawing: str, resolution: float = 0.05) -> OccupancyGrid:

@@ -1,12 +1,12 @@
 """Stories of goals: reached, replaced, cancelled, paused, retreated from."""
 
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds

@@ -3,7 +3,6 @@
 import heapq
 import itertools
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose, Twist
@@ -30,6 +29,7 @@ from actors.robot.navigation.planning import (
     occupied,
 )
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+from actors.settings import ParameterError
 from tests.robot.base import TWO_ROOMS, plan
 from tests.robot.rig import Memory, Obedient
 

@@ -181,7 +181,7 @@ def test_robots_in_memory_compute_the_walls_distances_once(
         load_map(maps / "corridor.yaml").cells != before
     ).any()  # distances that no other test has asked for
     scenario = load_scenario(CHAPTER, Overrides(robots=3, duration=0.2, seed=1))
-    own = scenario.model_copy(update={"map": str(maps / "corridor.yaml")})
+    own = msgspec.structs.replace(scenario, map=str(maps / "corridor.yaml"))
     planned = plan(own, RunOptions(tmp_path / "out", bus="memory"))
     shapes: list[tuple[int, ...]] = []
     compute = distance.squared_distance

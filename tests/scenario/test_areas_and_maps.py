@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -105,7 +106,7 @@ def test_a_drawn_floor_has_its_rooms_as_areas_unless_the_scenario_has_its_own() 
 def test_what_a_run_on_a_drawn_floor_writes_down_gives_the_same_run(tmp_path: Path) -> None:
     first = resolve(parse(DRAWN, ELSEWHERE))
     copy_map(Path(first.world.map), tmp_path)
-    text = to_toml(first.scenario.model_copy(update={"map": "map.yaml"}))
+    text = to_toml(msgspec.structs.replace(first.scenario, map="map.yaml"))
     second = resolve(parse(text, tmp_path / "scenario.toml"))
     assert second.world.robots == first.world.robots and second.scenario.area == first.scenario.area
     assert np.array_equal(load_map(second.world.map).cells, load_map(first.world.map).cells)

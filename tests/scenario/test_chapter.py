@@ -5,15 +5,16 @@ from collections.abc import Iterator
 from dataclasses import fields
 
 import pytest
+from msgspec.structs import asdict
 
 from actors.installation.repository import REPOSITORY
+from actors.settings import Settings
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import GOLDEN
 from cleaning.settings import from_settings
 from deploy.scenario.events import for_places
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
-from deploy.scenario.stack_tables import TABLES
 
 CHAPTER = REPOSITORY / "scenarios" / "chapter.toml"
 AREAS = {
@@ -39,7 +40,7 @@ def test_the_figures_are_those_of_the_original() -> None:
     assert [len(places) for places in GOLDEN] == [10] * 4
     assert chapter.robots.start == STARTS
     assert {area.name: (*area.x, *area.y) for area in chapter.area} == AREAS
-    assert (chapter.radio.preset, chapter.deeco.publish, chapter.deeco.relay) == ("chapter", 1.0, True)
+    assert (chapter.radio.preset, chapter.deeco.publish, chapter.deeco.relay) == ("chapter", 1_000_000, True)
 
 
 def test_the_strategys_settings_are_those_of_the_original() -> None:
@@ -55,9 +56,9 @@ def test_the_strategys_settings_are_those_of_the_original() -> None:
 def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
     content = tomllib.loads(CHAPTER.read_text())
     absent = {"modules", "areas", "key"}  # where one's own code and further starts would lie; a secret
-    for name, table in load_scenario(CHAPTER).model_dump().items():
-        if isinstance(table, dict) and name not in ("strategy", *TABLES):
-            assert set(table) - absent == set(content[name]), name
+    for name, table in asdict(load_scenario(CHAPTER)).items():
+        if isinstance(table, Settings):
+            assert set(table.__struct_fields__) - absent == set(content[name]), name
     assert content["localisation"] == {"preset": "chapter"}
     assert content["navigation"] == {"preset": "chapter"}
     assert set(content["strategy"]) == {field.name for field in fields(AdaptationParameters)}

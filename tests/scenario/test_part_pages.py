@@ -2,22 +2,22 @@
 
 import re
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_args
 
 import pytest
-from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
+from msgspec import NODEFAULT, Meta
 
 from actors import robot_model
 from actors.floor.drawing import RESOLUTION
 from actors.floor.map_file import KEYS, MapLimits
 from actors.floor.offices import PARAMETERS
 from actors.installation.repository import REPOSITORY
+from actors.settings import fields_of
 
 ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
 MAP = (REPOSITORY / "docs" / "own-map.md").read_text()
-TABLES: dict[str, type[BaseModel]] = {
-    "The robot": robot_model._ModelFile,
+TABLES: dict[str, type] = {
+    "The robot": robot_model.RobotModel,
     "`[footprint]`": robot_model.Footprint,
     "`[drive]`": robot_model.DriveParameters,
     "`[bumper]`": robot_model.Bumper,
@@ -32,7 +32,7 @@ def rows(text: str) -> dict[str, list[str]]:
 
 
 def default(field: Any) -> str:
-    if field.default is PydanticUndefined:
+    if field.default is NODEFAULT:
         return ""
     return "none" if field.default is None else str(field.default)
 
@@ -41,9 +41,11 @@ def span(field: Any) -> str:
     """As the page says it; empty where there are no bounds."""
     bounds = {
         name: getattr(one, name)
-        for one in field.metadata
+        for part in (field.hint, *get_args(field.hint))
+        for one in getattr(part, "__metadata__", ())
+        if isinstance(one, Meta)
         for name in ("gt", "ge", "le")
-        if getattr(one, name, None) is not None
+        if getattr(one, name) is not None
     }
     if not bounds:
         return ""
@@ -56,7 +58,7 @@ def test_every_field_of_a_robot_model_stands_there_with_default_and_range(headin
     part = ROBOT.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     kind = TABLES[heading]
     told = {name: (cells[1], cells[2]) for name, cells in rows(part).items()}
-    assert told == {name: (default(field), span(field)) for name, field in kind.model_fields.items()}
+    assert told == {name: (default(field), span(field)) for name, field in fields_of(kind).items()}
 
 
 def test_every_key_and_limit_of_a_map_stands_there() -> None:

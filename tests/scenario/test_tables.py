@@ -1,15 +1,15 @@
 """Tables of a scenario: what actors are told of them, and the text that a run writes of them."""
 
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from msgspec.structs import replace
 
-from actors import toml_file
 from actors.floor.map_file import load_map
 from actors.floor.placement import Area
 from actors.installation.repository import REPOSITORY
@@ -18,19 +18,18 @@ from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
 from actors.randomness import generator
 from actors.robot import assembly
-from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import ExchangeSettings
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
 from actors.robot.localisation import PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
-from actors.robot.stack import Stack
+from actors.robot.stack import Adaptation, Stack, stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.settings import decode, loads
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.stack_tables import adaptation, stack
 from deploy.scenario.tables import Scenario, to_toml
 from tests.navigation.course import DWA, LOCAL_MAPS
 from tests.scenario.faults import scenario
@@ -97,12 +96,11 @@ goal_tolerance = 0.2
 
 
 def adapted(text: str) -> Adaptation:
-    file = scenario(text)
-    return adaptation(file.strategy, file.deeco, file.area)
+    return scenario(text).adaptation
 
 
 def stacked(text: str) -> Stack:
-    return stack(toml_file.loads(text))
+    return stack(loads(text))
 
 
 def test_every_key_of_adaptation() -> None:
@@ -118,8 +116,16 @@ def test_every_key_of_adaptation() -> None:
 def test_the_behaviour_is_told() -> None:
     floor_plan = load_map(REPOSITORY / "maps" / "corridor.yaml")
     model = load_model("turtlebot2", "chapter")
-    fixed = ("r1", 0, 0, 7, 100_000, 1, (12.0, 5.0, 0.0), (), "x:y")
-    robot = assembly.RobotSetup(*fixed, model="turtlebot2", adaptation=adapted(ADAPTATION))
+    robot = assembly.RobotSetup(
+        *("r1", "turtlebot2", None, (12.0, 5.0, 0.0), ()),
+        epoch=0,
+        first_step=0,
+        seed=7,
+        step_us=100_000,
+        address=1,
+        behaviour="x:y",
+        adaptation=adapted(ADAPTATION),
+    )
     start = assembly.start(robot, model, assembly.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
@@ -135,7 +141,7 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
     assert (told.preset, told.channel, told.walls) == ("beeclick", 15, "concrete")
     assert (told.shadowing_db, told.correlation_distance) == (4.0, 1.5)
     assert told.patches == (WallPatch("glass", (11.0, 14.0), (0.0, 7.0)),)
-    assert told.wifi == (WifiParameters(15.0, 12.0, 6, 0.3),)
+    assert told.wifi == (WifiParameters((15.0, 12.0), 6, 0.3),)
     assert Path(told.map).name == "corridor.yaml"
     text = to_toml(resolve(scenario(AIR)).scenario)
     assert resolve(parse(text, Path("settled.toml"))).radio == told
@@ -172,10 +178,9 @@ def test_who_names_improved_is_told_the_keys_that_drive_as_it_did() -> None:
 
 
 STACK_FAULTS = {
-    "[local-map]": "local-map is not known; did you mean local_map?",
     'localisation = { preset = "odometry", beams = 60 }': "localisation.beams is set, but must be left",
     "navigation.replanning = -1": "navigation.replanning is -1, but must be a number of seconds",
-    "navigation.recoveries = -1": "navigation.recoveries is -1, but must be at least 0",
+    "navigation.recoveries = -1": "navigation.recoveries is -1, but must be a whole number of at least 0",
     "navigation.preset = 'chapter'\nplanner.cell = 0.1": "planner.cell is 0.1, but must be left",
     "navigation.preset = 'chapter'\ndwa.escape = 0.1": "dwa.escape is 0.1, but must be left out",
     "dwa.granularity = 0.0001\ndwa.sim_time = 3": "dwa.sim_time is 3, but must be such that a traj",
@@ -267,14 +272,14 @@ scenarios = some.fixed_dictionaries(
 @given(scenarios)
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
-    written = Scenario.model_validate(_as_lists(content))
+    written = decode(Scenario, _as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
-    told = adaptation(written.strategy, written.deeco, written.area)
+    told = written.adaptation
     assert told.settings == written.strategy
     assert {name: type(value) for name, value in told.settings.items()} == {
         name: type(value) for name, value in written.strategy.items()
     }
-    assert told.exchange.publish == seconds(written.deeco.publish)
+    assert told.exchange.publish == written.deeco.publish
     assert told.exchange.relay is written.deeco.relay
     assert [area.name for area in told.areas] == NAMES
 

@@ -10,9 +10,8 @@ from PIL import Image
 from actors.installation.repository import SHIPPED
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.survey import as_json, sentences, survey
+from deploy.scenario.survey import as_json, scenario_warnings, sentences, survey
 from deploy.scenario.tables import Scenario
-from deploy.scenario.warnings import scenario_warnings
 from tests.recorded_runs import record
 
 Poses = Sequence[tuple[float, float, float]]

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import pytest
 
 from acrc_testbed.replay.recheck import recheck
@@ -162,7 +163,7 @@ def test_another_seed_step_or_strategy_gives_another_digest(tmp_path: Path) -> N
 def short_digest(overrides: Overrides, out: Path) -> str:
     """Return the digest of the crowd's first seconds in memory, without its events."""
     crowd = load_scenario(CROWD, overrides)
-    short = crowd.model_copy(update={"run": crowd.run.model_copy(update={"duration": SHORT_S}), "event": ()})
+    short = msgspec.structs.replace(crowd, run=msgspec.structs.replace(crowd.run, duration=SHORT_S), event=())
     plan = swarm.plan(short, RunOptions(out, bus="memory"))
     result = swarm.run_in_memory(plan, lambda progress: None)
     assert result.simulated_s == SHORT_S

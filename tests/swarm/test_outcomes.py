@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from acrc_testbed.replay.run_recordings import setup_of
@@ -43,7 +44,7 @@ def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tm
 
 @pytest.mark.parametrize(("make_way", "done"), [(False, 5), (True, 6)])
 def test_who_is_done_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
-    scenario = head_on("chapter", IN_THE_WAY, 150.0).model_copy(update={"strategy": {"make_way": make_way}})
+    scenario = msgspec.structs.replace(head_on("chapter", IN_THE_WAY, 150.0), strategy={"make_way": make_way})
     result = outcome(scenario, tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
 
@@ -66,15 +67,15 @@ def test_who_comes_late_to_an_adoption_needs_the_exchange(exchange: bool, done: 
     """Without it, r2 loses its only place, and stands in the passage for good while r1 wants to come out."""
     scenario = head_on("chapter", 1, 120.0)
     asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both would adopt
-    one_place = scenario.places.model_copy(update={"per_robot": 1})
-    r1 = scenario.robot[0].model_copy(update={"places": ((9.0, 12.5),)})
+    one_place = msgspec.structs.replace(scenario.places, per_robot=1)
+    r1 = msgspec.structs.replace(scenario.robot[0], places=((9.0, 12.5),))
     changed = {
         "places": one_place,
         "robot": (r1,),
         "event": asleep,
         "strategy": {"exchange": exchange},
     }
-    result = outcome(scenario.model_copy(update=changed), tmp_path / "out")
+    result = outcome(msgspec.structs.replace(scenario, **changed), tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (done, 2, 0)
 
 

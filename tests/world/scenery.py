@@ -1,6 +1,5 @@
 """Small floor plans and robots for the tests of the world."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -8,7 +7,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose, Twist
-from actors.robot_model import RangeSensor, RobotModel, load_model
+from actors.robot_model import RobotModel, load_model
 from actors.world.physics import Arena
 
 TURTLEBOT = load_model("turtlebot2")
@@ -17,8 +16,7 @@ AHEAD = Twist(0.5, 0.0, 0.0)
 
 
 def with_sensor(model: RobotModel, **fields: float) -> RobotModel:
-    sensor = RangeSensor.model_validate(model.sensor.model_dump() | fields)
-    return dataclasses.replace(model, sensor=sensor)
+    return model.with_sensor(**fields)
 
 
 def room(side: float = 5.0) -> NDArray[np.float64]:

@@ -317,7 +317,10 @@ KIND: OdometryKind = "stage"
 
 
 def orders(*events: TimedOrder) -> Orders:
-    robots = tuple(BodySetup(name, "turtlebot2", None, KIND, (0.0, 0.0, 0.0), ()) for name in ("r1", "r2"))
+    robots = tuple(
+        BodySetup(id=name, model="turtlebot2", sensor=None, odometry=KIND, start=(0.0, 0.0, 0.0), places=())
+        for name in ("r1", "r2")
+    )
     roster = Participants(robots)
     for member in roster.members:
         member.standing = BarrierStanding.STEPPING

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from actors.floor import convex
@@ -23,7 +24,9 @@ from tests.refusals import refused
 
 
 def robot(name: str, *places: tuple[float, float]) -> BodySetup:
-    return BodySetup(name, "turtlebot2", None, "exact", (0.0, 0.0, 0.0), places)
+    return BodySetup(
+        id=name, model="turtlebot2", sensor=None, odometry="exact", start=(0.0, 0.0, 0.0), places=places
+    )
 
 
 @pytest.fixture
@@ -162,11 +165,15 @@ def test_models_and_sensors_are_loaded(tmp_path: Path) -> None:
     file.write_text((SHIPPED / "omnibox.toml").read_text())
     assert load_model(str(file), "lidar") == load_model("omnibox", "lidar")
     model = load_model("turtlebot2", sensor="kinect")
-    assert (model.sensor_name, model.sensor.field_of_view_deg, model.sensor.range_min) == ("kinect", 58, 0.45)
+    assert (model.default_sensor, model.sensor.field_of_view_deg, model.sensor.range_min) == (
+        "kinect",
+        58,
+        0.45,
+    )
     model = load_model("turtlebot2")
     assert model.footprint.radius == model.footprint.circumradius == model.footprint.inradius == 0.177
     assert (model.mass, model.drive.speed, model.drive.watchdog, model.odometry) == (10, 0.5, 0.5, "exact")
-    assert (model.sensor_name, model.sensor.rays, model.sensor.range_max) == ("chapter", 640, 5.0)
+    assert (model.default_sensor, model.sensor.rays, model.sensor.range_max) == ("chapter", 640, 5.0)
     assert model.sensor.full_circle and model.sensor.period == 100_000 and model.sensor.mount.x == -0.1
 
 
@@ -179,9 +186,7 @@ def test_a_full_circle_has_no_direction_twice_and_a_view_has_both_its_ends() -> 
 
 @given(st.floats(-179.9, 180), st.floats(1, 360), st.integers(2, 500))
 def test_rays_point_within_the_circle_at_equal_angles(heading: float, view: float, rays: int) -> None:
-    sensor = load_model("omnibox").sensor.model_copy(
-        update={"heading_deg": heading, "field_of_view_deg": view, "rays": rays}
-    )
+    sensor = replace(load_model("omnibox").sensor, heading_deg=heading, field_of_view_deg=view, rays=rays)
     angles = scan_angles(sensor)
     assert angles.shape == (rays,) and (angles > -math.pi).all() and (angles <= math.pi).all()
     expected = sensor.mount.heading + sensor.first_angle + sensor.increment * np.arange(rays)

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import MapError, load_map
@@ -19,6 +18,7 @@ from actors.geometry import Pose, wrap
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
+from actors.settings import decode
 
 FORMAT: Final = "acrc-localisation-log"
 VERSION: Final = 1
@@ -120,11 +120,9 @@ class _Log:
         if not isinstance(about, dict) or (about.get("format"), about.get("version")) != (FORMAT, VERSION):
             raise self._wrong(f'about.json must have "format": "{FORMAT}" and "version": {VERSION}')
         try:
-            sensor = RangeSensor.model_validate(about.get("sensor"))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            key = ".".join(str(part) for part in ("sensor", *first["loc"]))
-            raise self._wrong(f"in about.json, {key}: {first['msg']}") from error
+            sensor = decode(RangeSensor, about.get("sensor"), "sensor")
+        except AcrcError as error:
+            raise self._wrong(f"in about.json, {error}") from None
         start = about.get("start")
         if not isinstance(start, list) or len(start) != 3 or not all(map(self._is_near, start)):
             raise self._wrong(

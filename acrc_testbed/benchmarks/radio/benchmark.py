@@ -259,7 +259,7 @@ def _wifi(task: PlotTask) -> Chart:
     parameters, series = preset("chapter"), []
     distances = np.geomspace(1.0, 40.0, 12).tolist()
     for colour, duty in enumerate((0.1, 0.3, 0.6)):
-        shares = [_heard(parameters, 3.0, task, WifiParameters(3.0, d, 1, duty)) for d in distances]
+        shares = [_heard(parameters, 3.0, task, WifiParameters((3.0, d), 1, duty)) for d in distances]
         series.append(Series(f"on {duty:.0%} of the time", distances, shares, colour, dots=True))
         series.append(Series("", distances, shares, colour))
     title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
@@ -288,7 +288,7 @@ def _contention(task: PlotTask, reference: list[OperatingPoint]) -> Chart:
 
 def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
     """Received power on the free floor: darker is stronger; red: fewer than half of the frames arrive."""
-    setup = RadioSetup(1, 100_000, (), "chapter", str(map_file))
+    setup = RadioSetup(seed=1, step_us=100_000, robots=(), preset="chapter", map=str(map_file))
     found, grid = radio_model(setup), load_map(map_file)
     x, y = (axis[1::4] for axis in grid.centres())
     spots = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

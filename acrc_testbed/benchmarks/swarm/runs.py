@@ -15,6 +15,7 @@ from typing import Final
 from unittest.mock import patch
 
 import numpy as np
+from msgspec.structs import replace
 
 from acrc_testbed.benchmarks.swarm.profiles import by_room, entries
 from acrc_testbed.results.result import RunResult
@@ -26,7 +27,7 @@ from actors.runtime.shell import Shell
 from deploy.run import memory_swarm, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
-from deploy.scenario.placement import SpotError
+from deploy.scenario.resolve import SpotError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 
@@ -94,9 +95,8 @@ def _dense(scenario: Scenario, count: int) -> Scenario:
     grid = load_map(scenario.map)
     rng = np.random.default_rng(scenario.run.seed)
     points = draw_points(grid, count, rng=rng, clearance=_CLEARANCE, apart=_APART)
-    starts = [(point.x, point.y, 0.0) for point in points]
-    robots = scenario.robots.model_copy(update={"start": starts})
-    return scenario.model_copy(update={"robots": robots})
+    starts = tuple((point.x, point.y, 0.0) for point in points)
+    return replace(scenario, robots=replace(scenario.robots, start=starts))
 
 
 @dataclass(frozen=True)

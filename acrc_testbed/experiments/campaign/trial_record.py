@@ -182,10 +182,10 @@ class TrialOrder(msgspec.Struct, frozen=True):
 def order_of(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: bool) -> TrialOrder:
     """What a trial's process is told. `repeated`: once more, as processes."""
     alone = Study(
-        "",
-        study.scenario,
-        (trial.strategy,),
-        0,
+        name="",
+        scenario=study.scenario,
+        strategies=(trial.strategy,),
+        seeds=0,
         settings=study.settings_of(trial.variant),
         distributions=study.distributions,
         conditions=study.conditions,

@@ -13,6 +13,7 @@ from actors.floor.placement import draw_points
 from actors.geometry import Point
 from actors.randomness import generator
 from actors.robot_model import OdometryKind, load_model
+from actors.settings import plain
 from deploy.scenario.events import for_places
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
@@ -124,7 +125,7 @@ def drawn(study: Study, trial: Trial) -> dict[str, Any]:
         else:
             settings |= _SETTINGS[one.kind](rng, one, scenario)
     if events:
-        before = [event.model_dump(exclude_none=True) for event in scenario.event]
+        before = [plain(event) for event in scenario.event]
         settings["event"] = before + events
     return settings
 

@@ -11,11 +11,11 @@ import msgspec
 
 from acrc_testbed.experiments.study.draws import drawn
 from acrc_testbed.experiments.study.study import Study, Trial, differences
-from actors import toml_file
 from actors.floor import offices
 from actors.floor.map_file import load_map
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
+from actors.settings import read_text, toml_tables
 from deploy.scenario.scenario_file import Overrides, load_scenario, map_files, strategy_files
 from deploy.scenario.tables import Scenario
 
@@ -38,7 +38,7 @@ def inputs(study: Study) -> Inputs:
     if not scenario.is_file():
         raise AcrcError(f"{scenario}: is no file any more, but the campaign's runs have read it")
     told = (
-        toml_file.tables(toml_file.read(scenario, "scenario"), scenario),
+        toml_tables(read_text(scenario, "scenario"), scenario),
         [study.settings_of(variant) for variant in study.variants()],
     )
     for text in _texts(told):

@@ -3,9 +3,12 @@
 import hashlib
 import itertools
 from collections.abc import Iterator
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
+from msgspec import Meta
+
+from actors.settings import Settings, Text
 
 FIRST_SEED: Final = 1
 FIRST_TUNING_SEED: Final = 1_000_001
@@ -51,31 +54,43 @@ class Trial(msgspec.Struct, frozen=True):
         return f"{self.seed:06d}-{hashlib.blake2b(told, digest_size=_NAME_BYTES).hexdigest()}"
 
 
-class Study(msgspec.Struct, frozen=True):
-    """What is run and why; paths are absolute."""
+class StudyTerms(Settings, frozen=True, kw_only=True):
+    """What a study's file and the study have in common."""
+
+    scenario: Annotated[Text, Meta(description="the path of a scenario, relative to the study's file")]
+    """Absolute in a study."""
+    strategies: Annotated[
+        tuple[str, ...],
+        Meta(min_length=1, description='a list of strategies, such as ["none", "chapter"]'),
+    ]
+    primary: Annotated[
+        tuple[tuple[str, str], ...],
+        Meta(description='a list of pairs of strategies, such as [["chapter", "none"]]'),
+    ] = ()
+    """The comparisons that the study is for, declared before it is carried out."""
+    primary_metric: Annotated[Text, Meta(description='a metric, such as "places"')] = "lexicographic"
+    """By which these are decided: one metric, or the chapter's order of places and time."""
+    margin_places: Annotated[float, Meta(gt=0, le=1_000_000)] = 1.0
+    """Strategies whose mean numbers of places differ by less are as good as each other."""
+    margin_s: Annotated[float, Meta(gt=0, le=1_000_000)] = 10.0
+    """The same of times, s."""
+    failed_runs: Literal["worst", "left out"] = "worst"
+    """What a run that failed counts as: one that did nothing, or none."""
+    isolated: bool = False
+    """Every run is made as isolated processes, for strategies of strangers."""
+
+
+class Study(StudyTerms, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """What is run and why."""
 
     name: str
-    scenario: str
-    strategies: tuple[str, ...]
     seeds: int
     tuning: bool = False
     """True: for choosing settings; no test will have its seeds."""
     settings: tuple[tuple[str, Any], ...] = ()
     """Keys of the scenario that are other than in its file."""
     factors: tuple[Factor, ...] = ()
-    primary: tuple[tuple[str, str], ...] = ()
-    """Pairs of strategies: the comparisons that the study is for."""
     distributions: tuple[Distribution, ...] = ()
-    primary_metric: str = "lexicographic"
-    """By which the primary comparisons are decided: one metric, or the chapter's order of places and time."""
-    isolated: bool = False
-    """True: every run is made as isolated processes, for strategies that nobody vouches for."""
-    margin_places: float = 1.0
-    """Strategies whose mean numbers of places differ by less are as good as each other."""
-    margin_s: float = 10.0
-    """The same of times."""
-    failed_runs: Literal["worst", "left out"] = "worst"
-    """What a run that failed counts as: one that did nothing, or none."""
     conditions: Literal["drawn", "as written"] = "as written"
     """Drawn: seeds draw whatever of `study.conditions` the study does not set."""
     random: tuple[Factor, ...] = ()

@@ -2,20 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from msgspec import Meta
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.bounds import ParameterError, check, check_range
 from actors.portable import log10
 from actors.portable.draws import exponentials
 from actors.radio.medium.medium import Propagation
-from actors.wording import span
+from actors.settings import Place, Settings
 
 Floats = NDArray[np.float64]
 Bursts = NDArray[np.int64]
+_BURST_NS: Final = (1_000_000, 2_000_000)
+"""Bursts last from the first to the second, ns, evenly distributed: 1 to 2 ms, a frame of 1500 octets at
+11 Mb/s with its acknowledgement, or an aggregate of faster ones."""
 _CHUNK: Final = 1024
 """Bursts drawn at once."""
 _NONE: Final[Bursts] = np.empty((0, 2), np.int64)
@@ -23,33 +26,17 @@ DROWNING_DBM: Final = 0.0
 """Power of a jammer wherever it reaches, dBm: above that of any frame over 0.1 m at full power."""
 
 
-@dataclass(frozen=True)
-class WifiParameters:
+class WifiParameters(Settings, frozen=True):
     """A Wi-Fi station that is on and off: bursts of frames, and silence between."""
 
-    x: float
-    y: float
+    at: Place
     """Where it stands, m, map frame."""
-    channel: int
-    """1 to 13."""
-    duty: float
-    """Share of the time that it is on, above 0, below 1."""
-    power_dbm: float = 17.0
+    channel: Annotated[int, Meta(ge=1, le=13, description="a Wi-Fi channel, a whole number from 1 to 13")]
+    duty: Annotated[float, Meta(gt=0, lt=1)]
+    """Share of the time that it is on."""
+    power_dbm: Annotated[float, Meta(ge=-60, le=30, extra={"unit": "dBm"})] = 17.0
     """Radiated, over its whole width of 22 MHz, dBm. Default: own choice, a usual access point; the limit in
     Europe is 20 (ETSI EN 300 328)."""
-    shortest_burst_us: int = 1000
-    """Bursts are from this long, µs, …"""
-    longest_burst_us: int = 2000
-    """… to this long, evenly distributed. Default: 1 to 2 ms, a frame of 1500 octets at 11 Mb/s with its
-    acknowledgement, or an aggregate of faster ones."""
-
-    def __post_init__(self) -> None:
-        check_range("wifi.channel", self.channel, 1, 13)
-        if not 0.0 < self.duty < 1.0:
-            raise ParameterError("wifi.duty", self.duty, span(gt=0, lt=1))
-        check(
-            "wifi", self, positive=("shortest_burst_us",), least={"longest_burst_us": self.shortest_burst_us}
-        )
 
 
 def in_band_db(wifi_channel: int, radio_channel: int) -> float:
@@ -77,9 +64,9 @@ class Wifi:
         propagation: Propagation,
         draws: Callable[[], Generator],
     ) -> None:
-        self._p = parameters
+        self._duty = parameters.duty
         self._radiated_dbm = parameters.power_dbm + in_band_db(parameters.channel, radio_channel)
-        self._place = np.array([[parameters.x, parameters.y]])
+        self._place = np.array([parameters.at])
         self._propagation = propagation
         self._draws = draws
         self._rng = draws()
@@ -117,10 +104,9 @@ class Wifi:
 
     def _draw(self) -> None:
         """Add bursts behind those that are known."""
-        p = self._p
-        shortest, longest = p.shortest_burst_us * 1000, p.longest_burst_us * 1000
+        shortest, longest = _BURST_NS
         lengths = self._rng.integers(shortest, longest, _CHUNK, endpoint=True)
-        mean_silence = (shortest + longest) / 2 * (1.0 - p.duty) / p.duty
+        mean_silence = (shortest + longest) / 2 * (1.0 - self._duty) / self._duty
         silences = np.rint(exponentials(self._rng, mean_silence, _CHUNK)).astype(np.int64)
         ends = self._drawn_until + np.cumsum(silences + lengths)
         self._known = np.concatenate([self._known, np.stack([ends - lengths, ends], axis=1)])

@@ -9,9 +9,10 @@ types of COST 231, which cost the same however thick they are drawn.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
@@ -19,6 +20,7 @@ from actors.floor.traversal import Ray, cell_after, equal_squares, ray, square_a
 from actors.kernels import njit
 from actors.portable import exp, log, log10
 from actors.runtime.errors import AcrcError
+from actors.settings import Settings, Span, check_spans
 
 _GHZ: Final = 2.45
 """The middle of the band, channels 11 to 26."""
@@ -138,16 +140,28 @@ Floats = NDArray[np.float64]
 _AIR: Final = 0
 
 
-@dataclass(frozen=True)
-class WallPatch:
+MaterialName = Annotated[
+    str,
+    Meta(
+        pattern=rf"\A({'|'.join(MATERIALS)})\Z",
+        description="a material: " + ", ".join(f'"{name}"' for name in MATERIALS),
+    ),
+]
+
+
+class WallPatch(Settings, frozen=True):
     """A rectangle of the floor in which what is occupied is of a material of its own."""
 
-    material: str
-    """Name, see `walls.MATERIALS`."""
-    x: tuple[float, float]
+    material: MaterialName
+    """Name, see `MATERIALS`."""
+    x: Span
     """From west to east, m."""
-    y: tuple[float, float]
+    y: Span
     """From south to north, m."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_spans(self, "x", "y")
 
 
 @dataclass(frozen=True, eq=False)

@@ -235,6 +235,6 @@ def _network(start: Start) -> NetworkParameters:
         relay = RelayParameters(
             hop_limit=exchange.hop_limit,
             longest=exchange.relay_delay,
-            relay_below_dbm=exchange.relay_below_dbm,
+            relay_below_dbm=exchange.relay_below,
         )
     return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)

@@ -8,16 +8,18 @@ other way.
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from types import MappingProxyType
-from typing import Final, NamedTuple, Protocol, TypeAlias
+from typing import Annotated, Final, NamedTuple, Protocol, TypeAlias
 
+from msgspec import Meta
 from numpy.random import Generator
 
 from actors.floor.door import Door
 from actors.geometry import CERTAIN, Covariance, Point, Pose
-from actors.instant import Duration, Instant, seconds
+from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import Outgoing, RadioEvent
 from actors.robot.behaviour.equipment import FloorPlan
 from actors.robot.behaviour.plan import Goal, GoalOrder, Plan
+from actors.settings import LONGEST_S, Interval, Settings
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 Scalar: TypeAlias = bool | int | float | str
@@ -30,28 +32,30 @@ FARTHEST_BACK: Final = 3.0
 _NO_MAP: Final = LookupError("this Start was made without a floor plan")
 
 
-LONGEST_S: Final = 1_000_000
-"""Longest duration that a file may give, s."""
+_Interval = Annotated[Duration, Meta(ge=milliseconds(1), le=seconds(LONGEST_S))]
 
 
-@dataclass(frozen=True)
-class ExchangeSettings:
+class ExchangeSettings(Settings, frozen=True):
     """How nodes of the component model exchange knowledge: a scenario's table [deeco]."""
 
-    publish: Duration = field(default=seconds(1))
+    publish: _Interval = seconds(1)
     """How often the own knowledge is published (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
     relay: bool = False
     """Pass on what is heard; off in d3scomp/deeco-adaptation-testbed."""
-    hop_limit: int = 3
+    hop_limit: Annotated[int, Meta(ge=1, le=15)] = 3
     """How often knowledge is passed on at most; own choice: the corridor is three radio ranges long."""
-    relay_delay: Duration = field(default=seconds(1))
+    relay_delay: Interval = seconds(1)
     """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
     DefaultKnowledgeDataManager)."""
-    relay_below_dbm: float = EVERYBODY_DBM
-    """What is heard more strongly than this is not passed on, dBm. Default: everybody passes on; own choice,
-    decision 22. JDEECo has a distance in its place (RebroadcastStrategy)."""
-    forget: Duration = field(default=seconds(30))
+    relay_below: Annotated[float, Meta(ge=-90, le=EVERYBODY_DBM, extra={"unit": "dBm"})] = EVERYBODY_DBM
+    """What is heard more strongly than this is not passed on, dBm; transceivers distinguish nothing weaker
+    than -90 dBm (`actors.radio.frame`). Default: everybody passes on; own choice, decision 22. JDEECo has a
+    distance in its place (RebroadcastStrategy)."""
+    forget: _Interval = seconds(30)
     """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
+
+
+_AS_IT_IS: Final = ExchangeSettings()
 
 
 class _NoFloorPlan:
@@ -106,7 +110,7 @@ class Start:
     """The behaviour's own random stream: the only randomness it may use."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
     """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
-    exchange: ExchangeSettings = ExchangeSettings()
+    exchange: ExchangeSettings = _AS_IT_IS
     """How the node exchanges knowledge with others, if there is a node."""
     floor: FloorPlan = field(default_factory=_NoFloorPlan)
     """The robot's map; what it draws, it draws from `generator`."""

@@ -6,14 +6,14 @@ multiples of their side, so that rolling moves whole cells and what is remembere
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
-from actors.bounds import ParameterError, check
 from actors.floor.grid import Cell
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
@@ -29,6 +29,7 @@ from actors.robot.cost_maps.ray_tracing import (
 )
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
+from actors.settings import Interval, NotNegative, Positive, Settings
 from deeco.knowledge import made
 
 LETHAL: Final = 254
@@ -83,53 +84,49 @@ def fingerprint() -> bytes:
 _NEVER: Final = np.iinfo(np.int64).min
 
 
-@dataclass(frozen=True)
-class CostMapParameters:
+class CostMapParameters(Settings, frozen=True):
     """The window and what it takes from scans; from d3scomp/ROSRemote, simulation/params, where not said."""
 
-    size: float = 4.0
+    size: Positive = 4.0
     """Side of the window, m."""
-    cell: float = 0.05
+    cell: Positive = 0.05
     """Side of a cell, m."""
-    obstacle_range: float = 2.5
+    obstacle_range: NotNegative = 2.5
     """What is nearer to the sensor is marked, m."""
-    raytrace_range: float = 3.0
+    raytrace_range: NotNegative = 3.0
     """Up to this distance from the sensor rays clear, m."""
     inf_is_valid: bool = False
     """Whether rays without echo clear. In costmap_2d this is off by default, and what was once marked stays
     where nothing is behind it. Where they do and the sensor has a shortest range, they clear from twice of it
     on, as nothing nearer than it gives an echo either."""
-    inflation_radius: float = 0.75
+    inflation_radius: NotNegative = 0.75
     """From this distance on nothing costs anything, m."""
-    scaling: float = 15.0
+    scaling: NotNegative = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
-    body: str = "polygon"
+    body: Literal["polygon", "disc"] = "polygon"
     """What the body is here: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a "disc"."""
-    allowance: float = 0.003
+    allowance: NotNegative = 0.003
     """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
-    padding: float = 0.01
+    padding: NotNegative = 0.01
     """Added to the polygon's coordinates, m (costmap_2d footprint_padding), or to the disc's radius. The
     centre may not be so near to a marked cell's middle as the disc within the polygon reaches, or the padded
     disc."""
-    free_memory: Duration = field(default=Duration(0))
+    free_memory: Interval = Duration(0)
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
-    free_range: float = 1.0
+    free_range: NotNegative = 1.0
     """That far from the sensor it is remembered, m."""
-    moving_memory: Duration = field(default=Duration(0))
+    moving_memory: Interval = Duration(0)
     """For this long a cell that becomes marked counts as marked by something that moves, if it counted as
     seen free before (needs `free_memory`); 0 = no cell does."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.moving_memory and not self.free_memory:
-            raise ParameterError("local_map.free_memory", 0.0, "above 0 where local_map.moving_memory is")
-        ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "free_range")
-        least = dict.fromkeys((*ranges, "allowance", "padding"), 0.0)
-        check("local_map", self, positive=("cell", "size"), least=least, known={"body": ("polygon", "disc")})
+            raise self.wrong("free_memory", "above 0 where local_map.moving_memory is")
         if not 4 <= self.size / self.cell <= 400:
-            raise ParameterError("local_map.size", self.size, f"4 to 400 cells of {self.cell:g} m")
+            raise self.wrong("size", f"4 to 400 cells of {self.cell:g} m")
         if self.inflation_radius > 100 * self.cell:
-            right = f"at most 100 cells of {self.cell:g} m"
-            raise ParameterError("local_map.inflation_radius", self.inflation_radius, right)
+            raise self.wrong("inflation_radius", f"at most 100 cells of {self.cell:g} m")
 
 
 _DISC: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
@@ -184,7 +181,7 @@ class CostMap:
     """The window of one robot; empty until the first scan."""
 
     def __init__(
-        self, sensor: RangeSensor, radius: float, parameters: CostMapParameters = CostMapParameters()
+        self, sensor: RangeSensor, radius: float, parameters: CostMapParameters = LOCAL_MAP_PRESETS["chapter"]
     ) -> None:
         """`radius`: of the body, m."""
         p = self.parameters = parameters

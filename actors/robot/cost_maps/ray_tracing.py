@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.bounds import ParameterError
 from actors.floor.convex import distance_to_border
 from actors.floor.flood import bearing_to, half_width, window
 from actors.kernels import njit
@@ -19,6 +18,7 @@ from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable import cos_sin as portable_cos_sin
 from actors.portable.compiled import cos_sin, hypot
+from actors.settings import ParameterError
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.uint8]

@@ -1,12 +1,14 @@
 """Numbers of the dynamic window approach."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Annotated, Final, Literal
 
-from actors.bounds import ParameterError, check, check_unused
-from actors.instant import Duration, seconds
+from msgspec import Meta
+from msgspec.structs import replace
+
+from actors.instant import seconds
+from actors.settings import Interval, NotNegative, Positive, PositiveInterval, Settings
 
 _IDLE: Final = {
     "indigo": (
@@ -18,130 +20,113 @@ _IDLE: Final = {
 """By rules: parameters that they do not use."""
 _MOST_POINTS: Final = 10_000
 """Of a trajectory; own choice: a hundred times what it has."""
-_LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", "scaling_speed")
-_NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")
-_LEAST: Final = {
-    **dict.fromkeys((*_NOT_NEGATIVE, "forward_point", "max_scaling_factor", "goal_slack"), 0.0),
-    **dict.fromkeys(("detour", "shortcut", "spot_angle", "spot_rate", "front_angle", *_IDLE["disc"]), 0.0),
-    **dict.fromkeys(("oscillation_distance", "oscillation_angle"), 0.0),
-    **dict.fromkeys(("speed_samples", "turn_samples"), 2.0),
-    "min_speed": -10.0,
-    "escape": 0.0,
-}
+_Samples = Annotated[int, Meta(ge=2)]
 
 
-@dataclass(frozen=True)
-class DwaParameters:
+class DwaParameters(Settings, frozen=True):
     """How the robot is driven along its plan; from d3scomp/ROSRemote, simulation/params, where not said.
 
     Where that file says nothing, it is the default of ros-planning/navigation, dwa_local_planner.
     """
 
-    rules: str = "indigo"
+    rules: Literal["indigo", "disc"] = "indigo"
     """"indigo": those of dwa_local_planner in ROS Indigo (`local_planner`). "disc": our own
     (`disc_local_planner`)."""
-    period: Duration = field(default=seconds(0.2))
+    period: PositiveInterval = seconds(0.2)
     """So often a command is chosen (move_base controller_frequency 5 Hz); it holds until the next."""
-    max_speed: float = 0.5
+    max_speed: Positive = 0.5
     """m/s (max_vel_x)."""
-    min_speed: float = 0.0
+    min_speed: Annotated[float, Meta(ge=-10)] = 0.0
     """m/s (min_vel_x). Rules "disc": if below 0, a robot that is too near to something may back out so fast,
     over cells that were seen free lately."""
-    least_speed: float = 0.1
+    least_speed: NotNegative = 0.1
     """A command has at least this speed (min_trans_vel), m/s, ..."""
-    max_turn: float = 5.0
+    max_turn: Positive = 5.0
     """rad/s (max_rot_vel)."""
-    least_turn: float = 0.4
+    least_turn: NotNegative = 0.4
     """... or at least this turn rate (min_rot_vel), rad/s."""
-    acceleration: float = 1.0
+    acceleration: Positive = 1.0
     """Within one period the speed changes so fast at most (acc_lim_x), m/s²; stopping is planned with it."""
-    turn_acceleration: float = 2.0
+    turn_acceleration: Positive = 2.0
     """The same of the turn rate (acc_lim_theta), rad/s²."""
-    speed_samples: int = 15
+    speed_samples: _Samples = 15
     """Speeds tried (vx_samples)."""
-    turn_samples: int = 20
+    turn_samples: _Samples = 20
     """Turn rates tried with each (vth_samples)."""
-    sim_time: float = 3.0
+    sim_time: Positive = 3.0
     """A trajectory goes on with the same velocity for so long, s, ..."""
-    stop_buffer: float = 0.2
+    stop_buffer: NotNegative = 0.2
     """Rules "disc": ... or until the robot could have braked, begun so much later, if that is longer, s
     (stop_time_buffer). dwa_local_planner describes it as the time before a collision in which the robot must
     have stopped, but does nothing with it since it predicts for a fixed time."""
-    granularity: float = 0.025
+    granularity: Positive = 0.025
     """Looked at is every so many metres of a trajectory (sim_granularity, default) ..."""
-    angular_granularity: float = 0.1
+    angular_granularity: Positive = 0.1
     """... or every so many rad (angular_sim_granularity, default)."""
-    path_bias: float = 64.0
+    path_bias: NotNegative = 64.0
     """Weight of the distance to the plan (path_distance_bias)."""
-    goal_bias: float = 24.0
+    goal_bias: NotNegative = 24.0
     """Weight of the distance to the local goal (goal_distance_bias)."""
-    occdist_scale: float = 0.5
+    occdist_scale: NotNegative = 0.5
     """Weight of the cost below the body: at a trajectory's end (ObstacleCostFunction, indigo), or the highest
     along it (disc)."""
-    forward_point: float = 0.325
+    forward_point: NotNegative = 0.325
     """So far ahead of the centre is the nose, which is drawn to the plan and the goal too, m."""
-    scaling_speed: float = 0.25
+    scaling_speed: Positive = 0.25
     """Rules "disc": above this speed the body counts as larger than it is, m/s, ..."""
-    max_scaling_factor: float = 0.2
+    max_scaling_factor: NotNegative = 0.2
     """... by this share at the highest speed, in between by less. dwa_local_planner of Indigo computes that
     and does not use it; Noetic's does."""
-    oscillation_distance: float = 0.05
+    oscillation_distance: NotNegative = 0.05
     """After a reversal the way back is barred until the robot is so far away, m (oscillation_reset_dist),"""
-    oscillation_angle: float = 0.2
+    oscillation_angle: NotNegative = 0.2
     """or has turned so far, rad (oscillation_reset_angle, default)."""
-    goal_tolerance: float = 0.15
+    goal_tolerance: Positive = 0.15
     """So near to the plan's end the goal is reached, m (xy_goal_tolerance)."""
-    heading_tolerance: float = 0.3
+    heading_tolerance: NotNegative = 0.3
     """Rules "indigo": ... once the robot has turned to the goal's heading, rad (yaw_goal_tolerance), ..."""
-    stopped_speed: float = 0.1
+    stopped_speed: NotNegative = 0.1
     """... is no faster than this, m/s (trans_stopped_vel, default), ..."""
-    stopped_turn: float = 0.1
+    stopped_turn: NotNegative = 0.1
     """... and turns no faster than this, rad/s (rot_stopped_vel, default)."""
-    goal_slack: float = 0.15
+    goal_slack: NotNegative = 0.15
     """Rules "disc": where the robot cannot stand at the plan's end, the nearest cell within so many metres is
     the goal. Own choice against cells and poses that are a little off; dwa_local_planner has no trajectory
     then."""
-    detour: float = 2.0
+    detour: NotNegative = 2.0
     """Rules "disc": if the way to the local goal is longer than the plan by more than this, there is no
     trajectory, m. Own choice, half the window: what has not been seen counts as free, so that waves find ways
     behind walls, and dwa_local_planner turns on the spot before a door that is blocked."""
-    shortcut: float = 0.0
+    shortcut: NotNegative = 0.0
     """Rules "disc": the local goal comes nearer along the plan until the plan is longer than the shortest way
     to it by this at most, m; 0: it stays. Own choice: through a gap that the plan avoids, the shortest way
     draws the robot back while the plan draws it on, and it stands between the two."""
-    spot_angle: float = 1.6
+    spot_angle: NotNegative = 1.6
     """Rules "disc": if the plan leads away at more than this angle and nothing stands there, the robot turns
     on the spot until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
-    spot_rate: float = 0.0
+    spot_rate: NotNegative = 0.0
     """Rules "disc": on the spot it turns straight to where the plan leads, at this rate at most, rad/s; 0: as
     the critics choose, who may turn it to and fro beside a wall's end. As Nav2's rotation shim
     (rotate_to_heading_angular_vel 1.8)."""
-    front_angle: float = 3.2
+    front_angle: NotNegative = 3.2
     """Rules "disc": if the plan leads aside of the local goal by more than this angle, as round a wall's end,
     the nose is not drawn to the goal, rad; more than π: it always is, as in dwa_local_planner, where a robot
     may turn to and fro for ever before such a wall. Own choice."""
-    escape: float = 0.035
+    escape: NotNegative = 0.035
     """Rules "disc": a robot that is nearer to something than it may be, by so many metres at most, may still
     drive such that the distance does not fall. Own choice: what the local map's padding adds to
     dwa_local_planner's own limit, as what is marked may jump by a cell; it has no trajectory then, beside a
     wall for ever."""
-    scan_patience: Duration = field(default=seconds(0.5))
+    scan_patience: Interval = seconds(0.5)
     """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
 
     def __post_init__(self) -> None:
-        times = ("period", "sim_time", "granularity", "angular_granularity")
-        check(
-            "dwa",
-            self,
-            positive=(*times, *_LIMITS, "goal_tolerance"),
-            least=_LEAST,
-            known={"rules": tuple(_IDLE)},
-        )
+        super().__post_init__()
         finest = max(self.max_speed / self.granularity, self.max_turn / self.angular_granularity)
         if self.sim_time * finest > _MOST_POINTS:
             right = f"such that a trajectory has at most {_MOST_POINTS} points at the highest speeds"
-            raise ParameterError("dwa.sim_time", self.sim_time, right)
-        check_unused("dwa", self, _IDLE[self.rules], f'dwa.rules is "{self.rules}"')
+            raise self.wrong("sim_time", right)
+        self.check_unused(_IDLE[self.rules], f'dwa.rules is "{self.rules}"')
 
 
 _DISC: Final = DwaParameters(rules="disc", granularity=0.05)

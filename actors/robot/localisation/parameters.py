@@ -1,100 +1,98 @@
 """Every number of the particle filter, and the sets of them that have a name."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Literal, Protocol, get_args
+from typing import Annotated, Final, Literal, Protocol
 
 import msgspec
 
-from actors.bounds import ParameterError, check
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.robot.localisation.resampling import Cluster
 from actors.robot.sweep import Sweep
+from actors.settings import Count, NotNegative, Positive, PositiveCount, Settings, Share
 
 OdometryModel = Literal["diff", "diff-corrected"]
 Weighting = Literal["cubes", "product"]
 
 
-@dataclass(frozen=True)
-class AmclParameters:
+class AmclParameters(Settings, frozen=True):
     """Augmented Monte Carlo localisation; defaults as d3scomp/ROSRemote, simulation/robot.launch, has them.
 
     Where nothing else stands, a field is amcl's of the same meaning (wiki.ros.org/amcl). Raises
     ParameterError for a value that makes no sense.
     """
 
-    min_particles: int = 500
+    min_particles: PositiveCount = 500
     """So many are kept at least."""
-    max_particles: int = 2000
+    max_particles: PositiveCount = 2000
     """So many are kept at most, and at the start."""
-    kld_error: float = 0.05
+    kld_error: Positive = 0.05
     """ε: the particles may differ so far from what they stand for (Kullback-Leibler distance)."""
-    kld_quantile: float = 0.99
+    kld_quantile: NotNegative = 0.99
     """z: upper quantile of the standard normal distribution for the probability that they do not. amcl's
     parameter kld_z is this quantile, though it is mostly set like a probability: 0.99 means 84 %."""
     odometry_model: OdometryModel = "diff"
     """Whether alphas give standard deviations ("diff", ROS 1) or variances ("diff-corrected", the book)."""
-    alpha1: float = 0.2
+    alpha1: NotNegative = 0.2
     """Noise of turning due to turning."""
-    alpha2: float = 0.2
+    alpha2: NotNegative = 0.2
     """Noise of turning due to driving, 1/m²."""
-    alpha3: float = 0.2
+    alpha3: NotNegative = 0.2
     """Noise of driving due to driving."""
-    alpha4: float = 0.2
+    alpha4: NotNegative = 0.2
     """Noise of driving due to turning, m²."""
     weighting: Weighting = "cubes"
     """What makes one weight of the beams' p: 1 + Σp³ (amcl's "likelihood_field") or Πp
     ("likelihood_field_prob")."""
-    sharpness: float = 1.0
+    sharpness: Positive = 1.0
     """The product is taken to this power, as neighbouring beams are not independent ("Probabilistic
     Robotics", 6.3.4)."""
-    beams: int = 60
+    beams: PositiveCount = 60
     """So many beams of a scan are looked at, at equal angles; all, if it has fewer."""
-    z_hit: float = 0.5
+    z_hit: Share = 0.5
     """Share of beams that end at a wall of the map."""
-    z_rand: float = 0.5
-    """Share of beams that end anywhere within the sensor's range."""
-    sigma_hit: float = 0.2
+    z_rand: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.5
+    """Share of beams that end anywhere within the sensor's range: above 0, as no beam may be impossible."""
+    sigma_hit: Positive = 0.2
     """Standard deviation of a beam's end from the wall, m."""
-    max_distance: float = 2.0
+    max_distance: Positive = 2.0
     """All that is farther from walls is as unlikely as this, m; amcl's laser_likelihood_max_dist."""
     beam_skip: bool = False
     """With "product": drop beams that few particles agree with, while the particles are together."""
-    beam_skip_distance: float = 0.5
+    beam_skip_distance: NotNegative = 0.5
     """A particle agrees with a beam that ends, seen from it, nearer to a wall than this, m. The fit that
     recovery goes by is the share of the believed beams, over all particles, that are agreed with."""
-    beam_skip_threshold: float = 0.3
+    beam_skip_threshold: Share = 0.3
     """A beam with which a smaller share of the particles agrees is dropped,"""
-    beam_skip_error_threshold: float = 0.9
+    beam_skip_error_threshold: Share = 0.9
     """but none is if this share of the beams, or more, would be."""
     stranger_filter: bool = False
     """Drop beams that end in the open, in sight of the estimate, while the particles are together: what is
     not on the map. Beams that reach behind its walls stay. Own form of the distance filter of Fox, Burgard
     and Thrun, "Markov localization for mobile robots in dynamic environments", JAIR 11, 1999."""
-    stranger_distance: float = 0.12
+    stranger_distance: NotNegative = 0.12
     """In the open is what is farther from walls, m; own choice by measurement."""
-    peer_radius: float = 0.45
+    peer_radius: NotNegative = 0.45
     """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
-    update_distance: float = 0.25
+    update_distance: NotNegative = 0.25
     """A scan counts only after so much way, m,"""
-    update_angle: float = 0.2
+    update_angle: NotNegative = 0.2
     """or so much turning, rad, since the last one that did."""
-    resample_interval: int = 1
+    resample_interval: PositiveCount = 1
     """Particles are drawn anew at every so many-th scan that counts."""
-    recovery_slow: float = 0.0
+    recovery_slow: Share = 0.0
     """Decay of the slow average of the fit, per scan that counts; 0: no new poses are tried among the
     particles, though a search may gather all of them elsewhere."""
-    recovery_fast: float = 0.0
+    recovery_fast: Share = 0.0
     """Decay of the fast average; new poses are tried where it falls below the slow one."""
-    search_poses: int = 0
+    search_poses: Count = 0
     """So many poses all over the map are tried per scan that counts while the robot is lost, beside the
     particles, until one of them explains the scans; then the particles are gathered there. 0: it is not
     searched. Own addition."""
-    start_spread: float = 0.1
+    start_spread: NotNegative = 0.1
     """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
     as robots are put where they are said to be; amcl's default is 0.5 m."""
-    start_turn_spread: float = 0.1
+    start_turn_spread: NotNegative = 0.1
     """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square. Own choice, as
     above; amcl's default is 15°."""
 
@@ -104,36 +102,11 @@ class AmclParameters:
         return self.recovery_slow > 0 and self.recovery_fast > 0
 
     def __post_init__(self) -> None:
-        known = {"odometry_model": get_args(OdometryModel), "weighting": get_args(Weighting)}
-        check("localisation", self, positive=_POSITIVE, least=_LEAST, most=_MOST, known=known)
+        super().__post_init__()
         if self.recovers and self.recovery_slow >= self.recovery_fast:
-            right = f"below recovery_fast {self.recovery_fast:g}"
-            raise ParameterError("localisation.recovery_slow", self.recovery_slow, right)
+            raise self.wrong("recovery_slow", f"below recovery_fast {self.recovery_fast:g}")
         if self.max_particles < self.min_particles:
-            right = f"at least min_particles {self.min_particles}"
-            raise ParameterError("localisation.max_particles", self.max_particles, right)
-
-
-_SHARES: Final = (
-    "z_hit",
-    "z_rand",
-    "beam_skip_threshold",
-    "beam_skip_error_threshold",
-    "recovery_slow",
-    "recovery_fast",
-)
-_LEAST: Final = {
-    **dict.fromkeys(("min_particles", "beams", "resample_interval"), 1),
-    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "kld_quantile", "beam_skip_distance"), 0),
-    **dict.fromkeys(("stranger_distance", "search_poses"), 0),
-    **dict.fromkeys(_SHARES, 0),
-    **dict.fromkeys(
-        ("peer_radius", "update_distance", "update_angle", "start_spread", "start_turn_spread"), 0
-    ),
-}
-_POSITIVE: Final = ("kld_error", "sharpness", "sigma_hit", "max_distance", "z_rand")
-"""z_rand, as no beam may be impossible: the logarithm of its p would be infinite."""
-_MOST: Final = dict.fromkeys(_SHARES, 1)
+            raise self.wrong("max_particles", f"at least min_particles {self.min_particles}")
 
 
 _ROBUST: Final = AmclParameters(

@@ -1,15 +1,14 @@
 """Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from enum import Enum
-from typing import Final, Protocol
+from typing import Annotated, Final, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.bounds import check
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
@@ -19,6 +18,7 @@ from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts, NavigationReport
 from actors.robot.navigation.planning import GlobalPlanner
 from actors.robot.sweep import Sweep
+from actors.settings import Count, Interval, NotNegative, Positive, PositiveInterval, Settings
 from deeco.knowledge import made
 
 
@@ -159,24 +159,23 @@ _DRIVES: Final = PursuitState.CONTROLLING
 """While this is its state, the local planner is asked for commands."""
 
 
-@dataclass(frozen=True)
-class NavigationParameters:
+class NavigationParameters(Settings, frozen=True):
     """When goals are planned for and given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
 
-    replanning: Duration = field(default=seconds(1))
+    replanning: PositiveInterval = seconds(1)
     """The path is planned anew so often (move_base planner_frequency 1 Hz)."""
-    planner_patience: Duration = field(default=seconds(0.5))
+    planner_patience: Interval = seconds(0.5)
     """Without any path for so long navigation recovers, or gives up (move_base planner_patience; the file
     says 5 s first and then this)."""
-    controller_patience: Duration = field(default=seconds(1))
+    controller_patience: Interval = seconds(1)
     """The same without a valid trajectory (move_base controller_patience; the file says 3 s first)."""
-    oscillation_timeout: Duration = field(default=seconds(10))
+    oscillation_timeout: Interval = seconds(10)
     """The same if the robot has stayed for so long ... (move_base oscillation_timeout)"""
-    oscillation_distance: float = 0.2
+    oscillation_distance: Positive = 0.2
     """... within less than so many metres (move_base oscillation_distance)."""
-    recoveries: int = 1
+    recoveries: Count = 1
     """So often in a row navigation recovers before it gives up; the files list one recovery, the next."""
-    reset_distance: float = 1000.0
+    reset_distance: NotNegative = 1000.0
     """To recover, what is marked outside of a square of this side round the robot is forgotten, m. More than
     any window: the files say 3 (clear_costmap_recovery reset_distance), but that recovery looks for layers
     named `obstacles` only (ClearCostmapRecovery::clear, clear_costmap_recovery.cpp), and theirs have other
@@ -189,23 +188,13 @@ class NavigationParameters:
     """A robot whose local planner does not get it away, for want of a valid trajectory or of progress, backs
     off straight by `retreat` once it is free behind it. Off, as in move_base: its local planner has nothing
     valid while the body's outline meets a marked cell, and never drives backward (min_vel_x 0)."""
-    retreat: float = 0.15
+    retreat: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.15
     """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
     move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
-    retreat_speed: float = 0.1
+    retreat_speed: Positive = 0.1
     """m/s; slow, for it may not see what it backs into."""
-    retreat_patience: Duration = field(default=seconds(3))
+    retreat_patience: Interval = seconds(3)
     """So long one retreat may take; twice what it takes with free wheels."""
-
-    def __post_init__(self) -> None:
-        lengths = ("oscillation_distance", "retreat", "retreat_speed")
-        check(
-            "navigation",
-            self,
-            positive=("replanning", *lengths),
-            least={"recoveries": 0, "reset_distance": 0},
-            most={"retreat": 1.0},
-        )
 
 
 _PATIENT: Final = NavigationParameters(
@@ -213,7 +202,7 @@ _PATIENT: Final = NavigationParameters(
 )
 NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
-    "robust": replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
+    "robust": msgspec.structs.replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
 }
 """`chapter`: the original's. `robust`: the default; our own local planner; a recovery forgets what is marked
 farther away; other robots are planned around, waited for and backed off from."""
@@ -284,7 +273,7 @@ class Navigator:
         planner: GlobalPlanner,
         local: LocalObstacles,
         local_planner: LocalPlanner,
-        parameters: NavigationParameters = NavigationParameters(),
+        parameters: NavigationParameters = NAVIGATION_PRESETS["chapter"],
     ) -> None:
         self._planner = planner
         self._local = local

@@ -3,14 +3,14 @@
 import math
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.bounds import check, check_unused
 from actors.floor import flood
 from actors.floor.distance import squared_distance
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
@@ -19,71 +19,55 @@ from actors.geometry import Point
 from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
 from actors.robot.cost_maps.ray_tracing import check_reach, inscribed, squared_within
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+from actors.settings import NotNegative, Positive, PositiveCount, Settings
 
 
-@dataclass(frozen=True)
-class PlanningParameters:
+class PlanningParameters(Settings, frozen=True):
     """How ways are planned; costs as in d3scomp/ROSRemote, simulation/params (navfn on a costmap of ROS)."""
 
-    method: str = "navfn"
+    method: Literal["navfn", "grid"] = "navfn"
     """"navfn": as ROS's navfn, on the map's own cells, by a new wave from the robot for every plan. "grid":
     ours, from cell to cell of a coarser grid, by potentials that begin at the goal and are kept. A parameter
     that names one of them holds for that only. What a behaviour asks of the floor is answered on that grid,
     also with navfn."""
-    cell: float = 0.05
+    cell: Positive = 0.05
     """grid: its cells are the smallest multiple of the map's that is at least so long, m."""
-    margin: float = 0.03
+    margin: NotNegative = 0.03
     """grid: the body's disc keeps at least this far from walls, m; own choice: what the local planner may
     stray."""
-    allowance: float = 0.003
+    allowance: NotNegative = 0.003
     """navfn: the body's disc counts as so much larger, m; the files' robot_radius is 0.18, the TurtleBot's is
     0.177."""
-    padding: float = 0.01
+    padding: NotNegative = 0.01
     """navfn: corners of the body's outline count as so much farther out along each axis, m (costmap_2d)."""
-    narrowest: float = 0.0
+    narrowest: NotNegative = 0.0
     """grid: no plan leads through gaps between walls that are narrower than this, m; 0: as `margin` has it.
     Own choice: what the local planner drives through with certainty."""
-    inflation_radius: float = 0.5
+    inflation_radius: NotNegative = 0.5
     """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
-    scaling: float = 10.0
+    scaling: NotNegative = 10.0
     """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
-    neutral: int = 50
+    neutral: PositiveCount = 50
     """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
-    factor: float = 0.8
+    factor: NotNegative = 0.8
     """What a cell costs on the cost map, up to 252, counts so many times (navfn, COST_FACTOR as compiled; the
     files' cost_factor 3.0 is another planner's, and navfn does not read it)."""
-    wall: float = 0.1
+    wall: NotNegative = 0.1
     """What is marked nearer than this to a wall of the map is taken for it, m; own choice: cells, and what
     the pose may err."""
-    tolerance: float = 0.5
+    tolerance: NotNegative = 0.5
     """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
     (navfn default_tolerance); with the method grid the same holds for the start."""
-    cached: int = 16
+    cached: PositiveCount = 16
     """grid: at most so many potentials are kept for goals to come back to, 0.5 MB on the corridor map."""
-    cached_mb: float = 16.0
+    cached_mb: Positive = 16.0
     """grid: they take at most so much memory, MB; the last one is kept whatever it takes."""
 
     def __post_init__(self) -> None:
-        names = (
-            "margin",
-            "narrowest",
-            "allowance",
-            "padding",
-            "inflation_radius",
-            "scaling",
-            "factor",
-            "wall",
-        )
-        lengths = dict.fromkeys((*names, "tolerance"), 0)
-        check(
-            "planner",
-            self,
-            positive=("cell", "cached_mb"),
-            least={"neutral": 1, "cached": 1, **lengths},
-            most={"neutral": HIGHEST} if self.method == "navfn" else None,
-            known={"method": tuple(_IDLE)},
-        )
-        check_unused("planner", self, _IDLE[self.method], f'planner.method is "{self.method}"')
+        super().__post_init__()
+        if self.method == "navfn" and self.neutral > HIGHEST:
+            raise self.wrong("neutral", f'at most {HIGHEST} where planner.method is "navfn"')
+        self.check_unused(_IDLE[self.method], f'planner.method is "{self.method}"')
 
 
 HIGHEST: Final = 253

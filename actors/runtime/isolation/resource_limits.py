@@ -1,7 +1,6 @@
 """What the system lets one robot's process have: memory, files, disk, processes (setrlimit(2))."""
 
 import resource
-from dataclasses import dataclass, fields, replace
 from typing import Annotated, Final
 
 import msgspec
@@ -20,8 +19,7 @@ class LimitError(AcrcError):
     """A limit that is none."""
 
 
-@dataclass(frozen=True)
-class ProcessLimits:
+class ProcessLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How much one robot's process may have; own choices, far above what a strategy needs."""
 
     memory_mb: Amount = 4096
@@ -43,7 +41,7 @@ class ProcessLimits:
 
 def limits(words: tuple[str, ...]) -> ProcessLimits:
     """The limits with these set, each as `name=number`. Raises LimitError."""
-    known = [field.name for field in fields(ProcessLimits)]
+    known = ProcessLimits.__struct_fields__
     found = ProcessLimits()
     for word in words:
         name, _, number = word.partition("=")
@@ -56,7 +54,7 @@ def limits(words: tuple[str, ...]) -> ProcessLimits:
             raise LimitError(
                 f'--limit: {word}; must be one of {", ".join(known)}, "=" and a number from 1 to 999999999'
             )
-        found = replace(found, **{name: int(number[:10])})
+        found = msgspec.structs.replace(found, **{name: int(number[:10])})
     return found
 
 

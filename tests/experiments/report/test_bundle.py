@@ -25,7 +25,8 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 ROOT = Path(__file__).parents[3]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 STUDY = Study(
-    "tiny", str(CORRIDOR), ("none",), 2, settings=(("robots.count", 1), ("run.duration", 1.0)),
+    name="tiny", scenario=str(CORRIDOR), strategies=("none",), seeds=2,
+    settings=(("robots.count", 1), ("run.duration", 1.0)),
 )  # fmt: skip
 
 
@@ -124,7 +125,9 @@ def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes((ROOT / "maps" / name).read_bytes())
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps/", ""))
     (tmp_path / "mine.py").write_text("def behaviour(start): ...\n")
-    study = Study("own", str(tmp_path / "s.toml"), ("none", "mine:behaviour"), 1)
+    study = Study(
+        name="own", scenario=str(tmp_path / "s.toml"), strategies=("none", "mine:behaviour"), seeds=1
+    )
     assert sorted(inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
     elsewhere = msgspec.structs.replace(study, strategies=("nowhere_at_all:behaviour",))
     with pytest.raises(AcrcError, match="nowhere_at_all:behaviour: its module does not lie in"):

@@ -26,8 +26,8 @@ from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
 STUDY = Study(
-    "five & <b>six</b>", "/nowhere/chapter.toml", ("none", "oracle", "a$b_{<i>"), 7,
-    primary=(("none", "oracle"),),
+    name="five & <b>six</b>", scenario="/nowhere/chapter.toml", strategies=("none", "oracle", "a$b_{<i>"),
+    seeds=7, primary=(("none", "oracle"),),
 )  # fmt: skip
 
 
@@ -237,7 +237,7 @@ def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
 def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
     lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
     lied = msgspec.structs.replace(plain, refused_reports=(lie,))
-    study = Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True)
+    study = Study(name="few", scenario="/s.toml", strategies=("none", "chapter"), seeds=2, tuning=True)
     campaign(tmp_path / "few", lied, study, drawn)
     trial = next(iter(study.trials()))
     with charts.applied():
@@ -252,7 +252,11 @@ def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None
 
 def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResult, tmp_path: Path) -> None:
     campaign(
-        tmp_path / "all", plain, Study("all", "/s.toml", ("none",), 3), drawn, fails=lambda trial: "it rained"
+        tmp_path / "all",
+        plain,
+        Study(name="all", scenario="/s.toml", strategies=("none",), seeds=3),
+        drawn,
+        fails=lambda trial: "it rained",
     )
     page = report.write([tmp_path / "all"], tmp_path / "out").read_text()
     assert "it rained" in page and "<img" not in page
@@ -301,9 +305,20 @@ def test_real_robots_stand_beside_a_run_and_what_nobody_knows(plain: RunResult, 
 
 
 def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path: Path) -> None:
-    study = Study("chapter", "/s.toml", ("none",), 1, factors=(Factor("robots.count", (4, 8)),))
+    study = Study(
+        name="chapter",
+        scenario="/s.toml",
+        strategies=("none",),
+        seeds=1,
+        factors=(Factor("robots.count", (4, 8)),),
+    )
     one = campaign(tmp_path / "one", plain, study, thirty)
-    other = campaign(tmp_path / "x" / "one", plain, Study("chapter", "/s.toml", ("none",), 1), thirty)
+    other = campaign(
+        tmp_path / "x" / "one",
+        plain,
+        Study(name="chapter", scenario="/s.toml", strategies=("none",), seeds=1),
+        thirty,
+    )
     alone = [case.condition for case in read([one])[0].cases]
     assert alone == ["robots.count = 4", "robots.count = 8"]
     assert [[case.condition for case in source.cases] for source in read([one, other])] == [

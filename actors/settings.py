@@ -1,0 +1,465 @@
+"""Settings: structs whose fields carry their bounds, and the checker that decodes files into them.
+
+A bound is a `msgspec.Meta` of the field's type; `description` says what is right, in words that go on after
+"must be", where type, bounds and `unit` do not say it. A `Duration` is a number of seconds in a file, and µs
+in the struct. Dataclasses are decoded in the same way.
+"""
+
+import codecs
+import dataclasses
+import math
+import re
+import tomllib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import msgspec
+from msgspec import Meta
+
+from actors import wording
+from actors.geometry import GREATEST_COORDINATE
+from actors.instant import Duration, in_seconds, seconds
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
+
+T = TypeVar("T")
+LONGEST_S: Final = 1_000_000
+"""Longest duration in a file, s."""
+LARGEST_FILE: Final = 1_000_000
+"""Bytes; a scenario of 1000 robots with 10 places each needs half of that."""
+MOST_PARTS: Final = 32
+"""Of a dotted key; time grows with their square, and no file of this project has more than three."""
+MOST_BITS: Final = 1023
+"""Of a whole number; a longer one is none as a float, and from 14 000 bits on Python cannot even show it."""
+_TOKENS: Final = re.compile(
+    r'(?P<skipped>"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|\'{3}(?:[^\']|\'(?!\'\'))*\'{0,3}|#[^\n]*)'
+    r"|(?P<part>[A-Za-z0-9_-]+|\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*')|(?P<dot>\.)|(?P<blank>[ \t]+)|(?P<other>.)",
+    re.DOTALL,
+)
+_WITHIN: Final = f"within ±{GREATEST_COORDINATE:.0f}"
+A_POSE: Final = f"a pose [x, y, heading] in m, m and rad, {_WITHIN}"
+A_POINT: Final = f"a point [x, y] in m, {_WITHIN}"
+
+Coordinate = Annotated[float, Meta(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINATE)]
+StartPose = Annotated[tuple[Coordinate, Coordinate, Coordinate], Meta(description=A_POSE)]
+Place = Annotated[tuple[Coordinate, Coordinate], Meta(description=A_POINT)]
+Span = Annotated[
+    tuple[Coordinate, Coordinate],
+    Meta(description="two numbers [from, to] in m, the first below the second"),
+]
+Text = Annotated[str, Meta(pattern=r"\A[^\x00]+\Z")]
+"""Not empty, and without the zero character, which ends a path for the operating system."""
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Count = Annotated[int, Meta(ge=0)]
+PositiveCount = Annotated[int, Meta(ge=1)]
+Interval = Annotated[Duration, Meta(ge=0, le=seconds(LONGEST_S))]
+PositiveInterval = Annotated[Duration, Meta(gt=0, le=seconds(LONGEST_S))]
+
+
+class ParameterError(AcrcError, ValueError):
+    """A setting that is not known, or whose value is not allowed."""
+
+    def __init__(self, key: str, value: object, right: str, sentence: str = "") -> None:
+        """`right`: what it must be, in words that go on after "must be"; `sentence`: in place of all that."""
+        super().__init__(sentence or f"{key} is {wording.shown(value)}, but must be {right}")
+        self.key, self.value, self.right = key, value, right
+
+
+class RuleError(AcrcError, ValueError):
+    """Keys of one table that do not fit together; its words go on after "must"."""
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings with allowed numbers and choices only, also where code makes them. Raises ParameterError."""
+
+    def __post_init__(self) -> None:
+        for name, metas, choices in _bounds(type(self)):
+            value = getattr(self, name)
+            if value is not None and not (_fits(value, metas) and (not choices or value in choices)):
+                raise self.wrong(name)
+
+    def wrong(self, name: str, right: str = "") -> ParameterError:
+        """Return the error that a field has a wrong value; `right`: what it must be, else by its type."""
+        key = f"{type(self).__name__}.{name}"
+        return ParameterError(
+            key, getattr(self, name), right or words(fields_of(type(self))[name].hint, name)
+        )
+
+    def check_unused(self, names: Collection[str], where: str) -> None:
+        """Raise ParameterError for a field that is set though nothing uses it `where` something is so."""
+        for name in names:
+            if getattr(self, name) != fields_of(type(self))[name].default:
+                raise self.wrong(name, f"left out where {where}, which does not use it")
+
+
+def check_spans(table: Settings, *names: str) -> None:
+    """Raise ParameterError for a field with two numbers of which the first is not below the second."""
+    for name in names:
+        low, high = getattr(table, name)
+        if not low < high:
+            raise table.wrong(name)
+
+
+def check_range(key: str, value: float, least: float, most: float) -> None:
+    """Raise ParameterError for a value that is not from `least` to `most`, ends included."""
+    if not least <= value <= most:
+        raise ParameterError(key, value, wording.span(ge=least, le=most))
+
+
+def read_text(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
+    """Return the text of a file of that kind, such as "scenario", without a byte order mark.
+
+    `most`: bytes that it may have. Raises AcrcError.
+    """
+    try:
+        with regular_file.opened(path) as file:
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise AcrcError(f"{path}: the {kind} file may have at most {most} bytes, but has more")
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise AcrcError(f"{path}: the {kind} file is UTF-16; save it as UTF-8")
+        return content.decode("utf-8-sig")
+    except OSError as error:
+        raise AcrcError(f"{path}: the {kind} file cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise AcrcError(f"{path}: byte {error.start} of the {kind} file is not UTF-8") from None
+
+
+def toml_tables(text: str, name: object) -> dict[str, Any]:
+    """Return what the text of the TOML file `name` says. Raises AcrcError."""
+    try:
+        return loads(text)
+    except ValueError as error:
+        raise AcrcError(f"{name}: this is no TOML: {error}") from None
+
+
+def loads(text: str) -> dict[str, Any]:
+    """Return what a TOML text says, in time that grows with its length alone. Raises ValueError.
+
+    Refused beside what is no TOML: whole numbers beyond any float, and keys of more than MOST_PARTS
+    parts.
+    """
+    _check_keys(text)
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
+    if any(isinstance(value, int) and value.bit_length() > MOST_BITS for value in _values(content)):
+        raise ValueError(f"a whole number in it has more than {MOST_BITS} bits")
+    return content
+
+
+def _check_keys(text: str) -> None:
+    parts = dots = 0
+    for token in _TOKENS.finditer(text):
+        match token.lastgroup:
+            case "dot":
+                dots += 1
+            case "part" if dots == parts:
+                parts += 1
+                if parts > MOST_PARTS:
+                    line = text.count("\n", 0, token.start()) + 1
+                    raise ValueError(f"line {line} has a key of more than {MOST_PARTS} parts")
+            case "part":
+                parts, dots = 1, 0
+            case "blank":
+                pass
+            case _:
+                parts = dots = 0
+
+
+def _values(content: object) -> Iterator[object]:
+    """Every value, however deep."""
+    todo = [content]
+    while todo:
+        value = todo.pop()
+        if isinstance(value, dict):
+            todo.extend(value.values())
+        elif isinstance(value, list):
+            todo.extend(value)
+        else:
+            yield value
+
+
+def load(path: Path, kind: type[T], what: str, most: int = LARGEST_FILE) -> T:
+    """Return what a TOML file of at most so many bytes says; `what`, such as "study", names it in errors.
+
+    Raises AcrcError.
+    """
+    return parse(read_text(path, what, most), kind, str(path))
+
+
+def parse(text: str, kind: type[T], name: str) -> T:
+    """Return what the text of the TOML file `name` says. Raises AcrcError."""
+    content = toml_tables(text, name)
+    try:
+        return decode(kind, content)
+    except AcrcError as error:
+        raise AcrcError(f"{name}: {error}") from None
+
+
+def decode(
+    kind: type[T],
+    content: Any,
+    key: str = "",
+    base: T | None = None,
+    others: Collection[str] = (),
+) -> T:
+    """Return the struct or dataclass that a table describes; `key` is the table's place in the file.
+
+    `base`: has all that the table does not set. `others`: keys that the caller has read. Raises
+    ParameterError with the first thing that is wrong, and AcrcError where keys do not fit together.
+    """
+    if not isinstance(content, Mapping):
+        raise ParameterError(key, content, words(kind, key))
+    table: Any = kind
+    start: Any = base
+    fields, values = fields_of(table), dict[str, Any]()
+    for name, value in content.items():
+        if name in fields:
+            values[name] = _field(fields[name].hint, value, _joined(key, name))
+        elif name not in others:
+            known = (*fields, *others)
+            raise ParameterError(_joined(key, name), value, "", wording.unknown_key(key, name, known))
+    for name, field in fields.items():
+        if base is None and field.required and name not in values:
+            right = words(field.hint, _joined(key, name))
+            sentence = f"{_joined(key, name)} is missing, but must be {right}"
+            raise ParameterError(_joined(key, name), None, right, sentence)
+    try:
+        made: T = table(**values) if base is None else msgspec.structs.replace(start, **values)
+    except RuleError as error:
+        raise AcrcError(f"{key or 'the file'} must {error}") from None
+    except ParameterError as error:
+        name = error.key.rpartition(".")[2]
+        raise ParameterError(_joined(key, name), content.get(name, error.value), error.right) from None
+    return made
+
+
+def plain(value: Any) -> Any:
+    """Return settings as a file has them: tables without what is None, and durations in s."""
+    if not isinstance(value, msgspec.Struct):
+        return tuple(map(plain, value)) if isinstance(value, tuple) else value
+    return {
+        name: in_seconds(one) if _stripped(field.hint)[0] is Duration else plain(one)
+        for name, field in fields_of(type(value)).items()
+        if (one := getattr(value, name)) is not None
+    }
+
+
+class _WrongError(Exception):
+    """The value is not of its type, or not within its bounds."""
+
+
+class _Field(NamedTuple):
+    hint: Any
+    default: Any
+    required: bool
+
+
+@cache
+def fields_of(kind: Any) -> dict[str, _Field]:
+    """Return the fields that can be set, by name."""
+    if issubclass(kind, msgspec.Struct):
+        return {one.name: _Field(one.type, one.default, one.required) for one in msgspec.structs.fields(kind)}
+    hints = get_type_hints(kind, include_extras=True)
+    return {
+        one.name: _Field(hints[one.name], one.default, one.default is one.default_factory)
+        for one in dataclasses.fields(kind)
+        if one.init and words(hints[one.name], "")
+    }
+
+
+@cache
+def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
+    """The fields that hold a number with bounds, or a choice."""
+    found = list[tuple[str, Sequence[Meta], Sequence[Any]]]()
+    for name, field in fields_of(kind).items():
+        for arm in (field.hint, *get_args(field.hint)):
+            plain_kind, metas = _stripped(arm)
+            choices = get_args(plain_kind) if get_origin(plain_kind) is Literal else ()
+            if choices or (plain_kind in {int, float, Duration} and metas):
+                found.append((name, metas, choices))
+    return found
+
+
+def _stripped(hint: Any) -> tuple[Any, Sequence[Meta]]:
+    """A type without Annotated, and its bounds."""
+    if get_origin(hint) is not Annotated:
+        return hint, ()
+    return hint.__origin__, [one for one in hint.__metadata__ if isinstance(one, Meta)]
+
+
+def _joined(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _field(hint: Any, value: object, key: str) -> Any:
+    try:
+        return _value(hint, value, key)
+    except _WrongError:
+        raise ParameterError(key, value, words(hint, key)) from None
+
+
+def _value(hint: Any, value: Any, key: str) -> Any:
+    kind, metas = _stripped(hint)
+    try:
+        found = _of_kind(kind, value, key)
+        if not _fits(found, metas):
+            raise _WrongError
+    except _WrongError:
+        if right := _described(metas):
+            raise ParameterError(key, value, right) from None
+        raise
+    return found
+
+
+def _of_kind(kind: Any, value: Any, key: str) -> Any:
+    origin, args = get_origin(kind), get_args(kind)
+    if origin in {Union, UnionType}:
+        return _of_some_kind(args, value, key)
+    if origin is tuple:
+        return _items(args, value, key)
+    if origin in {dict, Mapping} and isinstance(value, Mapping):
+        return {name: _field(args[1], one, _joined(key, str(name))) for name, one in value.items()}
+    if _is_table(kind):
+        return decode(kind, value, key)
+    return _scalar(kind, args if origin is Literal else (), value)
+
+
+def _of_some_kind(kinds: Sequence[Any], value: Any, key: str) -> Any:
+    wrong: Exception = _WrongError()
+    for kind in kinds:
+        if kind is not NoneType:
+            try:
+                return _value(kind, value, key)
+            except _WrongError as error:
+                wrong = error
+    if value is None and NoneType in kinds:
+        return None
+    raise wrong
+
+
+def _items(kinds: Sequence[Any], value: Any, key: str) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise _WrongError
+    if kinds[-1] is ...:
+        return tuple(_value(kinds[0], one, f"{key}[{number}]") for number, one in enumerate(value))
+    if len(kinds) != len(value):
+        raise _WrongError
+    return tuple(_value(kind, one, key) for kind, one in zip(kinds, value, strict=True))
+
+
+def _scalar(kind: Any, choices: Sequence[Any], value: Any) -> Any:
+    if kind is Any:
+        return tuple(value) if isinstance(value, list) else value
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        choices = [one.value for one in kind]
+    for one in choices:
+        if type(one) is type(value) and one == value:  # True is no 1
+            return kind(value) if isinstance(kind, type) else value
+    if type(value) is int and not -(2**63) <= value < 2**63:
+        raise _WrongError
+    number = type(value) in {int, float} and math.isfinite(value)
+    if kind is float and number:
+        return float(value)
+    if kind is Duration and number and abs(value) <= LONGEST_S:
+        return seconds(value)
+    if type(value) is not kind or kind is float:
+        raise _WrongError
+    return value
+
+
+def _fits(value: Any, metas: Sequence[Meta]) -> bool:
+    """Return whether a value is within bounds; a number without an upper one must be finite."""
+    for meta in metas:
+        number = isinstance(value, int | float)
+        if number and not (
+            math.isfinite(value)
+            and (meta.ge is None or value >= meta.ge)
+            and (meta.gt is None or value > meta.gt)
+            and (meta.le is None or value <= meta.le)
+            and (meta.lt is None or value < meta.lt)
+            and (meta.multiple_of is None or value % meta.multiple_of == 0)
+        ):
+            return False
+        if meta.pattern is not None and not re.search(meta.pattern, value):
+            return False
+        if not number and not (meta.min_length or 0) <= len(value) <= (meta.max_length or math.inf):
+            return False
+    return True
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or dataclasses.is_dataclass(kind))
+
+
+def _described(metas: Sequence[Meta]) -> str:
+    return next((one.description for one in reversed(metas) if one.description), "")
+
+
+def words(hint: Any, key: str) -> str:
+    """Return what is right for a type, in words that go on after "must be"; empty if no file can set it."""
+    kind, metas = _stripped(hint)
+    return _described(metas) or _table_words(kind, key) or _number_words(kind, metas)
+
+
+def _table_words(kind: Any, key: str) -> str:
+    """Return what is right where no bounds say it: for tables, lists and choices."""
+    origin, args = get_origin(kind), [one for one in get_args(kind) if one not in {NoneType, ...}]
+    if origin in {Union, UnionType}:
+        return " or ".join(words(one, key) for one in args)
+    if origin is dict or (origin is tuple and len(args) == 1):
+        name, item = (f"[{key}]", args[0]) if origin is tuple else (f"{key}.NAME", args[1])
+        if _is_table(item):
+            return f"written as tables [{name}]"
+        return f"a list, each item {told}" if (told := words(item, key)) else ""
+    if _is_table(kind):
+        return f"a table [[{key.partition('[')[0]}]]" if key.endswith("]") else f"a table [{key}]"
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        args = [one.value for one in kind]
+    if origin is Literal or args:
+        return wording.one_of(args) if origin is not tuple else ""
+    return {bool: "true or false", str: "a text"}.get(kind, "")
+
+
+def _number_words(kind: Any, metas: Sequence[Meta]) -> str:
+    if kind not in {int, float, Duration}:
+        return ""
+    bounds = {
+        name: _in_seconds(bound) if kind is Duration else bound
+        for meta in metas
+        for name in ("gt", "ge", "lt", "le")
+        if (bound := getattr(meta, name)) is not None
+    }
+    unit = next((one.extra["unit"] for one in metas if one.extra), "seconds" if kind is Duration else "")
+    noun = ("a whole number" if kind is int else "a number") + (f" of {unit}" if unit else "")
+    if kind is Duration:
+        bounds = bounds or {"le": LONGEST_S}
+    if not bounds:
+        return noun if kind is int else "a finite number"
+    between = " "
+    if [*bounds] in (["ge"], ["le"]):
+        between = ", " if unit else " of "
+    return noun + between + wording.span(**bounds)
+
+
+def _in_seconds(bound: float) -> float:
+    return in_seconds(int(bound)) if bound % seconds(1) else int(bound) // seconds(1)
