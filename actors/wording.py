@@ -38,7 +38,7 @@ def one_of(known: Collection[object]) -> str:
 def span(
     *, gt: float | None = None, ge: float | None = None, lt: float | None = None, le: float | None = None
 ) -> str:
-    """Bounds of a number as they go on after "must be"; names as pydantic has them. At least one is given."""
+    """Bounds of a number as they go on after "must be"; at least one is given."""
     if ge is not None and le is not None:
         return f"from {number(ge)} to {number(le)}"
     low = [f"above {number(gt)}"] if gt is not None else [f"at least {number(ge)}"] if ge is not None else []
