@@ -242,7 +242,11 @@ def _write_keys(folder: Path, scratch: Path) -> None:
     (folder / "certificate.pem").write_bytes(pair.certificate_pem)
     own = {"cert": str(folder / "certificate.pem"), "key": str(folder / "key.pem")}
     roles = {role: dict(own) for role in ("scheduler", "worker", "client")}
-    comm = {"require-encryption": True, "tls": {"ca-file": str(folder / "authority.pem"), **roles}}
+    comm = {
+        "timeouts": {"tcp": "150s"},
+        "require-encryption": True,
+        "tls": {"ca-file": str(folder / "authority.pem"), **roles},
+    }
     configuration = {"distributed": {"comm": comm}, "temporary-directory": str(scratch)}
     (folder / "cluster.yaml").write_text(yaml.safe_dump(configuration))
 

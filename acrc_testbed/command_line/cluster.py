@@ -77,7 +77,7 @@ def fetch(
     """Bring what a run has left on other computers, and remove it there."""
     from acrc_testbed.recordings.topics import goes_on
     from deploy.clusters.address import plain
-    from deploy.hosts.fetching import fetch
+    from deploy.hosts.files import fetch
 
     address = plain(on) if on else ""
     if not (out / "run.json").is_file() and goes_on(out):

@@ -1,10 +1,13 @@
-"""Addresses of schedulers; needs no packages of the cluster."""
+"""Addresses of schedulers, and of this computer as its hosts reach it; imports no package of the cluster."""
 
+import errno
 import ipaddress
 import re
+import socket
 from typing import Final
 
 from actors.installation.usage import OptionError, wrong_value
+from actors.runtime.errors import AcrcError
 
 _ADDRESS: Final = re.compile(
     r"(?P<how>tls|tcp|dask\+tls|dask)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})"
@@ -53,3 +56,58 @@ def is_safe(address: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+_PLACE: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-9]{1,5}))?")
+
+
+def place_of(word: str) -> tuple[str, int]:
+    """Return host and port of `--listen HOST` or `--listen HOST:PORT`; port 0: any. Raises OptionError."""
+    found = _PLACE.fullmatch(word)
+    port = int(found["port"] or 0) if found else -1
+    if found is None or not 0 <= port < 65536:
+        raise wrong_value("--listen", word, "an address of this computer, such as 10.0.0.5 or 10.0.0.5:7450")
+    return found["host"].strip("[]"), port
+
+
+def own_address(address: str) -> str:
+    """Return the address of this computer on its route to the scheduler at `address`."""
+    place = host_and_port(address)
+    family, kind, proto, _, where = socket.getaddrinfo(*place, type=socket.SOCK_DGRAM)[0]
+    with socket.socket(family, kind, proto) as probe:
+        probe.connect(where)  # of a datagram socket: nothing is sent
+        return str(probe.getsockname()[0])
+
+
+def bound(address: str) -> str:
+    """Return the address to bind for those who connect to `address`: all addresses if it is not one of this
+    computer, as behind a forwarding router. Raises AcrcError."""
+    try:
+        with socket.create_server((address, 0), family=_family(address)):
+            return address
+    except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            return "::" if ":" in address else "0.0.0.0"
+        raise AcrcError(
+            f"--listen: {address}: {error.strerror}; must be an address of this computer"
+        ) from None
+
+
+def free_port(address: str, port: int = 0) -> int:
+    """Return the port if it is free there; 0: any that is. Raises AcrcError."""
+    try:
+        with socket.create_server((address, port), family=_family(address)) as probe:
+            return int(probe.getsockname()[1])
+    except OSError as error:
+        raise AcrcError(
+            f"--listen: cannot listen at {bracketed(address)}:{port}: {error.strerror}; must be a free port"
+        ) from None
+
+
+def bracketed(address: str) -> str:
+    """Return the address as written before a port: IPv6 in brackets."""
+    return f"[{address}]" if ":" in address else address
+
+
+def _family(address: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in address else socket.AF_INET

@@ -4,9 +4,11 @@ Every private key is drawn where the authority is made and travels to its machin
 """
 
 import ipaddress
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Final
 
 from cryptography import x509
@@ -18,7 +20,8 @@ from cryptography.hazmat.primitives.asymmetric.ec import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
 
-from deploy.hosts.channel import PemKeys
+from actors.runtime.access.credentials import PRIVATE_KEY_FILE
+from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
 """Purpose of a robot: it may be connected to. It may not connect, so its key opens no other robot."""
@@ -139,29 +142,45 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
     )
 
 
+@dataclass(frozen=True)
+class PemKeys:
+    """Certificate and key of one computer of a run, in PEM."""
+
+    authority: bytes
+    certificate: bytes
+    private_key: bytes
+
+    def write(self, folder: Path) -> None:
+        """Write them into a folder, readable by its owner only."""
+        folder.mkdir(mode=0o700, exist_ok=True)
+        (folder / AUTHORITY_FILE).write_bytes(self.authority)
+        (folder / CERTIFICATE_FILE).write_bytes(self.certificate)
+        handle = os.open(folder / PRIVATE_KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(handle, "wb") as file:
+            file.write(self.private_key)
+
+
 _DAYS: Final = 30
-"""Longer than any run; whoever finds the keys of an ended run finds nobody who would take them."""
+"""Longer than any run; nobody accepts the keys of an ended run."""
 
 
 @dataclass(frozen=True)
 class RunKeys:
-    """Everybody's keys for one run."""
+    """Keys of every computer of one run."""
 
     world: PemKeys
     """Of the computer on which the run was started."""
     hosts: dict[str, PemKeys]
-    issuer: Pair
-    """The authority: whoever drew the keys may sign more, and forgets it then."""
 
 
 def draw(hosts: Sequence[str], address: str) -> RunKeys:
-    """New keys. `hosts`: their common names. `address`: where the first computer is connected to."""
+    """Return new keys. `hosts`: their common names. `address`: where the first computer is connected to."""
     now = datetime.now(UTC)
     issuer = authority("run", now, _DAYS)
     world = machine(issuer, "world", [SERVER], [address], now, _DAYS)
     made = {name: machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
-    return RunKeys(_keys(issuer, world), {name: _keys(issuer, pair) for name, pair in made.items()}, issuer)
+    return RunKeys(_pem(issuer, world), {name: _pem(issuer, pair) for name, pair in made.items()})
 
 
-def _keys(issuer: Pair, pair: Pair) -> PemKeys:
+def _pem(issuer: Pair, pair: Pair) -> PemKeys:
     return PemKeys(issuer.certificate_pem, pair.certificate_pem, pair.private_pem)

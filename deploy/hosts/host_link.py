@@ -1,50 +1,35 @@
-"""One host, as the computer sees it on which the run was started."""
+"""One host of a run, as the computer sees it on which the run was started."""
 
 import math
-import select
 import signal
-import ssl
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import msgspec
+from distributed import Future
 
 from acrc_testbed.results.seal import HostLoad
 from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.silence import OUT_OF_SIGHT
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
-from deploy.hosts import channel
-from deploy.hosts.channel import (
-    AskPulse,
-    Channel,
-    ChannelClosedError,
-    Done,
-    EndedProcess,
-    Fault,
-    FilePart,
-    FromHost,
-    Gone,
-    Joined,
-    LeftRecording,
-    NotStarted,
-    Pulse,
-    Signal,
-    StartRobot,
-    ToHost,
-    Unlinked,
-    listening,
-    to_host,
-)
-from deploy.hosts.fetching import FilePartError, Incoming
-from deploy.hosts.host_program import LoadMeter
+from deploy.hosts.agent import LeftRecording, Orders, ProcessList, ProcessStatus, Report, StartRobot
+from deploy.hosts.files import PART, FilePart, FilePartError, IncomingFiles
 
-SUSPICIOUS_S: Final = 3.0
-"""After so much silence nobody knows what a host's processes do."""
+HIDDEN_S: Final = 3.0
+"""After so long without a report the states of a host's processes are unknown."""
+_POLL_S: Final = 0.05
 _LOOK_S: Final = 1.0
+_LONGEST: Final = 1 << 23
+"""Bytes of a report: its files, and the states of some ten thousand processes."""
+_PARTS_PER_CALL: Final = 16
+"""Parts of files per call."""
 _PIDS: Final = 1 << 32
-"""A process id on a host and one here are told apart by adding this to the host's, times its place."""
+"""Process ids of hosts are kept apart from those here by adding this, times the host's place."""
 
 
 @dataclass(kw_only=True)
@@ -53,257 +38,302 @@ class RemoteChild(Child):
 
     link: "HostLink"
     number: int
-    arriving: bool = False
-    """It has ended, and what it has written is on its way."""
+    ending: bool = False
+    """It has ended, and some of its output has not come yet."""
     left: LeftRecording | None = None
-    """What is known of its recording, if that stays on its host."""
+    """Its recording, if that stays on its host."""
 
     @property
     def host(self) -> str:
-        """Its name."""
+        """Name of the host."""
         return self.link.name
 
     def notes(self) -> Mapping[str, str]:
-        """What it has noted of itself by now; if its recording stays there, once it has ended."""
+        """Return its notes; those of a recording that stays there, once it has ended."""
         return super().notes() if self.left is None else self.left.notes
 
     def send(self, number: signal.Signals) -> None:
-        """Have its host send a signal; its log is sent here while it grows."""
-        if self.exit_code is None and not self.arriving:
-            self.link.send(Signal(self.number, int(number)))
+        """Have its host send a signal."""
+        if self.exit_code is None and not self.ending:
+            self.link.signals.append((self.number, int(number)))
 
 
 class HostLink:
-    """The connection to a host, what it has been asked for, and what it says."""
+    """Calls a host's actor, one call at a time, and keeps what its reports say."""
 
-    def __init__(self, name: str, place: int, robots: tuple[str, ...], files: Incoming) -> None:
-        """`place`: among the run's hosts, from 1 on. `files`: takes what its robots have written."""
-        self.name = name
-        self.robots = robots
-        self.joined = False
+    def __init__(
+        self, name: str, place: int, robots: tuple[str, ...], files: IncomingFiles, made: Future[Any]
+    ) -> None:
+        """`place`: among the run's hosts, from 1 on. `files`: writes its robots' files. `made`: its actor."""
+        self.name, self.robots = name, robots
+        self.begun = self.joined = self.done = self.finish = False
+        """Files are there; its router is connected; all has been received; no process will be started."""
         self.folder = ""
         """Where its robots record there."""
         self.clock_off_s = 0.0
         """By how much its clock is ahead, s."""
-        self.done = False
         self.lost = ""
-        """Why it is not there any more; empty while it is."""
+        """Why it is lost; empty: it is not."""
         self.fault = ""
-        """Why the run cannot go on, as it says."""
+        """Why the run cannot continue, as the host reports."""
+        self.unlinked_s = math.inf
+        """When its router's connection was reported broken, on this computer's clock, s."""
         self.queued: dict[int, float | None] = {}
         """How long its processes have waited for a processor, by the ids of `table`, s."""
-        self.unlinked_s = math.inf
-        """Since when its link to the mesh is broken, on this computer's clock, s."""
-        self._channel: Channel[FromHost] | None = None
-        self._place = place
-        self._files = files
+        self.signals: list[tuple[int, int]] = []
+        """Signals to be sent."""
+        self.meter = LoadMeter()
+        self._place, self._files, self._made = place, files, made
+        self._agent: Any = None
+        self._calls: Iterator[tuple[Any, ...]] = iter(())
+        """Calls before the run."""
+        self._call: Any = None
+        self._starts: list[StartRobot] = []
         self._children: dict[int, RemoteChild] = {}
-        self._pulse = Pulse(processes=(), started={})
-        self._heard_s = time.monotonic()
-        self._looked_s = 0.0
-        self._meter = LoadMeter()
+        self._listed = ProcessList()
+        self._heard_s = self._progress_s = time.monotonic()
+        self._called_s = self._looked_s = 0.0
+        self._more = self._closed = False
 
     @property
-    def connected(self) -> bool:
-        """It has come, though it may be lost by now."""
-        return self._channel is not None
+    def made(self) -> bool:
+        """Its actor has been made."""
+        return self._agent is not None
 
     @property
     def silent_s(self) -> float:
-        """How long nothing has been heard."""
+        """Time since the last answer, s."""
         return time.monotonic() - self._heard_s
 
     @property
-    def load(self) -> HostLoad:
-        """How much it had to do so far."""
-        return self._meter.load
+    def idle_s(self) -> float:
+        """Time since the last answer that brought something, or took files, s."""
+        return time.monotonic() - self._progress_s
 
     @property
     def left(self) -> dict[Path, LeftRecording]:
-        """What is known of the recordings that stay there."""
+        """The recordings that stay there."""
         children = self._children.values()
         return {one.program.record: one.left for one in children if one.left and one.program.record}
 
     @property
-    def arriving(self) -> bool:
-        """What has ended there is still on its way."""
-        return not self.lost and any(
-            child.arriving and child.exit_code is None for child in self._children.values()
-        )
+    def ending(self) -> bool:
+        """Output of processes that have ended is on its way."""
+        return not self.lost and any(one.ending and one.exit_code is None for one in self._children.values())
 
-    def connect(self, channel: Channel[FromHost]) -> None:
-        """It has come, and has shown its certificate."""
-        self._channel = channel
-        self._heard_s = time.monotonic()
-
-    def fileno(self) -> int:
-        """For `select`."""
-        assert self._channel is not None
-        return self._channel.fileno()
-
-    @property
-    def unsent(self) -> bool:
-        """Something waits to be sent."""
-        return self._channel is not None and self._channel.waiting > 0
-
-    def send(self, message: ToHost) -> None:
-        """Send a message; to one that is lost nothing is sent."""
-        if self._channel is not None and not self.lost:
-            try:
-                self._channel.send(message)
-            except ChannelClosedError as error:
-                self.lose(str(error))
+    def begin(self, files: Iterable[tuple[Path, str]]) -> None:
+        """Send these files, by their names there, then start the host's router."""
+        self._calls = _first_calls(files)
 
     def start(self, program: Program) -> Child:
-        """Have a robot's process started; if that fails, it ends at once."""
+        """Have a robot's process started; on a host that is gone it has ended at once."""
         assert program.setup is not None
         write_setup(program)
         number = len(self._children)
         child = RemoteChild(program, self._pid((1 << 31) - 1 - number), link=self, number=number)
         self._children[number] = child
-        self.send(StartRobot(number, program.actor, setup_bytes(program.setup)))
-        if self.lost:
+        self._starts.append(StartRobot(number, program.actor, setup_bytes(program.setup)))
+        if self.lost or self.done:
             child.exit_code = -signal.SIGKILL
         return child
 
     def turn(self) -> None:
-        """Send and take what there is; ask for a sign of life if it is time."""
-        if self._channel is None or self.lost:
+        """Take the answer of the last call, if it has come; make the next call if it is time.
+
+        Raises LaunchError where files cannot be written here.
+        """
+        if self.is_over:
             return
-        now = time.monotonic()
         try:
-            self._channel.flush()
-            for message in self._channel.receive():
-                self._heard_s = now
-                self._take(message)
-        except ChannelClosedError as error:
-            self.lose(str(error))
+            if self._call is not None and self._call.done():
+                call, self._call = self._call, None
+                self._take(call.result())
+            if self._call is None and not self.is_over:
+                self._call_next()
         except FilePartError as error:
             self.lose(f"it has sent {error}")
-        if now >= self._looked_s + _LOOK_S:
-            self._looked_s = now
-            if self.joined:
-                self._meter.asked()
-            self.send(AskPulse())
+        except msgspec.MsgspecError as error:
+            self.lose(f"it has sent an invalid report: {error}")
+        except LaunchError:
+            raise
+        except Exception as error:  # raised there, or by the library about a lost worker or scheduler
+            self.lose(self._why(error))
+
+    @property
+    def is_over(self) -> bool:
+        """Nothing more comes from it."""
+        return bool(self.lost) or self._closed
 
     def table(self) -> Iterator[tuple[int, ProcessGlance]]:
-        """Its processes by ids that nobody here has; out of sight while nothing is heard of it."""
-        hidden = self.silent_s > SUSPICIOUS_S or bool(self.lost)
-        roots = {}
-        started = {*self._pulse.started.values()}
+        """Return its processes by ids that no process here has; out of sight while it is silent."""
+        hidden = self.silent_s > HIDDEN_S or bool(self.lost)
+        numbers = self._listed.numbers
+        known = {*numbers.values()}
         for number, child in self._children.items():
             if child.exit_code is None:
-                seen = number in started and not (hidden or child.arriving)
-                state = "S" if seen else OUT_OF_SIGHT
-                yield child.pid, ProcessGlance(0, 0, state, 0.0)
-        for pid, number in self._pulse.started.items():
-            if number in self._children:
-                roots[pid] = self._children[number].pid
-        for one in self._pulse.processes:
+                seen = number in known and not (hidden or child.ending)
+                yield child.pid, ProcessGlance(0, 0, "S" if seen else OUT_OF_SIGHT, 0.0)
+        roots = {
+            pid: self._children[number].pid for pid, number in numbers.items() if number in self._children
+        }
+        for one in self._listed.processes:
             parent = roots.get(one.pid, self._pid(one.parent))
             state = OUT_OF_SIGHT if hidden else one.state
             yield self._pid(one.pid), ProcessGlance(parent, self._pid(one.session), state, one.cpu_s)
 
-    def over(self, patience_s: float) -> bool:
-        """Nothing more will come from it; also if nothing has for so long."""
-        return self.done or bool(self.lost) or self.silent_s > patience_s
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._channel is not None:
-            self._channel.close()
-
-    def _pid(self, pid: int) -> int:
-        return self._place * _PIDS + pid
-
     def lose(self, why: str) -> None:
-        """Hold it to be lost, and what runs there to have ended."""
+        """Treat the host as lost, and its processes as ended."""
         self.lost = self.lost or why
+        self._end_all()
+
+    def _end_all(self) -> None:
         for child in self._children.values():
             if child.exit_code is None:
                 child.exit_code = -signal.SIGKILL
 
-    def _take(self, message: FromHost) -> None:
-        match message:
-            case FilePart():
-                try:
-                    self._files.take(message)
-                except OSError as error:
-                    raise LaunchError(f"{message.path} of host {self.name}: {error.strerror}") from error
-            case Joined():
-                self.joined, self.folder = True, message.folder
-                self.clock_off_s = message.clock_s - time.time()
-            case Unlinked():
-                self.unlinked_s = time.monotonic()
-            case Pulse():
-                self._pulse = message
-                if self.joined:
-                    self._meter.answered(message.processes)
-                self.queued = {self._pid(one.pid): one.queued_s for one in message.processes}
-            case Fault():
-                self.fault = self.fault or message.why
-            case Done():
-                self.done = True
-            case Gone() | NotStarted() | LeftRecording() | EndedProcess():
-                self._end(message)
+    def _pid(self, pid: int) -> int:
+        return self._place * _PIDS + pid
 
-    def _end(self, message: Gone | NotStarted | LeftRecording | EndedProcess) -> None:
-        child = self._children.get(message.number)
-        if child is None:
-            raise ChannelClosedError(f"it speaks of process {message.number}, which nobody has asked for")
-        match message:
-            case Gone():
-                child.arriving = True
-            case NotStarted(why=why):
-                self.fault = self.fault or f"{child.program.actor} is not started; {why}"
-                child.exit_code = 1
-            case LeftRecording():
-                child.left = message
-            case EndedProcess():
-                child.strays, child.cpu_s = message.strays, message.cpu_s
-                child.exit_code = message.code
+    def _why(self, error: Exception) -> str:
+        """Return why a call failed. The library raises OSError or RuntimeError for a lost worker."""
+        if self._made.status == "cancelled":
+            return "the connection to the scheduler broke"
+        if self._agent is not None and isinstance(error, OSError | RuntimeError):
+            return "its worker has ended, or left the cluster"
+        text = str(error).splitlines()
+        return printable(text[0][:500] if text else repr(error))
+
+    def _call_next(self) -> None:
+        if self._agent is None:
+            if not self._made.done():
+                return
+            self._agent = self._made.result()
+            self._progressed()
+        if self._made.status != "finished":
+            raise RuntimeError(self._made.status)
+        now = time.monotonic()
+        if self.done:
+            self._call = self._agent.close()
+        elif first := next(self._calls, None):
+            self._call = getattr(self._agent, first[0])(*first[1:])
+            self.begun = first[0] == "begin"
+        elif self._more or self._starts or self.signals or now >= self._called_s + _POLL_S:
+            look = now >= self._looked_s + _LOOK_S
+            if look:
+                self._looked_s = now
+                self.meter.asked()
+            orders = Orders(tuple(self._starts), tuple(self.signals), look, self.finish)
+            self._starts, self.signals, self._called_s = [], [], now
+            self._call = self._agent.exchange(msgspec.msgpack.encode(orders))
+
+    def _progressed(self) -> None:
+        self._heard_s = self._progress_s = time.monotonic()
+
+    def _take(self, answer: object) -> None:
+        if answer is None:  # of `put`, `begin` and `close`
+            self._progressed()
+            self._closed = self.done
+            return
+        if not isinstance(answer, bytes) or len(answer) > _LONGEST:
+            raise AcrcError("it has sent something that is not a report")
+        report = msgspec.msgpack.decode(answer, type=Report)
+        self._heard_s = time.monotonic()
+        if report.files or report.ended or report.ending:
+            self._progressed()
+        for part in report.files:
+            try:
+                self._files.take(part)
+            except OSError as error:
+                raise LaunchError(f"{part.path} of host {self.name}: {error.strerror}") from error
+        if report.joined and not self.joined:
+            self.joined, self.folder = True, report.folder
+            self.clock_off_s = report.clock_s - time.time()
+        if report.unlinked:
+            self.unlinked_s = min(self.unlinked_s, time.monotonic())
+        self._end(report)
+        if report.looked is not None:
+            self._listed = report.looked
+            self.meter.answered(report.looked.processes)
+            self.queued = {self._pid(one.pid): one.queued_s for one in report.looked.processes}
+        self.fault = self.fault or report.fault
+        self._more, self.done = report.more, report.done
+        if self.done:
+            self._end_all()
+
+    def _end(self, report: Report) -> None:
+        named = (*report.ending, *report.refused, *(one.number for one in report.ended))
+        if unknown := set(named) - set(self._children):
+            raise AcrcError(f"it reports process {min(unknown)}, which was not requested")
+        for number in report.ending:
+            self._children[number].ending = True
+        for number, why in report.refused.items():
+            child = self._children[number]
+            self.fault = self.fault or f"{child.program.actor} is not started; {why}"
+            child.exit_code = 1
+        for one in report.ended:
+            child = self._children[one.number]
+            child.left, child.strays, child.cpu_s = one.left, one.strays, one.cpu_s
+            child.exit_code = one.code
 
 
-def below(folder: Path, robots: tuple[str, ...], most: int) -> Incoming:
-    """Takes what these robots have written into their folders of a run's."""
-    return Incoming(folder.resolve(), frozenset(robots).__contains__, most)
+def _first_calls(files: Iterable[tuple[Path, str]]) -> Iterator[tuple[Any, ...]]:
+    """Return the calls that send files, and the one that begins."""
+    waiting: list[FilePart] = []
+    for path, name in files:
+        with path.open("rb") as file:
+            data = file.read(PART)
+            while data or not file.tell():
+                waiting.append(FilePart(name, data))
+                if len(waiting) == _PARTS_PER_CALL:
+                    yield "put", msgspec.msgpack.encode(waiting)
+                    waiting = []
+                if not (data := file.read(PART)):
+                    break
+    yield "put", msgspec.msgpack.encode(waiting)
+    yield ("begin",)
 
 
-_HANDSHAKE_S: Final = 3.0
-"""Somebody who comes and says nothing keeps those out so long who come behind."""
+class LoadMeter:
+    """Sums up what a host's processes did between two reports, and how long reports took."""
 
+    def __init__(self) -> None:
+        self._asked_s = self._seen_s = math.nan
+        self._before: dict[int, ProcessStatus] = {}
+        self._watched_s = self._worked_s = self._waited_s = 0.0
+        self._answers, self._answer_s, self._slowest_s = 0, 0.0, 0.0
 
-class HostReception:
-    """Listens until it is closed."""
+    def asked(self) -> None:
+        """Note that a report was requested now."""
+        self._asked_s = time.monotonic()
 
-    def __init__(self, address: str, port: int, keys: Path) -> None:
-        """`port`: 0: any. `keys`: folder with this computer's. Raises AcrcError."""
-        self._context = channel.server_context(keys)
-        self._server = listening(address, port)
+    def answered(self, processes: Sequence[ProcessStatus]) -> None:
+        """Take in the processes of a report that has come now."""
+        now = time.monotonic()
+        if not math.isnan(self._asked_s):
+            self._answers += 1
+            self._answer_s += now - self._asked_s
+            self._slowest_s = max(self._slowest_s, now - self._asked_s)
+            self._asked_s = math.nan
+        both = [(self._before[one.pid], one) for one in processes if one.pid in self._before]
+        if both:
+            self._watched_s += now - self._seen_s
+            self._worked_s += math.fsum(max(one.cpu_s - before.cpu_s, 0.0) for before, one in both)
+            self._waited_s += math.fsum(_waited_s(before, one) for before, one in both)
+        self._before, self._seen_s = {one.pid: one for one in processes}, now
 
     @property
-    def port(self) -> int:
-        """At which it listens."""
-        return int(self._server.getsockname()[1])
+    def load(self) -> HostLoad:
+        """The load so far."""
+        watched_s, answers = self._watched_s or math.inf, self._answers or 1
+        return HostLoad(
+            worked=round(self._worked_s / watched_s, 3),
+            waited=round(self._waited_s / watched_s, 3),
+            answer_s=round(self._answer_s / answers, 4),
+            slowest_s=round(self._slowest_s, 4),
+        )
 
-    def admit(self, links: Sequence[HostLink], timeout_s: float) -> None:
-        """Wait so long for somebody, and connect the link whose host it is, if it is any that is missing."""
-        if not select.select([self._server], [], [], timeout_s)[0]:
-            return
-        plain, _ = self._server.accept()
-        plain.settimeout(_HANDSHAKE_S)
-        try:
-            encrypted: ssl.SSLSocket = self._context.wrap_socket(plain, server_side=True)
-        except (OSError, ValueError):
-            plain.close()
-            return
-        name = channel.common_name(encrypted)
-        link = next((link for link in links if link.name == name and not link.connected), None)
-        if link is None:
-            encrypted.close()
-        else:
-            link.connect(to_host(encrypted))
 
-    def close(self) -> None:
-        """Let nobody in any more."""
-        self._server.close()
+def _waited_s(before: ProcessStatus, now: ProcessStatus) -> float:
+    if before.queued_s is None or now.queued_s is None:
+        return 0.0
+    return max(now.queued_s - before.queued_s, 0.0)

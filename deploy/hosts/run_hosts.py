@@ -1,176 +1,44 @@
-"""Hosts of one run: allocated on the cluster, joined to the mesh, started as launchers, and released."""
+"""Hosts of one run: their actors and certificates, the launcher that starts robots there, their release."""
 
 import math
-import re
 import secrets
 import select
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-from distributed import Client, Future
+from distributed import Future
 
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
 from actors.installation.usage import typed
 from actors.processes.launch import Child, Launcher, Program
 from actors.runtime.access.credentials import Gate
-from actors.runtime.errors import AcrcError, printable
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance
-from deploy.clusters.address import PAGE, host_and_port
-from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
-from deploy.hosts import certificates, host_probe, host_program
-from deploy.hosts.channel import (
-    PART,
-    RUN,
-    Begin,
-    FilePart,
-    Finish,
-    HostErrand,
-    PemKeys,
-    bound,
-    bracketed,
-    free_port,
-    own_address,
-)
-from deploy.hosts.host_link import HostLink, HostReception, below
-from deploy.hosts.host_probe import HostOffer
-from deploy.hosts.host_program import CODE
-
-
-@dataclass(frozen=True)
-class Recruits:
-    """What they offer, by their names, and the way to them."""
-
-    client: Client
-    address: str
-    """Of the scheduler."""
-    offers: dict[str, HostOffer]
-    workers: dict[str, str]
-    """Dask's address of a worker on each."""
-    listen: tuple[str, int]
-    """Where hosts are to connect to; port 0: any two."""
-
-    @property
-    def isolation_fault(self) -> str | None:
-        """Why robots cannot be isolated on all of them; None if they can."""
-        faults = ((name, offer.isolation_fault) for name, offer in self.offers.items())
-        return next((f"on host {name} {fault}" for name, fault in faults if fault), None)
-
-    def summon(self, name: str, errand: bytes, keys: PemKeys) -> Future[Any]:
-        """Have one come, and be a host until its run has ended."""
-        return self.client.submit(
-            host_program.serve,
-            errand,
-            (keys.authority, keys.certificate, keys.private_key),
-            workers=[self.workers[name]],
-            allow_other_workers=False,
-            pure=False,
-        )
-
-
-@contextmanager
-def recruited(address: str, listen: tuple[str, int] | None) -> Iterator[Recruits]:
-    """The computers of the cluster at `address`, all of which are fit for a run. Raises ClusterError.
-
-    `listen`: where they are to connect to; None: this computer as it reaches the scheduler, any two ports.
-    """
-    client = connect(address)
-    try:
-        workers = machines(client)
-        here = host_probe.offer()
-        found = _offers(client, address, workers)
-        for name, there in found.items():
-            if fault := host_probe.unfit(there, here):
-                raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
-        ways = dict(zip(found, workers, strict=True))
-        yield Recruits(client, address, found, ways, listen or (own_address(address), 0))
-    finally:
-        with suppress(Exception):  # whatever a lost cluster is to the library
-            client.close(timeout=PATIENCE_S)
-
-
-def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
-    """What these workers' computers have to offer, by a name for each. Raises ClusterError."""
-    asked = [
-        client.submit(host_program.describe, workers=[worker], allow_other_workers=False, pure=False)
-        for worker in workers
-    ]
-    found: dict[str, HostOffer] = {}
-    for worker, future in zip(workers, asked, strict=True):
-        offer = _offer(client, address, worker, future)
-        stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
-        number = next(n for n in range(1, len(workers) + 1) if _numbered(stem, n) not in found)
-        found[_numbered(stem, number)] = offer
-    return found
-
-
-def _numbered(stem: str, number: int) -> str:
-    return stem if number == 1 else f"{stem}-{number}"
-
-
-def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
-    try:
-        code, said, last = answer(client, address, worker, future)
-        if code == 0:
-            return msgspec.json.decode(said, type=HostOffer)
-        reason = (str(last).strip() or f"exit code {code}").splitlines()[-1]
-    except ClusterError:
-        raise
-    except Exception as error:  # whatever it raised there, or a lost worker is to the library
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-    raise ClusterError(
-        printable(
-            f"--on {address}: the worker {worker} cannot be a host of this run: {reason[:500]} ({PAGE})"
-        )
-    )
-
-
-def last_words(future: Future[Any], patience_s: float) -> str:
-    """How a host's task has ended, for a person; empty if it has not."""
-    try:
-        code, said = future.result(timeout=patience_s)
-    except TimeoutError:
-        return ""
-    except Exception as error:  # whatever a worker that has died is to the library
-        told = str(error).splitlines()
-        return printable(f"the cluster says: {told[0][:300] if told else repr(error)}")
-    last = str(said).strip().splitlines()
-    return printable(last[-1][:500]) if last else f"its process ended with exit code {code}"
-
-
-def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
-    """The robots of each host, in their order, by its cores; hosts without any are left out.
-
-    Each next robot goes to the host with the fewest robots per core, among equals to the first.
-    """
-    counts = dict.fromkeys(cores, 0)
-    for _ in robots:
-        least = min(counts, key=lambda host: counts[host] / cores[host])
-        counts[least] += 1
-    found, first = {}, 0
-    for host, count in counts.items():
-        if count:
-            found[host] = tuple(robots[first : first + count])
-        first += count
-    return found
-
+from deploy.clusters.address import PAGE, bound, bracketed, free_port, host_and_port
+from deploy.hosts import certificates
+from deploy.hosts.agent import CODE, HostAgent, HostTask, occupy
+from deploy.hosts.allocation import HostPool
+from deploy.hosts.files import RUN, IncomingFiles
+from deploy.hosts.host_link import HostLink
 
 _FIRST_TOLD_S: Final = 5.0
 _UNLINKED_S: Final = 2.0
 """A link is broken if the mesh still is there so long afterwards: else it has ended as planned."""
+_TURN_S: Final = 0.02
 _HERE: Final = 1 << 32
 """Process ids below are of this computer."""
 
 
 class HostedLauncher:
-    """Two kinds of launching, by the robots' names."""
+    """Launches robots on their hosts, and all other actors here."""
 
     def __init__(
         self,
@@ -178,15 +46,12 @@ class HostedLauncher:
         links: Sequence[HostLink],
         silence_s: float,
         say: Callable[[str], None],
-        why_lost: Callable[[str], str],
     ) -> None:
-        """`silence_s`: after so much of it a host is held to be lost. `why_lost`: what the cluster knows of a
-        host's end; empty if that is nothing."""
+        """`silence_s`: timeout after which a host that does not answer is lost."""
         self._here = here
         self._links = links
         self._silence_s = silence_s
         self._say = say
-        self._why_lost = why_lost
         self._of = {robot: link for link in links for robot in link.robots}
         self._world: Child | None = None
         """The mesh ends with it."""
@@ -194,11 +59,11 @@ class HostedLauncher:
 
     @property
     def arriving(self) -> bool:
-        """What has ended somewhere is on its way here."""
-        return any(link.arriving for link in self._links)
+        """Output of ended processes is on its way here."""
+        return any(link.ending for link in self._links)
 
     def start(self, program: Program) -> Child:
-        """StartRobot one program where it belongs."""
+        """Start one program where it belongs."""
         link = self._of.get(program.actor)
         child = self._here.start(program) if link is None else link.start(program)
         if program.actor == "world":
@@ -206,30 +71,25 @@ class HostedLauncher:
         return child
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Robots have it in common on their hosts, which were told; here is none."""
+        """Do nothing: hosts share data among their own robots."""
 
     def wait(self, timeout_s: float) -> None:
         """Return when something may have happened, at the latest after `timeout_s`. Raises LaunchError."""
-        links = [link for link in self._links if link.connected and not link.lost]
-        unsent = [link for link in links if link.unsent]
-        select.select([self._here.fileno(), *(link.fileno() for link in links)], unsent, [], timeout_s)
+        select.select([self._here.fileno()], [], [], min(timeout_s, _TURN_S))
         self._here.wait(0.0)
-        for link in links:
+        for link in self._links:
             link.turn()
             self._tell(link)
 
     def fault(self) -> str | None:
-        """A sentence on the first host because of which the run cannot go on; None if there is none."""
+        """Return a sentence on the first host that ends the run; None if there is none."""
         for link in self._links:
             if link.fault:
                 return f"host {link.name}: {link.fault}"
             if time.monotonic() > link.unlinked_s + _UNLINKED_S and self._mesh_is_there:
                 return f"host {link.name}: its link to the mesh broke"
             if link.lost and not link.done:
-                why = self._why_lost(link.name)
-                return f"host {link.name} is lost, with {_names(link.robots)}: {link.lost}" + (
-                    f"; {why}" if why else ""
-                )
+                return f"host {link.name} is lost, with {_names(link.robots)}: {link.lost}"
         return None
 
     @property
@@ -237,21 +97,21 @@ class HostedLauncher:
         return self._world is not None and self._world.exit_code is None
 
     def table(self) -> Mapping[int, ProcessGlance]:
-        """Every process of this machine, and of the hosts what belongs to the run."""
+        """Return all processes here, and the run's on its hosts."""
         found = process_table.table()
         for link in self._links:
             found.update(link.table())
         return found
 
     def queued_s(self, pid: int) -> float | None:
-        """How long a process has waited for a processor, s; None where that is unknown."""
+        """Return how long a process has waited for a processor, s; None where that is unknown."""
         if pid < _HERE:
             return process_table.queued_s(pid)
         return next((link.queued[pid] for link in self._links if pid in link.queued), None)
 
     def _tell(self, link: HostLink) -> None:
-        """Say how long nothing has been heard of a host; give it up in the end."""
-        if link.lost:
+        """Report how long a host has not answered; after the timeout it is lost."""
+        if link.is_over:
             return
         silent_s = link.silent_s
         if silent_s < _FIRST_TOLD_S:
@@ -273,18 +133,19 @@ def _names(robots: tuple[str, ...]) -> str:
 
 _MB: Final = 1_000_000
 _CLOCK_S: Final = 1.0
-"""Clocks that differ by more are told of."""
+"""Clocks that differ by more are reported."""
 _SILENCE_FACTOR: Final = 4.0
-"""A host may be silent for so many times as long as a robot may keep all others waiting."""
+"""Timeout of a host, as a multiple of the timeout of a robot."""
 _COMING_S: Final = 60.0
-"""How long hosts may take to report, and then to join: own choice, a slow computer's start and some."""
+"""How long a host may take to begin, and then to join: own choice, more than a slow computer needs."""
 _FAREWELL_S: Final = 10.0
-_LAST_WORDS_S: Final = 1.0
+_ENDING_S: Final = 30.0
+"""How long a host may take at the end without sending anything new."""
 
 
 @dataclass(frozen=True)
-class SharedErrand:
-    """What all hosts of a run are told alike."""
+class HostSettings:
+    """Settings of all hosts of a run."""
 
     out: Path
     """The run's folder here."""
@@ -292,85 +153,75 @@ class SharedErrand:
     limits: ProcessLimits
     timeout_s: float
     share: Callable[[tuple[str, ...]], tuple[tuple[str, ...], ...]]
-    """What these robots have in common, in words for `share` of their program."""
+    """Return the data that these robots share, as arguments of `share` of their program."""
     leave: bool
     """Recordings stay on the hosts."""
     code: tuple[tuple[tuple[str, Path], ...], ...] = ()
-    """For each folder with code its files, and what they are called there."""
+    """For each folder with code its files, and their names there."""
 
     @property
     def silence_s(self) -> float:
-        """After so much silence a host is held to be lost, and holds itself to be alone."""
+        """Timeout of a host, and of its calls."""
         return min(_SILENCE_FACTOR * self.timeout_s, 86_400.0)
 
 
 class RunHosts:
-    """Those that have robots of a run."""
+    """The hosts that have robots of a run."""
 
     def __init__(
-        self, recruits: Recruits, robots: Mapping[str, tuple[str, ...]], keys: Path, shared: SharedErrand
+        self, pool: HostPool, robots: Mapping[str, tuple[str, ...]], keys: Path, settings: HostSettings
     ) -> None:
-        """Draw keys and have the hosts begin to come. Raises AcrcError.
+        """Draw certificates and make the hosts' actors. Raises AcrcError.
 
         `robots`: by the names of their hosts. `keys`: new folder for this computer's keys.
         """
-        address, port = recruits.listen
+        address, port = pool.listen
         drawn = certificates.draw(list(robots), address)
         drawn.world.write(keys)
         here = bound(address)
-        self._reception = HostReception(here, port + 1 if port else 0, keys)
-        mesh = port or free_port(here)
-        self.gate = Gate(f"tls/{bracketed(here)}:{mesh}", keys, robots)
-        """Where the world listens for them."""
-        self._told = f"{bracketed(address)}:{mesh}"
-        self._recruits, self._shared = recruits, shared
-        most = shared.limits.disk_mb * _MB
+        port = free_port(here, port)
+        self.gate = Gate(f"tls/{bracketed(here)}:{port}", keys, robots)
+        """Where the world's router listens for them."""
+        self._place = f"{bracketed(address)}:{port}"
+        self._pool, self._settings = pool, settings
+        self._run = secrets.token_hex(8)
+        self._futures: list[Future[Any]] = []
         self._links = tuple(
-            HostLink(name, place, some, below(shared.out, some, most * len(some)))
+            self._link(name, place, some, drawn.hosts[name])
             for place, (name, some) in enumerate(robots.items(), start=1)
         )
-        self._run = secrets.token_hex(8)
-        errand = msgspec.json.encode(HostErrand(address, self._reception.port, shared.silence_s, self._run))
-        self._tasks: dict[str, Future[Any]] = {
-            name: recruits.summon(name, errand, drawn.hosts[name]) for name in robots
-        }
 
     def launcher(self, here: Launcher, say: Callable[[str], None]) -> HostedLauncher:
-        """Starts their robots there, and all else by `here`."""
-        return HostedLauncher(here, self._links, self._shared.silence_s, say, self._last_words)
+        """Return a launcher that starts their robots there, and all else by `here`."""
+        return HostedLauncher(here, self._links, self._settings.silence_s, say)
 
     def join(self, look: Callable[[], None], wait: Callable[[float], None]) -> None:
-        """Have all of them in the mesh, which must be there. Raises AcrcError.
+        """Connect all hosts to the mesh, whose router must be there. Raises AcrcError.
 
-        `look` may raise what else goes wrong meanwhile; `wait` passes so many seconds.
+        `look` may raise for other failures meanwhile; `wait` passes so many seconds.
         """
-        deadline = time.monotonic() + _COMING_S
-        while missing := [link.name for link in self._links if not link.connected]:
-            self._reception.admit(self._links, 0.05)
-            look()
-            gone = next((name for name in missing if self._tasks[name].done()), "")
-            if gone or time.monotonic() > deadline:
-                raise AcrcError(self._not_come(gone or missing[0]))
         for link in self._links:
-            self._begin(link, wait)
-        deadline = time.monotonic() + _COMING_S
-        while missing := [link.name for link in self._links if not link.joined]:
+            link.begin(self._files(link.robots))
+        while missing := [link for link in self._links if not link.joined]:
             wait(0.02)
             look()
-            if time.monotonic() > deadline:
+            if late := next((link for link in missing if link.idle_s > _COMING_S), None):
                 raise AcrcError(
-                    f"host {missing[0]} does not reach {self._told}, where the run's router listens; must be "
+                    f"host {late.name} does not reach {self._place}, where the run's router listens; must be "
                     f"let through, or be another: --listen HOST:PORT ({PAGE})"
+                    if late.begun
+                    else f"host {late.name} has not started within {_COMING_S:g} s; its worker is busy"
                 )
+        self._futures += [self._pool.submit(link.name, occupy, self._run) for link in self._links]
 
     @property
     def sentence(self) -> str:
         """Who is where, where they connect to, and whose clock differs."""
         parts = []
         for link in self._links:
-            cores = self._recruits.offers[link.name].cores
+            cores = self._pool.offers[link.name].cores
             parts.append(f"{link.name} ({cores} {'core' if cores == 1 else 'cores'}): {_range(link.robots)}")
-        text = f"hosts: {'; '.join(parts)}; they connect to {self._told} and port {self._reception.port}"
+        text = f"hosts: {'; '.join(parts)}; they connect to {self._place}"
         off = {link.name: link.clock_off_s for link in self._links if math.fabs(link.clock_off_s) > _CLOCK_S}
         words = [
             f"{name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}" for name, s in off.items()
@@ -382,9 +233,9 @@ class RunHosts:
         """How much each host had to do; empty after a run that was too short to tell."""
         parts = []
         for link in self._links:
-            if not link.load.worked:
+            if not link.meter.load.worked:
                 return ""
-            load, cores = link.load, self._recruits.offers[link.name].cores
+            load, cores = link.meter.load, self._pool.offers[link.name].cores
             parts.append(
                 f"{link.name} worked with {load.worked:.1f} of {cores} {'core' if cores == 1 else 'cores'}, "
                 f"{load.waited:.1f} processes waited for one, answers took {load.answer_s * 1000:.0f} ms "
@@ -394,15 +245,15 @@ class RunHosts:
 
     def write(self) -> None:
         """Write down who is where, how it went there, and what stays there."""
-        out = self._shared.out
-        recruits = self._recruits
+        out = self._settings.out
+        pool = self._pool
         hosts = {
             link.name: HostPart(
-                host_and_port(recruits.workers[link.name])[0],
-                recruits.offers[link.name].cores,
+                host_and_port(pool.workers[link.name])[0],
+                pool.offers[link.name].cores,
                 link.robots,
                 link.folder,
-                link.load,
+                link.meter.load,
             )
             for link in self._links
         }
@@ -411,12 +262,12 @@ class RunHosts:
             for link in self._links
             for record, one in link.left.items()
         }
-        seal.write(out, HostsFile(recruits.address, self._run, hosts, left))
+        seal.write(out, HostsFile(pool.address, self._run, hosts, left))
 
     @property
     def kept(self) -> str:
         """One sentence on what has stayed on hosts, and how it comes here; empty if nothing has."""
-        out = self._shared.out
+        out = self._settings.out
         if left := seal.elsewhere(out):
             return seal.where(out, left)
         lost = [link.name for link in self._links if link.joined and not link.done]
@@ -428,70 +279,62 @@ class RunHosts:
         )
 
     def dismiss(self, wait: Callable[[float], None]) -> None:
-        """Take what they still have, and let them go."""
+        """Receive what they still have, and end their parts."""
         for link in self._links:
-            link.send(Finish())
-        while any(link.connected and not link.over(_FAREWELL_S) for link in self._links):
+            link.finish = True
+        begin_s = time.monotonic()
+        while any(self._is_awaited(link, time.monotonic() - begin_s) for link in self._links):
             wait(0.02)
 
     def close(self) -> None:
-        """Close what is open here; what has not been let go holds itself to be alone, and ends."""
-        self._reception.close()
-        for link in self._links:
-            link.close()
-        deadline = time.monotonic() + _FAREWELL_S
-        ending = [self._tasks[link.name] for link in self._links if link.done]
-        while not all(task.done() for task in ending) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        for task in self._tasks.values():
-            with suppress(Exception):  # whatever a lost cluster is to the library
-                task.cancel()
+        """Release the actors: a host that has not been dismissed ends its robots."""
+        for future in self._futures:
+            with suppress(Exception):  # any error of the library about a lost cluster
+                future.cancel()
 
-    def _begin(self, link: HostLink, wait: Callable[[float], None]) -> None:
-        """Send a host the files of its robots, and what it is to do."""
-        shared = self._shared
-        for robot in link.robots:
-            for path in sorted((shared.out / robot).rglob("*")):
+    def _link(self, name: str, place: int, robots: tuple[str, ...], keys: certificates.PemKeys) -> HostLink:
+        settings = self._settings
+        task = HostTask(
+            run=self._run,
+            robots=robots,
+            endpoint=f"tls/{self._place}",
+            spawn=settings.spawn,
+            limits=settings.limits,
+            silence_s=settings.silence_s,
+            code=len(settings.code),
+            share=settings.share(robots),
+            leave=settings.leave,
+        )
+        pem = (keys.authority, keys.certificate, keys.private_key)
+        made = self._pool.submit(name, HostAgent, msgspec.json.encode(task), pem, actor=True)
+        self._futures.append(made)
+        most = settings.limits.disk_mb * _MB * len(robots)
+        files = IncomingFiles(
+            settings.out.resolve(),
+            frozenset(robots).__contains__,
+            most,
+            "what its robots may write (disk_mb)",
+        )
+        return HostLink(name, place, robots, files, made)
+
+    def _files(self, robots: tuple[str, ...]) -> Iterator[tuple[Path, str]]:
+        """Return the files of these robots, and their names on the host."""
+        out = self._settings.out
+        for robot in robots:
+            for path in sorted((out / robot).rglob("*")):
                 if path.is_file():
-                    _send(link, path, f"{RUN}/{path.relative_to(shared.out).as_posix()}", wait)
-        for number, files in enumerate(shared.code, start=1):
+                    yield path, f"{RUN}/{path.relative_to(out).as_posix()}"
+        for number, files in enumerate(self._settings.code, start=1):
             for name, path in files:
-                _send(link, path, f"{CODE}/{number}/{name}", wait)
-        link.send(
-            Begin(
-                robots=link.robots,
-                endpoint=f"tls/{self._told}",
-                spawn=shared.spawn,
-                limits=shared.limits,
-                code=len(shared.code),
-                share=shared.share(link.robots),
-                leave=shared.leave,
-            )
-        )
+                yield path, f"{CODE}/{number}/{name}"
 
-    def _last_words(self, name: str) -> str:
-        return last_words(self._tasks[name], _LAST_WORDS_S)
-
-    def _not_come(self, name: str) -> str:
-        address, _ = self._recruits.listen
-        why = self._last_words(name) or f"nothing came for {_COMING_S:g} s"
-        return (
-            f"host {name} has not come to {bracketed(address)}:{self._reception.port}: {why}; it must be let "
-            f"through, or be another: --listen HOST:PORT ({PAGE})"
-        )
+    def _is_awaited(self, link: HostLink, waited_s: float) -> bool:
+        """Return True while a host may still send something."""
+        late = link.silent_s > _FAREWELL_S or min(waited_s, link.idle_s) > _ENDING_S
+        return link.made and not (link.is_over or late)
 
 
 def _range(robots: tuple[str, ...]) -> str:
     if len(robots) < 3:
         return " and ".join(robots)
     return f"{len(robots)} robots, {robots[0]} to {robots[-1]}"
-
-
-def _send(link: HostLink, path: Path, name: str, wait: Callable[[float], None]) -> None:
-    with path.open("rb") as file:
-        data = file.read(PART)
-        link.send(FilePart(name, data))
-        while data := file.read(PART):
-            link.send(FilePart(name, data))
-    while link.unsent and not link.lost:
-        wait(0.01)

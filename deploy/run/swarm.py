@@ -43,7 +43,7 @@ from actors.runtime.isolation.sandbox import IsolationChoice, choose, code_entri
 from actors.runtime.lifecycle.failure import FailureNote, failure_note, own_frames
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
-from deploy.hosts.channel import place_of
+from deploy.clusters.address import place_of
 from deploy.run import progress
 from deploy.run.memory_swarm import MemorySwarm, exits_caught
 from deploy.run.options import RunOptions
@@ -71,7 +71,8 @@ from deploy.scenario.survey import scenario_warnings
 from deploy.scenario.tables import Scenario
 
 if TYPE_CHECKING:
-    from deploy.hosts.run_hosts import Recruits, RunHosts
+    from deploy.hosts.allocation import HostPool
+    from deploy.hosts.run_hosts import RunHosts
 
 _KEYS: Final = "keys"
 """Folder with this computer's keys of the run, in the world's."""
@@ -80,32 +81,29 @@ _MOST_CODE: Final = 64 << 20
 
 
 @contextmanager
-def allocated_hosts(options: RunOptions) -> Iterator["Recruits | None"]:
+def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
     """The computers that are to have the robots, if the options want any. Raises AcrcError."""
     if not options.on:
         yield None
         return
-    from deploy.hosts.run_hosts import recruited  # noqa: PLC0415
+    from deploy.hosts.allocation import allocate_hosts  # noqa: PLC0415
 
-    with recruited(options.on, place_of(options.listen) if options.listen else None) as found:
+    with allocate_hosts(options.on, place_of(options.listen) if options.listen else None) as found:
         yield found
 
 
 @contextmanager
-def hosts_of(plan: RunPlan, found: "Recruits | None") -> Iterator["RunHosts | None"]:
+def hosts_of(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | None"]:
     """The hosts of a run that is laid out, on their way; None: the robots are here. Raises AcrcError."""
     if found is None:
         yield None
         return
-    from deploy.hosts.run_hosts import (  # noqa: PLC0415
-        RunHosts,
-        SharedErrand,
-        shares,
-    )
+    from deploy.hosts.allocation import shares  # noqa: PLC0415
+    from deploy.hosts.run_hosts import HostSettings, RunHosts  # noqa: PLC0415
 
     robots = [robot.id for robot in plan.world.robots]
     placed = shares(robots, {name: offer.cores for name, offer in found.offers.items()})
-    shared = SharedErrand(
+    shared = HostSettings(
         out=plan.out,
         spawn=plan.options.spawn,
         limits=plan.options.limits,
@@ -260,7 +258,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 
 
 def _run(
-    scenario: Scenario, options: RunOptions, launched: Launcher | None, recruits: "Recruits | None"
+    scenario: Scenario, options: RunOptions, launched: Launcher | None, recruits: "HostPool | None"
 ) -> RunResult:
     prepared = plan(scenario, options, None if recruits is None else recruits.isolation_fault)
     for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
@@ -357,7 +355,7 @@ def run_processes(
     spawn: str,
     on_progress: OnProgress,
     launched: Launcher | None = None,
-    recruits: "Recruits | None" = None,
+    recruits: "HostPool | None" = None,
 ) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises.
 

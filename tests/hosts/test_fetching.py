@@ -13,9 +13,8 @@ import pytest
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
 from actors.runtime.errors import AcrcError
-from deploy.hosts import fetching
-from deploy.hosts.channel import ERRAND, HostErrand
-from deploy.hosts.fetching import Fetched, Listed, fetch
+from deploy.hosts import files as fetching
+from deploy.hosts.files import TASK, Fetched, Listed, fetch
 
 RUN = "0123456789abcdef"
 FILES = {"r1/r1.mcap": b"recorded" * 700_000, "r1/r1.log": b"said\n", "r1/r1.1.mcap": b"", "r2/r2.mcap": b"r"}
@@ -31,7 +30,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("run/r1/setup.json", "run/.router/passwords", "run/r1/own/r1.mcap"):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text("not for others")
-    (folder / ERRAND).write_bytes(msgspec.json.encode(HostErrand("127.0.0.1", 1, 1.0, RUN)))
+    (folder / TASK).write_bytes(msgspec.json.encode({"run": RUN, "robots": ["r1", "r2"]}))
     return folder
 
 

@@ -1,9 +1,5 @@
-"""What a run over several computers is made of: who is where, what a host may send, who is fit."""
+"""Parts of a run over several computers: allocation, limits on what hosts send, load, files left there."""
 
-import socket
-import ssl
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,27 +12,12 @@ from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, LeftFile
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
-from deploy.clusters.address import plain
-from deploy.hosts import certificates, channel, host_program
-from deploy.hosts.channel import (
-    LONGEST,
-    AskPulse,
-    Channel,
-    ChannelClosedError,
-    FilePart,
-    FromHost,
-    Glimpse,
-    Joined,
-    ToHost,
-    bound,
-    from_host,
-    place_of,
-    to_host,
-)
-from deploy.hosts.fetching import FilePartError, GrowingFile, Incoming, parts
-from deploy.hosts.host_probe import HostOffer, unfit
-from deploy.hosts.host_program import LoadMeter
-from deploy.hosts.run_hosts import shares
+from deploy.clusters.address import bound, free_port, place_of, plain
+from deploy.hosts import host_link
+from deploy.hosts.agent import Orders, ProcessStatus, Report
+from deploy.hosts.allocation import HostOffer, shares, unfit
+from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, read_files
+from deploy.hosts.host_link import HostLink, LoadMeter
 
 HERE = "127.0.0.1"
 
@@ -60,7 +41,7 @@ def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
     ["r1.mcap", "r2/r2.mcap", "../r1/x", "r1/../r2/x", "r1//x", "r1/./x", "/r1/x", "r1/a\0b", "r1/"],
 )
 def test_nothing_is_taken_beside_the_robots_own_folders(tmp_path: Path, path: str) -> None:
-    incoming = Incoming(tmp_path, {"r1"}.__contains__, 100)
+    incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 100, "")
     with pytest.raises(FilePartError):
         incoming.take(FilePart(path, b"x"))
     assert list(tmp_path.rglob("*")) == []
@@ -70,7 +51,7 @@ def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "run" / "r1").mkdir(parents=True)
     (tmp_path / "away").mkdir()
     (tmp_path / "run" / "r1" / "own").symlink_to(tmp_path / "away")
-    incoming = Incoming(tmp_path / "run", {"r1"}.__contains__, 100)
+    incoming = IncomingFiles(tmp_path / "run", {"r1"}.__contains__, 100, "")
     with pytest.raises(FilePartError):
         incoming.take(FilePart("r1/own/x", b"x"))
     (tmp_path / "run" / "r1" / "r1.mcap").symlink_to(tmp_path / "away" / "y")
@@ -80,7 +61,7 @@ def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
 
 
 def test_a_host_sends_no_more_than_its_robots_may_write(tmp_path: Path) -> None:
-    incoming = Incoming(tmp_path, {"r1"}.__contains__, 5)
+    incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 5, "disk_mb")
     incoming.take(FilePart("r1/a", b"xyz"))
     with pytest.raises(FilePartError):
         incoming.take(FilePart("r1/b", b"xyz"))
@@ -94,7 +75,7 @@ def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
     (here / "r1" / "own" / "note").write_bytes(bytes(range(256)) * 700)
     (here / "r1" / "own" / "empty").touch()
     (here / "r1" / "own" / "link").symlink_to("/etc/hostname")
-    incoming = Incoming(there, {"r1"}.__contains__, 1 << 20)
+    incoming = IncomingFiles(there, {"r1"}.__contains__, 1 << 20, "")
     growing = GrowingFile(here, here / "r1" / "log")
     assert growing.part() is None
     for piece in (b"first", b"", b"second"):
@@ -102,7 +83,7 @@ def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
             log.write(piece)
         while (part := growing.part()) is not None:
             incoming.take(part)
-    for part in parts(here, here / "r1" / "own"):
+    for part in read_files(here, here / "r1" / "own"):
         incoming.take(part)
     growing.close()
     assert {path.name: path.read_bytes() for path in there.rglob("*") if path.is_file()} == {
@@ -122,11 +103,11 @@ OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, 
         (msgspec.structs.replace(OFFER, versions={"python": "3.11.7", "more": "1"}, cores=2), None),
         (msgspec.structs.replace(OFFER, commit="def"),
          "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
-         "abc, and start its worker anew"),
+         "abc, and restart its worker"),
         (msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
          "has python 3.12.1, this is 3.11.7; must be the same"),
         (msgspec.structs.replace(OFFER, kernels={"arrays": "2" * 64}),
-         "computes otherwise than this computer: other bits come from arrays"),
+         "computes other bits than this computer: in arrays"),
     ],
 )  # fmt: skip
 def test_who_is_no_fit_host_is_told_why(there: HostOffer, fault: str | None) -> None:
@@ -141,7 +122,7 @@ def test_hosts_connect_to_an_address_with_a_port_or_without(word: str, place: tu
     assert place_of(word) == place
 
 
-@pytest.mark.parametrize("word", ["", ":7450", "10.0.0.5:", "10.0.0.5:65535", "a b", "10.0.0.5:7450:1"])
+@pytest.mark.parametrize("word", ["", ":7450", "10.0.0.5:", "10.0.0.5:65536", "a b", "10.0.0.5:7450:1"])
 def test_what_is_none_is_refused(word: str) -> None:
     with pytest.raises(OptionError, match="must be an address of this computer"):
         place_of(word)
@@ -150,6 +131,7 @@ def test_what_is_none_is_refused(word: str) -> None:
 def test_addresses_are_bound_and_schemes_are_equal() -> None:
     assert bound(HERE) == HERE
     assert bound("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
+    assert free_port(HERE, port := free_port(HERE)) == port
     with pytest.raises(AcrcError, match="--listen"):
         bound("no.such.host.invalid")
     assert plain("dask+tls://lab:8786") == plain("tls://lab:8786") == "tls://lab:8786"
@@ -158,97 +140,110 @@ def test_addresses_are_bound_and_schemes_are_equal() -> None:
         plain("dask://lab:8786")
 
 
-Ends = tuple[Channel[FromHost], Channel[ToHost], ssl.SSLSocket]
+class FakeHost:
+    """The actor of a host, and the future of it, whose reports are given."""
+
+    status = "finished"
+
+    def __init__(self, *answers: object) -> None:
+        self.answers, self.orders, self.put_parts = list(answers), [], []
+        self.closed = False
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> "FakeHost":
+        return self
+
+    def put(self, parts: bytes) -> SimpleNamespace:
+        self.put_parts += msgspec.msgpack.decode(parts, type=list[FilePart])
+        return answered(None)
+
+    def begin(self) -> SimpleNamespace:
+        return answered(None)
+
+    def close(self) -> SimpleNamespace:
+        self.closed = True
+        return answered(None)
+
+    def exchange(self, orders: bytes) -> SimpleNamespace:
+        self.orders.append(msgspec.msgpack.decode(orders, type=Orders))
+        return answered(self.answers.pop(0))
 
 
-@pytest.fixture
-def ends(tmp_path: Path) -> Iterator[Ends]:
-    """The two ends of a channel; the host's socket as well."""
-    keys = certificates.draw(["h1"], HERE)
-    keys.world.write(tmp_path / "world")
-    keys.hosts["h1"].write(tmp_path / "h1")
-    with ExitStack() as stack:
-        server = stack.enter_context(socket.create_server((HERE, 0)))
-        plain_socket = stack.enter_context(socket.create_connection(server.getsockname()))
-        ours, _ = server.accept()
-        ours.setblocking(False)
-        plain_socket.setblocking(False)
-        one = channel.server_context(tmp_path / "world").wrap_socket(
-            ours, server_side=True, do_handshake_on_connect=False
-        )
-        other = channel.client_context(tmp_path / "h1").wrap_socket(
-            plain_socket, server_hostname=HERE, do_handshake_on_connect=False
-        )
-        waiting = [one, other]
-        while waiting:
-            for end in list(waiting):
-                try:
-                    end.do_handshake()
-                    waiting.remove(end)
-                except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
-                    continue
-        assert channel.common_name(one) == "h1"
-        stack.enter_context(one)
-        stack.enter_context(other)
-        yield to_host(one), from_host(other), other
+def answered(answer: object) -> SimpleNamespace:
+    def result() -> object:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    return SimpleNamespace(done=lambda: True, result=result)
 
 
-def received(channel: Channel[FromHost], count: int) -> list[FromHost]:
-    found: list[FromHost] = []
-    for _ in range(1000):
-        found += channel.receive()
-        if len(found) >= count:
-            break
-    return found
+REPORT = Report(
+    clock_s=0.0, folder="/tmp/acrc-1", joined=True, unlinked=False, fault="", files=(), ending=(),
+    refused={}, ended=(), looked=None, more=True, done=False,
+)  # fmt: skip
 
 
-def test_messages_come_whole_and_in_order_without_anybody_waiting(ends: Ends) -> None:
-    here, there, _ = ends
-    sent = [FilePart(f"r1/{number}", bytes([number % 256]) * 60_000) for number in range(200)]
-    for part in sent:
-        there.send(part)
-    assert there.waiting > 0  # more than sockets hold: it waits here, and whoever sent it does not
-    found: list[FromHost] = []
-    while len(found) < len(sent):
-        there.flush()
-        found += here.receive()
-    assert found == sent
-    assert there.waiting == 0
-    here.send(AskPulse())
-    assert received(there, 1) == [AskPulse()]  # type: ignore[arg-type, comparison-overlap]
+def packed(**changes: object) -> bytes:
+    return msgspec.msgpack.encode(msgspec.structs.replace(REPORT, **changes))  # type: ignore[arg-type]
+
+
+def link_to(host: FakeHost, folder: Path) -> HostLink:
+    files = IncomingFiles(folder, {"r1"}.__contains__, 5, "what its robots may write (disk_mb)")
+    return HostLink("h1", 1, ("r1",), files, host)  # type: ignore[arg-type]
+
+
+def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_end(tmp_path: Path) -> None:
+    large, empty = tmp_path / "large", tmp_path / "empty"
+    large.write_bytes(bytes(range(256)) * 8000)
+    empty.touch()
+    host = FakeHost(packed(), packed(files=[FilePart("r1/log", b"said")], done=True, more=False))
+    link = link_to(host, tmp_path)
+    link.begin([(large, "run/r1/large"), (empty, "code/1/empty")])
+    for _ in range(8):
+        link.turn()
+    assert b"".join(part.data for part in host.put_parts if part.path == "run/r1/large") == large.read_bytes()
+    assert host.put_parts[-1] == FilePart("code/1/empty", b"")
+    assert (tmp_path / "r1" / "log").read_bytes() == b"said"
+    assert link.joined and link.is_over and not link.lost and host.closed
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("answer", "why"),
     [
-        (b"\x05\0\0\0hello", "something came that is no message"),
-        ((LONGEST + 1).to_bytes(4, "little"), "was announced"),
-        (b"", "the connection was closed"),
+        (b"\xc1", "it has sent an invalid report: "),
+        (packed(refused={3: "x" * 3000}), "it has sent an invalid report: Expected `str` of length <= 2000"),
+        (b"0" * ((1 << 23) + 1), "it has sent something that is not a report"),
+        ("text", "it has sent something that is not a report"),
+        (packed(ending=[7]), "it reports process 7, which was not requested"),
+        (
+            packed(files=[FilePart("r1/x", b"123456")]),
+            "it has sent more than 5 B of files, what its robots may write (disk_mb)",
+        ),
+        (packed(files=[FilePart("r2/x", b"1")]), "it has sent a file 'r2/x', which is none of its own"),
+        (OSError("Unable to contact Actor's worker"), "its worker has ended, or left the cluster"),
+        (AcrcError("no space\x1b[2J"), "no space\\x1b[2J"),
     ],
 )
-def test_what_is_no_message_ends_the_channel_behind_what_came(ends: Ends, data: bytes, words: str) -> None:
-    here, there, bare = ends
-    there.send(Joined(1.5, "/tmp/acrc-1"))
-    if data:
-        bare.send(data)
-    else:
-        bare.close()
-    found: list[FromHost] = []
-    with pytest.raises(ChannelClosedError, match=words):
-        for _ in range(1000):
-            for message in here.receive():
-                found.append(message)
-    assert found == [Joined(1.5, "/tmp/acrc-1")]
+def test_a_host_with_an_impossible_answer_is_lost(tmp_path: Path, answer: object, why: str) -> None:
+    link = link_to(FakeHost(answer), tmp_path)
+    link.turn()
+    link.turn()
+    assert link.lost.startswith(why)
+    assert link.is_over
+    assert list(tmp_path.iterdir()) == []
 
 
-def process(pid: int, cpu_s: float, queued_s: float | None) -> Glimpse:
-    return Glimpse(pid, 1, pid, "S", cpu_s, queued_s)
+def process(pid: int, cpu_s: float, queued_s: float | None) -> ProcessStatus:
+    return ProcessStatus(pid, 1, pid, "S", cpu_s, queued_s)
 
 
 def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimpleNamespace(now_s=100.0)
     clock.monotonic = lambda: clock.now_s
-    monkeypatch.setattr(host_program, "time", clock)
+    monkeypatch.setattr(host_link, "time", clock)
     meter = LoadMeter()
     assert meter.load == HostLoad()
     meter.asked()
@@ -257,9 +252,7 @@ def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.
     assert meter.load == HostLoad(0.0, 0.0, 0.01, 0.01)
     clock.now_s += 1.96
     meter.asked()
-    clock.now_s += 0.02
-    meter.asked()  # the first question is still open
-    clock.now_s += 0.02
+    clock.now_s += 0.04
     meter.answered([process(1, 6.0, 2.0), process(2, 8.0, 9.0), process(3, 50.0, 50.0)])
     assert meter.load == HostLoad(worked=1.0, waited=0.5, answer_s=0.025, slowest_s=0.04)
     clock.now_s += 2.0  # asked by nobody: another process has ended and its number is used again

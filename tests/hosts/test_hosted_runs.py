@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -153,15 +154,13 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("delay_ms", "stall_s"), [(10.0, 6), (1.0, 60)])
+@pytest.mark.parametrize(("delay_ms", "stall_s"), [(10.0, 6), (0.0, 45)])
 def test_slow_and_stalled_links_change_nothing_and_are_reported(
     hosts: Hosts, cluster: TlsCluster, tmp_path: Path, delay_ms: float, stall_s: int
 ) -> None:
-    try:
+    """45 s: longer than Dask's own timeout of a connection."""
+    with suppress(HostsError):  # a kernel without netem: stalls only
         hosts.delay(delay_ms)
-    except HostsError:  # a kernel without netem: stalls only
-        if stall_s == 60:
-            pytest.skip("the kernel has no netem")
     words = ("--robots", "3", "--duration", "20", "--json")
     run = HostedRun(hosts, cluster, tmp_path / "hosted", *words)
     run.under_way()
@@ -183,7 +182,7 @@ def test_a_killed_worker_ends_the_run_with_its_name_and_recordings_are_fetched(
     cluster.kill("h1")
     code, error = run.ended()
     assert code == 1
-    assert error.startswith("acrc: host h1 is lost, with r1, r2: the connection ")
+    assert error == "acrc: host h1 is lost, with r1, r2: its worker has ended, or left the cluster"
     assert run.nothing_left() and run.secrets_left() == []
     cluster.start_worker(hosts.each[0])
     acrc(hosts, cluster, "cluster", "fetch", tmp_path / "out")

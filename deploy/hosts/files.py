@@ -1,4 +1,4 @@
-"""Files that a run left on its hosts: list, fetch and remove them."""
+"""Files of a run on its hosts: copied while the run goes on, or left there and fetched later."""
 
 import hashlib
 import os
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Annotated, Any, BinaryIO, Final
 
 import msgspec
 from distributed import Client
@@ -20,13 +20,35 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.clusters.address import PAGE, host_and_port
 from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
-from deploy.hosts.channel import ERRAND, FOLDER, PART, RUN, FilePart, HostErrand
 
+PREFIX: Final = "acrc-"
+"""Prefix of a run's folder in the temporary folder of a host."""
+RUN: Final = "run"
+"""In that folder: the robots' folders."""
+TASK: Final = "task.json"
+"""In that folder: the host's part of the run, with the run's id."""
+PART: Final = 1 << 16
+"""Bytes of a file that travel together at most."""
 PIECE: Final = 4 << 20
 """Bytes of a file that are read at once."""
 MOST: Final = 10_000
 """Files of one host."""
+_ODD: Final = frozenset({"", ".", ".."})
 _NAME: Final = re.compile(r"(?P<robot>[A-Za-z0-9_-]{1,32})/(?P=robot)(\.[0-9]{1,9})?\.(mcap|log)")
+
+
+class FilePart(msgspec.Struct, frozen=True):
+    """The next bytes of a file, in either direction."""
+
+    path: Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
+    """With `/`; from a host below the run's folder, to a host below its own."""
+    data: Annotated[bytes, msgspec.Meta(max_length=PART)]
+
+
+class _RunId(msgspec.Struct, frozen=True):
+    """What is needed of TASK here."""
+
+    run: str
 
 
 class Listed(msgspec.Struct, frozen=True):
@@ -76,13 +98,13 @@ def is_name(name: str) -> bool:
 def _place(folder: str, run: str) -> Path | None:
     """The part of the run in the folder; None if it is gone. Raises AcrcError where it is not that run's."""
     path, ours = Path(folder), Path(tempfile.gettempdir())
-    if path.parent.resolve() != ours.resolve() or not path.name.startswith(FOLDER):
+    if path.parent.resolve() != ours.resolve() or not path.name.startswith(PREFIX):
         raise AcrcError(
-            f"{path} is no folder of a run; it would be {ours / FOLDER}…, by this worker's TMPDIR"
+            f"{path} is no folder of a run; it would be {ours / PREFIX}…, by this worker's TMPDIR"
         )
     if path.is_symlink() or not path.is_dir():
         return None
-    if typed_json.read(path / ERRAND, HostErrand, "errand of a run's host").run != run:
+    if typed_json.read(path / TASK, _RunId, "task of a run's host").run != run:
         raise AcrcError(f"{path} is another run's")
     return path / RUN
 
@@ -111,7 +133,7 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
         files = size = 0
         for host in found:
             came = [one.bytes for one in host.listed() if host.bring(out, one)]
-            host.lacks_nothing(seal.elsewhere(out))
+            host.require_complete(seal.elsewhere(out))
             host.remove()
             files, size = files + len(came), size + sum(came)
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
@@ -179,7 +201,7 @@ class _Host:
             ) from None
         return True
 
-    def lacks_nothing(self, left: Mapping[str, LeftFile]) -> None:
+    def require_complete(self, left: Mapping[str, LeftFile]) -> None:
         """Raise ClusterError if a recording of this host is not here, once all that it has is."""
         gone = [name for name, one in left.items() if one.host == self.name]
         if gone:
@@ -209,30 +231,28 @@ class _Host:
         return ClusterError(printable(f"{self._on}: host {self.name} has sent {what}"))
 
 
-_ODD: Final = frozenset({"", ".", ".."})
-
-
 class FilePartError(AcrcError):
-    """A part of a file that cannot be taken."""
+    """A part of a file that is refused."""
 
 
-class Incoming:
-    """Writes what comes in, in those folders below `folder` that are allowed, up to `most` bytes."""
+class IncomingFiles:
+    """Writes received parts of files below `folder`, in allowed folders only, up to `most` bytes."""
 
-    def __init__(self, folder: Path, allows: Callable[[str], bool], most: int) -> None:
-        """`folder`: without links. `allows`: tells by a folder's name."""
+    def __init__(self, folder: Path, allows: Callable[[str], bool], most: int, limit: str) -> None:
+        """`folder`: without links. `allows`: takes the name of a folder in it. `limit`: names `most`."""
         self._folder = folder
         self._allows = allows
-        self._left = most
+        self._most = self._left = most
+        self._limit = limit
 
     def take(self, part: FilePart) -> None:
-        """Write it behind what has come of its file. Raises FilePartError, and OSError."""
+        """Append it to its file. Raises FilePartError, and OSError."""
         words = part.path.split("/")
         if len(words) < 2 or not self._allows(words[0]) or _ODD & {*words} or "\0" in part.path:
             raise FilePartError(f"a file {part.path[:200]!r}, which is none of its own")
         self._left -= len(part.data)
         if self._left < 0:
-            raise FilePartError("more than its robots may write")
+            raise FilePartError(f"more than {self._most} B of files, {self._limit}")
         path = self._folder.joinpath(*words)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._check(path)
@@ -247,7 +267,7 @@ class Incoming:
 
 
 class GrowingFile:
-    """One file that is sent while it grows, from its beginning."""
+    """One file that is read while it grows."""
 
     def __init__(self, folder: Path, path: Path) -> None:
         self._name = path.relative_to(folder).as_posix()
@@ -256,7 +276,7 @@ class GrowingFile:
         self._begun = False
 
     def part(self) -> FilePart | None:
-        """What comes next in it; None if nothing has been written since. Of an empty file one, empty."""
+        """Return the next bytes; None if there are none. The first part of an empty file is empty."""
         if self._file is None:
             try:
                 self._file = regular_file.opened(self._path, links=False)
@@ -274,8 +294,8 @@ class GrowingFile:
             self._file.close()
 
 
-def parts(folder: Path, below: Path) -> Iterator[FilePart]:
-    """All regular files below a folder in `folder`, in order; links are left out."""
+def read_files(folder: Path, below: Path) -> Iterator[FilePart]:
+    """Return all regular files below a folder in `folder`, in order; links are left out."""
     for path in sorted(below.rglob("*")):
         if path.is_symlink() or not path.is_file():
             continue

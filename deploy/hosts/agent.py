@@ -1,0 +1,525 @@
+"""Dask actor that is one host of a run: its robots' processes, the router for their messages, their files.
+
+The actor lives in a Dask worker. The run calls it about 20 times per second (`HostAgent.exchange`). A host
+that is not called for `HostTask.silence_s`, or whose actor is released, ends its robots.
+"""
+
+import shutil
+import tempfile
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from signal import SIGCONT, SIGKILL, SIGTERM, Signals
+from typing import Annotated, Any, Final
+
+import msgspec
+from distributed import Status, Worker, get_worker
+
+from acrc_testbed.results.seal import Id, Size, Sum
+from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.silence import ResourceWatch
+from actors.robot.program import RobotProgram
+from actors.runtime import regular_file
+from actors.runtime.access import credentials, router_file, tls
+from actors.runtime.access.credentials import Credentials, Gate, reveal
+from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import FOLDER, Names, code_places, own_folder
+from actors.runtime.lifecycle import process_table
+from actors.runtime.process_setup import SETUP
+from actors.runtime.recording import RecordingError, read_notes
+from deploy.hosts.certificates import PemKeys
+from deploy.hosts.files import PREFIX, RUN, TASK, FilePart, GrowingFile, IncomingFiles, read_files
+
+Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
+"""Number of a process, in order of the requests to start it."""
+Seconds = Annotated[float, msgspec.Meta(ge=0)]
+Text = Annotated[str, msgspec.Meta(max_length=2000)]
+CODE: Final = "code"
+_KEYS: Final = "keys"
+_INFRA: Final = ".router"
+"""Folder of the router in that of the run; not a valid id of a robot."""
+_MOST_SENT_HERE: Final = 1 << 30
+"""Bytes that a host takes before the run: maps, models, a strategy's code."""
+_REPORT_BYTES: Final = 1 << 20
+"""File content per report: 0.1 s at 100 Mbit/s."""
+_POLL_S: Final = 0.05
+_GRACE_S: Final = 3.0
+_ENDS: Final = ("final", "failure")
+"""Notes that a process makes of its end."""
+
+
+class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One host's part of a run."""
+
+    run: str
+    """Random id of the run, by which files left here are requested later."""
+    robots: tuple[Id, ...]
+    endpoint: str
+    """Of the world's router."""
+    spawn: str
+    limits: ProcessLimits
+    silence_s: float
+    """Timeout of calls: after this the run is assumed to have ended."""
+    code: int
+    """Number of folders with the strategy's code in `code/`."""
+    share: tuple[tuple[str, ...], ...]
+    """Data shared by the robots' processes, see `in_common` of the plan."""
+    leave: bool
+    """Keep recordings here."""
+
+
+class StartRobot(msgspec.Struct, frozen=True):
+    """Request to start a robot's process."""
+
+    number: Number
+    robot: Id
+    setup: bytes
+    """Content of its set-up file."""
+
+
+class Orders(msgspec.Struct, frozen=True):
+    """Requests of a run to its host, in this order."""
+
+    start: tuple[StartRobot, ...] = ()
+    signals: tuple[tuple[Number, int], ...] = ()
+    """Process and signal."""
+    look: bool = False
+    """Report the processes' states."""
+    finish: bool = False
+    """No more processes will be started."""
+
+
+class EndedProcess(msgspec.Struct, frozen=True):
+    """A process that has ended, all of whose output has been sent."""
+
+    number: Number
+    code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
+    strays: Annotated[int, msgspec.Meta(ge=0)]
+    cpu_s: Seconds
+    left: "LeftRecording | None" = None
+
+
+class LeftRecording(msgspec.Struct, frozen=True):
+    """A recording that stays on its host."""
+
+    bytes: Size
+    sha256: Sum
+    notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
+    """Notes of its process: `final`, `failure`."""
+
+
+class ProcessStatus(msgspec.Struct, frozen=True, array_like=True):
+    """State of one process on a host, see `process_table`."""
+
+    pid: Number
+    parent: Number
+    session: Number
+    state: Annotated[str, msgspec.Meta(min_length=1, max_length=1)]
+    cpu_s: Seconds
+    queued_s: Seconds | None
+
+
+class ProcessList(msgspec.Struct, frozen=True):
+    """States of the robots' processes and of all their descendants."""
+
+    processes: Annotated[tuple[ProcessStatus, ...], msgspec.Meta(max_length=100_000)] = ()
+    numbers: dict[Number, Number] = {}
+    """Numbers of the robots' processes by process id."""
+
+
+class Report(msgspec.Struct, frozen=True):
+    """Answer of a host: its state now, and events since the last report."""
+
+    clock_s: float
+    """Its clock, seconds since the epoch."""
+    folder: Text
+    joined: bool
+    """Its router is connected and the world receives its robots' messages."""
+    unlinked: bool
+    """Its router's connection broke after that."""
+    fault: Text
+    """Why the run cannot continue; empty: it can."""
+    files: tuple[FilePart, ...]
+    ending: tuple[Number, ...]
+    """Processes that have ended; what is left of their output follows."""
+    refused: dict[Number, Text]
+    """Processes that could not be started, and why."""
+    ended: tuple[EndedProcess, ...]
+    looked: ProcessList | None
+    more: bool
+    """More output can be sent now."""
+    done: bool
+    """All processes have ended and everything has been sent."""
+
+
+class HostAgent:
+    """Dask actor: methods run one after another in a thread of the worker."""
+
+    def __init__(self, task: bytes, keys: tuple[bytes, bytes, bytes]) -> None:
+        """`task`: a HostTask as JSON. `keys`: as PemKeys."""
+        told = msgspec.json.decode(task, type=HostTask)
+        self._session = _Session(told, PemKeys(*keys), get_worker())
+        _SESSIONS[told.run] = self._session
+        weakref.finalize(self, self._session.abandon)
+
+    def put(self, parts: bytes) -> None:
+        """Write files of the run: a msgpack list of FilePart."""
+        self._session.put(msgspec.msgpack.decode(parts, type=list[FilePart]))
+
+    def begin(self) -> None:
+        """Start the router; all files are here."""
+        self._session.begun.set()
+
+    def exchange(self, orders: bytes) -> bytes:
+        """Carry out Orders, and return a Report; both as msgpack."""
+        return msgspec.msgpack.encode(self._session.exchange(msgspec.msgpack.decode(orders, type=Orders)))
+
+    def close(self) -> None:
+        """Remove the run's folder; the run has received all that was to be sent."""
+        self._session.close()
+
+
+_SESSIONS: Final[dict[str, "_Session"]] = {}
+
+
+def occupy(run: str) -> None:
+    """Keep a thread of the worker busy while the run has processes here, so that other tasks wait."""
+    if session := _SESSIONS.get(run):
+        session.thread.join()
+
+
+class _FinishedError(AcrcError):
+    """The run has ended, or does not call this host any more."""
+
+
+class _Session:
+    """The state behind an actor; its thread goes on until the run has ended here."""
+
+    def __init__(self, task: HostTask, keys: PemKeys, worker: Worker) -> None:
+        self._task, self._worker = task, worker
+        self.begun = threading.Event()
+        self._folder = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
+        (self._folder / TASK).write_bytes(msgspec.json.encode(task))
+        keys.write(self._folder / _KEYS)
+        self._incoming = IncomingFiles(self._folder, {RUN, CODE}.__contains__, _MOST_SENT_HERE, "the limit")
+        self._lock = threading.Lock()
+        """Held while processes are started, signalled or looked at."""
+        self._robots = RobotProcesses(self._folder, task)
+        self._called_s = time.monotonic()
+        self._abandoned = self._finishing = self._joined = self._unlinked = False
+        self._fault = ""
+        self._own: Iterator[FilePart] | None = None
+        self.thread = threading.Thread(target=self._serve, name=f"run {task.run}", daemon=True)
+        self.thread.start()
+
+    def put(self, parts: Iterable[FilePart]) -> None:
+        """Write files. Raises FilePartError."""
+        self._called_s = time.monotonic()
+        try:
+            for part in parts:
+                self._incoming.take(part)
+        except OSError as error:  # not as it is: the library's word for a lost worker
+            raise AcrcError(f"{self._folder}: files of the run cannot be written: {error.strerror}") from None
+
+    def exchange(self, orders: Orders) -> Report:
+        """Carry out the orders and report."""
+        with self._lock:
+            self._called_s = time.monotonic()
+            self._finishing = self._finishing or orders.finish
+            robots = self._robots
+            robots.order(orders)
+            looked = robots.looked() if orders.look else None
+            events = robots.events(self._rest() if self._delivering and robots.settled else None)
+            return Report(
+                clock_s=time.time(),
+                folder=str(self._folder),
+                joined=self._joined,
+                unlinked=self._unlinked,
+                fault=self._fault,
+                files=events.files,
+                ending=events.ending,
+                refused=events.refused,
+                ended=events.ended,
+                looked=looked,
+                more=events.more,
+                done=self._delivering and robots.settled and not events.more,
+            )
+
+    def abandon(self) -> None:
+        """End the robots: nobody refers to the actor any more."""
+        self._abandoned = True
+
+    def close(self) -> None:
+        """Remove the folder, except for recordings that stay."""
+        self._abandoned = True
+        self.thread.join(2 * _GRACE_S)
+        if not self._task.leave:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def _delivering(self) -> bool:
+        """No process runs any more; only files remain."""
+        return not self.thread.is_alive()
+
+    def _rest(self) -> Iterator[FilePart]:
+        """Return the files that strategies have written, once."""
+        if self._own is None:
+            run = self._folder / RUN
+            self._own = (part for robot in self._task.robots for part in read_files(run, run / robot / "own"))
+        return self._own
+
+    def _serve(self) -> None:
+        secrets = self._folder / RUN / _INFRA / router_file.NAME
+        try:
+            while not self.begun.is_set():
+                self._turn()
+            with launcher(self._task.spawn) as launched:
+                try:
+                    self._run(launched)
+                finally:
+                    self._end_robots(launched)
+        except _FinishedError:
+            pass
+        except Exception as error:
+            kind = "" if isinstance(error, AcrcError) else f"{type(error).__name__}: "
+            self._fault = f"{kind}{error}"[:2000]
+        finally:
+            shutil.rmtree(self._folder / _KEYS, ignore_errors=True)
+            with suppress(AcrcError):  # a robot has put something else in their place
+                router_file.remove(secrets)
+            _SESSIONS.pop(self._task.run, None)
+
+    def _run(self, launched: Launcher) -> None:
+        issued = self._lay_out(launched)
+        keys = tls.load_keys(self._folder / _KEYS)
+        config = tls.host_config(issued, keys, self._task.endpoint)
+        with open_host_router(config, self._task.robots[0], between=self._turn) as router:
+            while True:
+                self._turn()
+                self._look_at_link(router, issued)
+
+    def _lay_out(self, launched: Launcher) -> Credentials:
+        """Draw the robots' passwords and load shared data; the launcher's server removes the secrets even if
+        the worker is killed."""
+        run = self._folder / RUN
+        (run / _INFRA).mkdir(parents=True)
+        for robot in self._task.robots:
+            own_folder(run / robot).mkdir(parents=True, exist_ok=True)
+        issued = credentials.issue({robot: run / robot for robot in self._task.robots}, run / _INFRA, ())
+        gate = Gate("", self._folder / _KEYS, {})
+        router_file.write(run / _INFRA / router_file.NAME, replace(issued, gate=gate))
+        launched.withdraw(run / _INFRA / router_file.NAME)
+        for words in self._task.share:
+            launched.share("actors.robot.program", words, run)
+        self._robots.open(launched)
+        return issued
+
+    def _turn(self) -> None:
+        """Look at the processes, then wait for a moment. Raises _FinishedError at the run's end."""
+        silent_s = time.monotonic() - self._called_s
+        leaving = self._worker.status in (Status.closing, Status.closed, Status.failed)
+        if self._abandoned or leaving or silent_s > self._task.silence_s:
+            raise _FinishedError
+        with self._lock:
+            self._robots.look()
+            self._fault = self._fault or self._robots.fault()
+            if self._finishing and self._robots.all_ended:
+                raise _FinishedError
+        time.sleep(_POLL_S)
+
+    def _look_at_link(self, router: HostRouter, issued: Credentials) -> None:
+        if not self._joined and router.joined:
+            reveal(issued)
+            self._joined = True
+        elif self._joined and not self._unlinked:
+            self._unlinked = not router.linked
+
+    def _end_robots(self, launched: Launcher) -> None:
+        for number in (SIGTERM, SIGKILL):
+            with self._lock:
+                self._robots.end(number)
+            deadline = time.monotonic() + _GRACE_S
+            while not self._robots.all_ended and time.monotonic() < deadline:
+                with self._lock:
+                    self._robots.look()
+                time.sleep(_POLL_S)
+        with self._lock:
+            self._robots.close()
+
+
+@dataclass(frozen=True)
+class _Events:
+    files: tuple[FilePart, ...]
+    ending: tuple[int, ...]
+    refused: dict[int, str]
+    ended: tuple[EndedProcess, ...]
+    more: bool
+
+
+class RobotProcesses:
+    """The processes that were started here for one run, and their output."""
+
+    def __init__(self, folder: Path, task: HostTask) -> None:
+        """`folder`: has the run's, and beside it the code: robots see only their own folder."""
+        self._folder, self._task = folder / RUN, task
+        self._code = tuple(folder / CODE / str(number) for number in range(1, task.code + 1))
+        self._launched: Launcher | None = None
+        self._closed = False
+        self._waiting: deque[StartRobot] = deque()
+        self._children: dict[int, Child] = {}
+        self._seen_end: set[int] = set()
+        self._files: dict[Path, GrowingFile] = {}
+        self._ending: list[int] = []
+        self._refused: dict[int, str] = {}
+        self._undelivered: deque[tuple[int, Child]] = deque()
+        """Processes that have ended, some of whose output has not been sent."""
+        self._resources = ResourceWatch(task.limits)
+
+    @property
+    def all_ended(self) -> bool:
+        """True if no process runs or is to be started."""
+        return not self._waiting and all(child.exit_code is not None for child in self._children.values())
+
+    @property
+    def settled(self) -> bool:
+        """True if also their output has been sent."""
+        return self.all_ended and not (self._undelivered or self._ending or self._refused)
+
+    def open(self, launched: Launcher) -> None:
+        """Start processes by `launched` from now on."""
+        self._launched = launched
+
+    def close(self) -> None:
+        """Start no more processes; those that still run are assumed to be killed with their launcher."""
+        self._closed = True
+        for child in self._running():
+            child.exit_code = -SIGKILL
+        self._note_ends()
+
+    def order(self, orders: Orders) -> None:
+        """Carry out what concerns processes; starts wait until the launcher has compiled all."""
+        if self._closed:
+            self._refused |= {order.number: "this host has ended its part" for order in orders.start}
+        else:
+            self._waiting.extend(orders.start)
+        for number, signal in orders.signals:
+            if number in self._children:
+                self._children[number].send(Signals(signal))
+
+    def look(self) -> None:
+        """Start the processes that wait; note those that have ended."""
+        if self._launched is None:
+            return
+        self._launched.wait(0.0)
+        while self._waiting and self._launched.ready:
+            self._start(self._waiting.popleft(), self._launched)
+        self._note_ends()
+
+    def _note_ends(self) -> None:
+        for number, child in self._children.items():
+            if child.exit_code is not None and number not in self._seen_end:
+                self._seen_end.add(number)
+                self._ending.append(number)
+                self._undelivered.append((number, child))
+
+    def fault(self) -> str:
+        """Return the resource limit that a running process exceeds; empty: none."""
+        return self._resources.fault(self._running()) or ""
+
+    def end(self, signal: Signals) -> None:
+        """Signal every process, also those that are stopped."""
+        self._waiting.clear()
+        for child in self._running():
+            child.send(signal)
+            child.send(SIGCONT)
+
+    def looked(self) -> ProcessList:
+        """Return the states of the processes and their descendants."""
+        numbers = {child.pid: number for number, child in self._children.items() if child.exit_code is None}
+        table = process_table.table()
+        seen = (
+            ProcessStatus(pid, one.parent, one.session, one.state, one.cpu_s, process_table.queued_s(pid))
+            for pid, one in ((pid, table[pid]) for pid in process_table.descendants(numbers, table))
+        )
+        return ProcessList(tuple(seen), numbers)
+
+    def events(self, rest: Iterator[FilePart] | None) -> _Events:
+        """Return what happened since the last call, with output up to _REPORT_BYTES.
+
+        `rest`: files to send once everything else has been.
+        """
+        ending, refused = tuple(self._ending), self._refused
+        self._ending, self._refused = [], {}
+        parts: list[FilePart] = []
+        ended: list[EndedProcess] = []
+        room = _REPORT_BYTES
+        while self._undelivered and (room := self._read(self._undelivered[0][1].program, parts, room)) > 0:
+            number, child = self._undelivered.popleft()
+            for path in self._written(child.program):
+                self._files.pop(path).close()
+            left = self._left(child.program)
+            ended.append(EndedProcess(number, child.exit_code or 0, child.strays, child.cpu_s, left))
+        for child in self._running():
+            if room > 0:
+                room = self._read(child.program, parts, room)
+        for part in rest or ():
+            parts.append(part)
+            if (room := room - len(part.data)) <= 0:
+                break
+        return _Events(tuple(parts), ending, refused, tuple(ended), room <= 0)
+
+    def _running(self) -> list[Child]:
+        return [child for child in self._children.values() if child.exit_code is None]
+
+    def _start(self, order: StartRobot, launched: Launcher) -> None:
+        try:
+            self._children[order.number] = launched.start(self._program(order))
+        except (AcrcError, msgspec.MsgspecError) as error:
+            self._refused[order.number] = str(error)[:2000]
+
+    def _program(self, order: StartRobot) -> Program:
+        """Return what to execute, with the paths of this computer."""
+        told = msgspec.json.decode(order.setup, type=RobotProgram)
+        if order.robot not in self._task.robots or told.actor.id != order.robot:
+            raise AcrcError(f"{order.robot} is not a robot of this host")
+        folder, process = self._folder / order.robot, told.process
+        record = folder / Path(process.record).name
+        isolated = process.isolate
+        seen, code = (FOLDER, code_places(len(self._code))) if isolated else (folder, self._code)
+        names = Names(str(folder), str(record), tuple(map(str, self._code))) if isolated else None
+        process = msgspec.structs.replace(process, code=tuple(map(str, code)))
+        setup: Any = msgspec.structs.replace(told, process=process)
+        log = record.with_suffix(".log")
+        return Program(order.robot, "actors.robot", (str(seen / SETUP),), log, record, names, setup)
+
+    def _written(self, program: Program) -> tuple[Path, ...]:
+        assert program.record is not None
+        return (program.log,) if self._task.leave else (program.record, program.log)
+
+    def _left(self, program: Program) -> LeftRecording | None:
+        if not self._task.leave or program.record is None:
+            return None
+        try:
+            size, digest = regular_file.summed(program.record)
+        except OSError:
+            return None
+        notes: dict[str, str] = {}
+        with suppress(RecordingError):  # cut, as after a full disk
+            notes = {name: text for name, text in read_notes(program.record).items() if name in _ENDS}
+        return LeftRecording(size, digest, notes)
+
+    def _read(self, program: Program, parts: list[FilePart], room: int) -> int:
+        """Read what a process has written since the last report; return the room that is left."""
+        for path in self._written(program):
+            file = self._files.setdefault(path, GrowingFile(self._folder, path))
+            while room > 0 and (part := file.part()) is not None:
+                parts.append(part)
+                room -= len(part.data)
+        return room

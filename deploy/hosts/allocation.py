@@ -1,0 +1,205 @@
+"""Allocation of hosts: what each computer of a cluster offers, whether it is fit, who gets which robots.
+
+`python -m deploy.hosts.allocation` prints the offer of this computer as JSON.
+"""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+import msgspec
+from distributed import Client, Future
+
+from acrc_testbed.results.result import versions
+from actors.installation.repository import REPOSITORY
+from actors.installation.version import software
+from actors.processes.kernels import compile_kernels
+from actors.robot import assembly
+from actors.runtime.errors import printable
+from actors.runtime.isolation import sandbox
+from actors.runtime.processor import few, otherwise
+from deploy.clusters.address import PAGE, own_address
+from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
+
+Text = Annotated[str, msgspec.Meta(max_length=2000)]
+_LAST_OUTPUT: Final = 4000
+_COMPILING_S: Final = 900.0
+"""How long a computer may take to describe itself, kernels compiled."""
+
+
+class HostOffer(msgspec.Struct, frozen=True):
+    """What a computer offers to a run."""
+
+    name: Text
+    """Its host name."""
+    cores: Annotated[int, msgspec.Meta(ge=1, le=100_000)]
+    """Cores that the worker may use."""
+    commit: Text
+    versions: dict[str, str]
+    """Of Python and the packages whose versions matter."""
+    kernels: dict[str, str]
+    """Fingerprints of what they compute."""
+    isolation_fault: Text | None
+    """Why robots cannot be isolated there; None if they can."""
+    repository: Text
+    """Path of this software there."""
+
+
+@dataclass(frozen=True)
+class HostPool:
+    """Hosts that are fit for a run."""
+
+    client: Client
+    address: str
+    """Of the scheduler."""
+    offers: dict[str, HostOffer]
+    workers: dict[str, str]
+    """Dask's address of a worker on each."""
+    listen: tuple[str, int]
+    """Where the hosts' routers connect to; port 0: any."""
+
+    @property
+    def isolation_fault(self) -> str | None:
+        """Why robots cannot be isolated on all of them; None if they can."""
+        faults = ((name, offer.isolation_fault) for name, offer in self.offers.items())
+        return next((f"on host {name} {fault}" for name, fault in faults if fault), None)
+
+    def submit(self, name: str, function: Any, *words: Any, actor: bool = False) -> Future[Any]:
+        """Run a function, or make an actor, on that host and nowhere else."""
+        return self.client.submit(
+            function, *words, workers=[self.workers[name]], allow_other_workers=False, pure=False, actor=actor
+        )
+
+
+@contextmanager
+def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[HostPool]:
+    """Allocate all computers of the cluster at `address`. Raises ClusterError if one is not fit.
+
+    `listen`: where they connect to; None: this computer's address on the way to the scheduler, any port.
+    """
+    client = connect(address)
+    try:
+        workers = machines(client)
+        here = offer()
+        found = _offers(client, address, workers)
+        for name, there in found.items():
+            if fault := unfit(there, here):
+                raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
+        by_name = dict(zip(found, workers, strict=True))
+        yield HostPool(client, address, found, by_name, listen or (own_address(address), 0))
+    finally:
+        with suppress(Exception):  # any error of the library about a lost cluster
+            client.close(timeout=PATIENCE_S)
+
+
+def offer() -> HostOffer:
+    """Return the offer of this computer; kernels are compiled first if they are not."""
+    compile_kernels(quiet=True)
+    return HostOffer(
+        name=socket.gethostname(),
+        cores=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
+        commit=software(),
+        versions=versions(),
+        kernels=assembly.kernels(),
+        isolation_fault=sandbox.available(),
+        repository=str(REPOSITORY),
+    )
+
+
+def unfit(there: HostOffer, here: HostOffer) -> str | None:
+    """Return why a computer cannot take part in a run started here, to follow its name; None if it can."""
+    if there.commit != here.commit:
+        return printable(
+            f"has {there.commit}, this is {here.commit}; must be the same: git -C {there.repository} "
+            f"fetch && git -C {there.repository} checkout {here.commit.removesuffix('+')}, and restart its "
+            "worker"
+        )
+    for name, version in here.versions.items():
+        if (other := there.versions.get(name)) != version:
+            return printable(f"has {name} {other}, this is {version}; must be the same")
+    if names := otherwise(there.kernels, here.kernels):
+        return printable(f"computes other bits than this computer: in {few(names)}")
+    return None
+
+
+def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+    """Return the robots of each host, in their order, by its cores; hosts without any are left out.
+
+    Each next robot goes to the host with the fewest robots per core, among equals to the first.
+    """
+    counts = dict.fromkeys(cores, 0)
+    for _ in robots:
+        least = min(counts, key=lambda host: counts[host] / cores[host])
+        counts[least] += 1
+    found, first = {}, 0
+    for host, count in counts.items():
+        if count:
+            found[host] = tuple(robots[first : first + count])
+        first += count
+    return found
+
+
+def describe() -> tuple[int, str, str]:
+    """On a worker: return exit code, output and last errors of this module as a program.
+
+    A new process computes the offer; the worker must run the commit that the process finds.
+    """
+    words = [sys.executable, "-P", "-m", "deploy.hosts.allocation", software()]
+    try:
+        done = subprocess.run(
+            words, cwd=REPOSITORY, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            timeout=_COMPILING_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return 1, "", f"took longer than {_COMPILING_S:g} s"
+    return done.returncode, done.stdout, done.stderr[-_LAST_OUTPUT:]
+
+
+def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
+    """Return the offers of these workers' computers, by a name for each. Raises ClusterError."""
+    asked = [
+        client.submit(describe, workers=[worker], allow_other_workers=False, pure=False) for worker in workers
+    ]
+    found: dict[str, HostOffer] = {}
+    for worker, future in zip(workers, asked, strict=True):
+        offer = _offer(client, address, worker, future)
+        stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
+        names = (stem if number == 1 else f"{stem}-{number}" for number in range(1, len(workers) + 1))
+        found[next(name for name in names if name not in found)] = offer
+    return found
+
+
+def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
+    try:
+        code, output, errors = answer(client, address, worker, future)
+        if code == 0:
+            return msgspec.json.decode(output, type=HostOffer)
+        reason = (str(errors).strip() or f"exit code {code}").splitlines()[-1]
+    except ClusterError:
+        raise
+    except Exception as error:  # raised there, or by the library about a lost worker
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+    raise ClusterError(
+        printable(
+            f"--on {address}: the worker {worker} cannot be a host of this run: {reason[:500]} ({PAGE})"
+        )
+    )
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print the offer; fail if it is not of the commit that the worker runs."""
+    if argv and argv[0] != software():
+        sys.stderr.write(f"the worker runs {argv[0]}, its clone has {software()}; restart the worker\n")
+        return 1
+    sys.stdout.write(msgspec.json.encode(offer()).decode() + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
