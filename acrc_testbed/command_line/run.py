@@ -142,7 +142,7 @@ def run(
         str | None,
         typer.Option(
             metavar="HOST[:PORT]",
-            help="With --on: where those computers connect to, at PORT and the next.  [default: any]",
+            help="With --on: address and port here that those computers connect to.  [default: any]",
         ),
     ] = None,
     leave: Annotated[

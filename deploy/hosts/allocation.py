@@ -194,7 +194,7 @@ def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> Ho
 
 def main(argv: Sequence[str]) -> int:
     """Print the offer; fail if it is not of the commit that the worker runs."""
-    if argv and argv[0] != software():
+    if argv and argv[0].removesuffix("+") != software().removesuffix("+"):
         sys.stderr.write(f"the worker runs {argv[0]}, its clone has {software()}; restart the worker\n")
         return 1
     sys.stdout.write(msgspec.json.encode(offer()).decode() + "\n")

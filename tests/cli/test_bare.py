@@ -28,7 +28,7 @@ STARTED = {
     "run --view": ("acrc_testbed.view.__main__",),
     "run --control": ("deploy.control.__main__",),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", "firmware_bridge.onboard.bridge"),
-    "run --on x": ("deploy.hosts.run_hosts",),
+    "run --on x": ("deploy.hosts.allocation",),
     "fleet onboard": ("actors.robot.__main__", "firmware_bridge.onboard.base"),
     "campaign": ("acrc_testbed.experiments.campaign.trial_program",),
 }
