@@ -146,7 +146,8 @@ class FakeHost:
     status = "finished"
 
     def __init__(self, *answers: object) -> None:
-        self.answers, self.orders, self.put_parts = list(answers), [], []
+        self.answers = list(answers)
+        self.put_parts: list[FilePart] = []
         self.closed = False
 
     def done(self) -> bool:
@@ -167,7 +168,7 @@ class FakeHost:
         return answered(None)
 
     def exchange(self, orders: bytes) -> SimpleNamespace:
-        self.orders.append(msgspec.msgpack.decode(orders, type=Orders))
+        msgspec.msgpack.decode(orders, type=Orders)
         return answered(self.answers.pop(0))
 
 
@@ -192,7 +193,7 @@ def packed(**changes: object) -> bytes:
 
 def link_to(host: FakeHost, folder: Path) -> HostLink:
     files = IncomingFiles(folder, {"r1"}.__contains__, 5, "what its robots may write (disk_mb)")
-    return HostLink("h1", 1, ("r1",), files, host)  # type: ignore[arg-type]
+    return HostLink("h1", 1, ("r1",), files, host)
 
 
 def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_end(tmp_path: Path) -> None:

@@ -246,6 +246,23 @@ def test_an_order_reaches_robots_on_hosts(hosts: Hosts, cluster: TlsCluster, tmp
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("killed", ["run", "scheduler"])
+def test_a_host_ends_its_robots_when_the_run_or_the_scheduler_is_killed(tmp_path: Path, killed: str) -> None:
+    with Hosts(1, disk_bytes=24 << 20) as one, TlsCluster(one, tmp_path / "cluster") as cluster:
+        run = HostedRun(one, cluster, tmp_path / "out", "--robots", "2", *LONG[2:])
+        run.under_way()
+        if killed == "run":
+            run.process.kill()
+            run.process.communicate()
+        else:
+            cluster.kill("here")
+            error = run.ended()[1]
+            assert error == "acrc: host h1 is lost, with r1, r2: the connection to the scheduler broke"
+        assert run.nothing_left() and run.secrets_left() == []
+        assert len(run.folders_left()) == 1  # recordings that did not come
+
+
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_sixty_robots_on_one_host_have_one_digest(tmp_path: Path) -> None:
     """With a buffer that a step fills, three of ten such runs stalled."""
