@@ -188,12 +188,12 @@ REPORT = Report(
 
 
 def packed(**changes: object) -> bytes:
-    return msgspec.msgpack.encode(msgspec.structs.replace(REPORT, **changes))  # type: ignore[arg-type]
+    return msgspec.msgpack.encode(msgspec.structs.replace(REPORT, **changes))
 
 
 def link_to(host: FakeHost, folder: Path) -> HostLink:
     files = IncomingFiles(folder, {"r1"}.__contains__, 5, "what its robots may write (disk_mb)")
-    return HostLink("h1", 1, ("r1",), files, host)
+    return HostLink("h1", 1, ("r1",), files, host)  # type: ignore[arg-type]
 
 
 def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_end(tmp_path: Path) -> None:
