@@ -25,7 +25,7 @@ from actors.processes.launch import Child, Launcher, Program, launcher
 from actors.processes.silence import ResourceWatch
 from actors.robot.program import RobotProgram
 from actors.runtime import regular_file
-from actors.runtime.access import credentials, router_file, tls
+from actors.runtime.access import credentials, tls
 from actors.runtime.access.credentials import Credentials, Gate, reveal
 from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
 from actors.runtime.errors import AcrcError
@@ -276,7 +276,7 @@ class _Session:
         return self._own
 
     def _serve(self) -> None:
-        secrets = self._folder / RUN / _INFRA / router_file.NAME
+        secrets = self._folder / RUN / _INFRA / credentials.ROUTER_FILE
         try:
             while not self.begun.is_set():
                 self._turn()
@@ -293,7 +293,7 @@ class _Session:
         finally:
             shutil.rmtree(self._folder / _KEYS, ignore_errors=True)
             with suppress(AcrcError):  # a robot has put something else in their place
-                router_file.remove(secrets)
+                credentials.remove_router_file(secrets)
             _SESSIONS.pop(self._task.run, None)
 
     def _run(self, launched: Launcher) -> None:
@@ -314,8 +314,8 @@ class _Session:
             own_folder(run / robot).mkdir(parents=True, exist_ok=True)
         issued = credentials.issue({robot: run / robot for robot in self._task.robots}, run / _INFRA, ())
         gate = Gate("", self._folder / _KEYS, {})
-        router_file.write(run / _INFRA / router_file.NAME, replace(issued, gate=gate))
-        launched.withdraw(run / _INFRA / router_file.NAME)
+        credentials.write_router_file(run / _INFRA / credentials.ROUTER_FILE, replace(issued, gate=gate))
+        launched.withdraw(run / _INFRA / credentials.ROUTER_FILE)
         for words in self._task.share:
             launched.share("actors.robot.program", words, run)
         self._robots.open(launched)
