@@ -8,14 +8,13 @@ import importlib
 import os
 import pwd
 import shutil
-import stat
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 from numba.core.dispatcher import Dispatcher
@@ -39,11 +38,11 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, own_code
-from deploy.fleet.units import GROUP, UsbPort
+from deploy.fleet.units import GROUP
 from deploy.scenario.resolve import robot_setup
 from firmware_bridge.onboard.onboard_setup import OPENNI
-from firmware_bridge.range_sensors.depth import CameraError, DepthScanner, find_library
-from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, PortError, SerialPort
+from firmware_bridge.range_sensors.depth import DepthScanner, find_library
+from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, SerialPort
 
 _BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
 """The command for which ./acrc installs what a robot needs."""
@@ -69,33 +68,45 @@ class Report(msgspec.Struct, frozen=True):
     findings: tuple[DoctorFinding, ...]
 
 
-class GroupMembership(NamedTuple):
-    """Whether a group exists, the user is in it, and was when he logged in (always so for root)."""
-
-    exists: bool
-    listed: bool
-    in_force: bool
-
-
-class Certified(NamedTuple):
-    """The name in a certificate and its period of validity."""
-
-    name: str
-    begins: datetime
-    ends: datetime
+def finding(subject: str, check: Callable[..., str], *arguments: object) -> DoctorFinding:
+    """Run a check, which returns the words for a sound state or raises AcrcError with fault and remedy."""
+    try:
+        return DoctorFinding(subject, True, check(*arguments))
+    except AcrcError as error:
+        return DoctorFinding(subject, False, str(error))
 
 
-class Kernels(NamedTuple):
-    """State of the compiled numeric kernels."""
+def version_of(package: str) -> str | None:
+    """Return the version of a Python package; None if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
-    cache: Path
-    """Folder for the compiled ones."""
-    can_be_kept: bool
-    """True if this user can write there."""
-    seconds: float
-    """How long it took to load or compile all."""
-    compiled: int
-    """How many were not compiled before."""
+
+def packages(
+    constraints: str, needed: Container[str], minor: int = sys.version_info.minor
+) -> Iterator[DoctorFinding]:
+    """Check that the extras in the text of constraints.txt are installed as tested with Python 3.`minor`."""
+    for extra, pinned in version.sections(constraints, minor).items():
+        if extra != "build":  # present while building only
+            yield finding(f"packages {extra}", _extra, pinned, extra, extra in needed)
+
+
+def _extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
+    found = {pin: version_of(pin.name) for pin in pinned}
+    for pin, release in found.items():
+        if release not in {None, pin.version}:
+            raise AcrcError(
+                f"{pin.name} is {release}, but was tested as {pin.version}; remove .venv, and the next "
+                "./acrc makes it anew"
+            )
+    missing = [pin.name for pin, release in found.items() if release is None]
+    if missing and needed:
+        raise AcrcError(f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
+    if missing:
+        return "not all installed, and not needed here"
+    return f"{'1 package, as it was' if len(pinned) == 1 else f'{len(pinned)} packages, as they were'} tested"
 
 
 class _Timex(ctypes.Structure):
@@ -115,209 +126,97 @@ _UNSYNCHRONISED: Final = 0x0040
 """STA_UNSYNC of adjtimex(2)."""
 
 
-class Machine:
-    """The computer that this runs on; tests replace it."""
-
-    def __init__(self) -> None:
-        self.user = getpass.getuser()
-        self.here = Path.cwd()
-        """Folder of recordings."""
-        self.python = sys.version_info[:2]
-
-    def exists(self, path: str) -> bool:
-        """Return whether the path exists."""
-        return os.path.exists(path)  # noqa: PTH110 - Path.exists raises where access is denied
-
-    def usb_port(self, path: str) -> UsbPort | None:
-        """Return the USB device behind a port's name, if there is one."""
-        return units.usb_port(path)
-
-    def usb_ports(self) -> list[UsbPort]:
-        """Return all USB serial ports."""
-        return units.usb_ports()
-
-    def holders(self, path: str) -> list[str]:
-        """Return the processes that have the port open, as far as visible, such as "python3 (PID 812)"."""
-        wanted, found = Path(path).resolve(), []
-        for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
-            with contextlib.suppress(OSError):  # another user's, or ended meanwhile
-                if process.name != str(os.getpid()) and any(
-                    link.readlink() == wanted for link in (process / "fd").iterdir()
-                ):
-                    found.append(f"{(process / 'comm').read_text().strip()} (PID {process.name})")
-        return found
-
-    def port_fault(self, path: str, device: PortDevice) -> str | None:
-        """Return why the port cannot be opened; None if it can."""
-        try:
-            SerialPort(path, device).close()
-        except PortError as error:
-            return str(error)
+def clock_error() -> float | None:
+    """Return the kernel's bound of the clock's error, s; None if it is not synchronised, or unknown."""
+    if sys.platform != "linux":
         return None
-
-    def camera_fault(self) -> str | None:
-        """Return why no depth camera can be used; None if the library for it is there."""
-        try:
-            find_library()
-        except CameraError as error:
-            return str(error)
+    answer = _Timex()  # modes 0: read only
+    if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(answer)) < 0:
         return None
-
-    def membership(self, group: str) -> GroupMembership:
-        """Return whether this user has the rights of a group."""
-        root = os.geteuid() == 0
-        try:
-            entry = grp.getgrnam(group)
-        except KeyError:
-            return GroupMembership(exists=False, listed=False, in_force=root)
-        listed = self.user in entry.gr_mem or pwd.getpwnam(self.user).pw_gid == entry.gr_gid
-        in_force = root or entry.gr_gid in {os.getegid(), *os.getgroups()}
-        return GroupMembership(exists=True, listed=listed, in_force=in_force)
-
-    def now(self) -> datetime:
-        """Return the time of the clock."""
-        return datetime.now(UTC)
-
-    def clock_error(self) -> float | None:
-        """Return the kernel's bound of the clock's error, s; None if it is not synchronised, or unknown."""
-        if sys.platform != "linux":
-            return None
-        answer = _Timex()  # modes 0: read only
-        if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(answer)) < 0:
-            return None
-        return None if answer.status & _UNSYNCHRONISED else float(answer.largest_error_us) / 1e6
-
-    def free_bytes(self) -> int:
-        """Return the free space of the disk with `here`."""
-        return shutil.disk_usage(self.here).free
-
-    def version_of(self, package: str) -> str | None:
-        """Return the version of a Python package; None if it is not installed."""
-        try:
-            return metadata.version(package)
-        except metadata.PackageNotFoundError:
-            return None
-
-    def mode(self, path: Path) -> int:
-        """Return the permission bits of a file. Raises OSError."""
-        return stat.S_IMODE(path.stat().st_mode)
-
-    def certificate(self, path: Path) -> Certified:
-        """Read a certificate file. Raises ValueError if it is none, or none can be read here."""
-        try:
-            certificates = importlib.import_module("deploy.hosts.certificates")
-        except ModuleNotFoundError as error:
-            raise ValueError(f"the Python package {error.name} is missing") from None
-        own = certificates.read(path.read_bytes())
-        return Certified(certificates.common_name(own), own.not_valid_before_utc, own.not_valid_after_utc)
-
-    def kernels(self) -> Kernels:
-        """Compile the kernels that are not in the cache."""
-        began = time.monotonic()
-        assembly.kernels()
-        seconds, cache = time.monotonic() - began, cache_folder()
-        nearest = next(path for path in (cache, *cache.parents) if path.exists())
-        found = {
-            id(item): sum(item.stats.cache_misses.values())
-            for name, module in sys.modules.items()
-            if name.startswith("actors.")
-            for item in vars(module).values()
-            if isinstance(item, Dispatcher)
-        }
-        return Kernels(cache, os.access(nearest, os.W_OK | os.X_OK), seconds, sum(found.values()))
-
-    def isolation_fault(self) -> str | None:
-        """Return why a robot's process cannot be isolated; None if it can."""
-        return sandbox.available()
+    return None if answer.status & _UNSYNCHRONISED else float(answer.largest_error_us) / 1e6
 
 
-def finding(subject: str, check: Callable[..., str], *arguments: object) -> DoctorFinding:
-    """Run a check, which returns the words for a sound state or raises AcrcError with fault and remedy."""
-    try:
-        return DoctorFinding(subject, True, check(*arguments))
-    except AcrcError as error:
-        return DoctorFinding(subject, False, str(error))
+def now() -> datetime:
+    """Return the time of the clock."""
+    return datetime.now(UTC)
 
 
-def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[DoctorFinding]:
-    """Check that the extras in the text of constraints.txt are installed as they were tested."""
-    for extra, pinned in version.sections(constraints, machine.python[1]).items():
-        if extra != "build":  # present while building only
-            tested = {pin.name: pin.version for pin in pinned}
-            yield finding(f"packages {extra}", _extra, machine, tested, extra, extra in needed)
-
-
-def _extra(machine: Machine, tested: Mapping[str, str], extra: str, needed: bool) -> str:
-    found = {name: machine.version_of(name) for name in tested}
-    missing = [name for name, release in found.items() if release is None]
-    for name, release in found.items():
-        if release not in {None, tested[name]}:
-            raise AcrcError(
-                f"{name} is {release}, but was tested as {tested[name]}; remove .venv, and the next "
-                "./acrc makes it anew"
-            )
-    if not missing:
-        said = "1 package, as it was" if len(tested) == 1 else f"{len(tested)} packages, as they were"
-        return f"{said} tested"
-    if needed:
-        raise AcrcError(f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
-    return "not all installed, and not needed here"
-
-
-def _clock(machine: Machine) -> str:
-    now = machine.now()
-    if now.year not in _YEARS:
+def _clock() -> str:
+    time_of_day, error = now(), clock_error()
+    if time_of_day.year not in _YEARS:
         raise AcrcError(
-            f'it shows the year {now.year}; set it with `sudo date --set="2026-01-31 12:00"`, or connect the '
-            "computer to a network with time"
+            f'it shows the year {time_of_day.year}; set it with `sudo date --set="2026-01-31 12:00"`, or '
+            "connect the computer to a network with time"
         )
-    error = machine.clock_error()
     if error is None:
         raise AcrcError(
-            f"it shows {now:%Y-%m-%d %H:%M} UTC, but nothing keeps it right; connect the computer to a "
-            "network and run `sudo timedatectl set-ntp true`"
+            f"it shows {time_of_day:%Y-%m-%d %H:%M} UTC, but nothing keeps it right; connect the computer to "
+            "a network and run `sudo timedatectl set-ntp true`"
         )
-    return f"{now:%Y-%m-%d %H:%M} UTC, synchronised, off by at most {error * 1000:.0f} ms"
+    return f"{time_of_day:%Y-%m-%d %H:%M} UTC, synchronised, off by at most {error * 1000:.0f} ms"
 
 
-def _disk(machine: Machine) -> str:
-    free = f"{machine.free_bytes() / 1e9:.1f} GB are free at {machine.here}"
-    if machine.free_bytes() / 1e9 < _FREE_GB:
+def _disk() -> str:
+    here = Path.cwd()
+    gigabytes = shutil.disk_usage(here).free / 1e9
+    free = f"{gigabytes:.1f} GB are free at {here}"
+    if gigabytes < _FREE_GB:
         raise AcrcError(f"{free}, but {_FREE_GB:.1f} should be; remove old recordings")
     return free
 
 
-def _namespaces(machine: Machine) -> str:
-    if fault := machine.isolation_fault():
+def _namespaces() -> str:
+    if fault := sandbox.available():
         raise AcrcError(fault)
     return "the robot's process can have a sandbox"
 
 
-def _kernels(machine: Machine) -> str:
-    state = machine.kernels()
-    if not state.can_be_kept:
+def compiled_kernels() -> tuple[float, int]:
+    """Load or compile all kernels; return the time that it took, s, and how many were not in the cache."""
+    began = time.monotonic()
+    assembly.kernels()
+    seconds = time.monotonic() - began
+    found = {
+        id(item): sum(item.stats.cache_misses.values())
+        for name, module in sys.modules.items()
+        if name.startswith("actors.")
+        for item in vars(module).values()
+        if isinstance(item, Dispatcher)
+    }
+    return seconds, sum(found.values())
+
+
+def _kernels() -> str:
+    (seconds, compiled), cache = compiled_kernels(), cache_folder()
+    nearest = next(path for path in (cache, *cache.parents) if path.exists())
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        user = getpass.getuser()
         raise AcrcError(
-            f"compiled ones cannot be kept, as {machine.user} may not write to {state.cache}; "
-            f"`sudo chown -R {machine.user} {state.cache.parent}` allows it"
+            f"compiled ones cannot be kept, as {user} may not write to {cache}; "
+            f"`sudo chown -R {user} {cache.parent}` allows it"
         )
-    if state.compiled:
-        return f"{state.compiled} compiled just now, in {state.seconds:.0f} s, and kept"
-    return f"all compiled, loaded in {state.seconds:.1f} s"
+    if compiled:
+        return f"{compiled} compiled just now, in {seconds:.0f} s, and kept"
+    return f"all compiled, loaded in {seconds:.1f} s"
 
 
-def _group(machine: Machine) -> str:
-    state, user = machine.membership(GROUP), machine.user
+def _group() -> str:
+    user = getpass.getuser()
     add = f"`sudo usermod -aG {GROUP} {user}`, then log in again"
-    if state.in_force:
+    try:
+        entry = grp.getgrnam(GROUP)
+    except KeyError:
+        entry = None
+    if os.geteuid() == 0 or (entry is not None and entry.gr_gid in {os.getegid(), *os.getgroups()}):
         return f"{user} may open the ports of the group {GROUP}"
-    if not state.exists:
+    if entry is None:
         raise AcrcError(f"there is no group {GROUP}; `sudo groupadd {GROUP}`, {add}")
-    if state.listed:
+    if user in entry.gr_mem or pwd.getpwnam(user).pw_gid == entry.gr_gid:
         raise AcrcError(f"{user} is in the group {GROUP} only from the next login; log in again")
     raise AcrcError(f"{user} is not in the group {GROUP}; {add}")
 
 
-COMPUTER: Final[Mapping[str, Callable[[Machine], str]]] = {
+COMPUTER: Final[Mapping[str, Callable[[], str]]] = {
     "clock": _clock,
     "disk": _disk,
     "namespaces": _namespaces,
@@ -327,45 +226,55 @@ COMPUTER: Final[Mapping[str, Callable[[Machine], str]]] = {
 """The checks of the computer alone; the group matters to robots only."""
 
 
-def devices(machine: Machine, robot: FleetRobot) -> Iterator[DoctorFinding]:
+def devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Check that every device is at the port of the fleet file, and that a depth camera can be used."""
-    yield finding("base", _port, machine, robot.base, KOBUKI)
-    yield finding("radio", _port, machine, robot.radio, BOARD)
+    yield finding("base", _port, robot.base, KOBUKI)
+    yield finding("radio", _port, robot.radio, BOARD)
     if robot.range == OPENNI:
-        yield finding("range", _camera, machine, robot)
+        yield finding("range", _camera, robot)
     elif robot.range is not None:
-        yield finding("range", _port, machine, robot.range, RPLIDAR)
+        yield finding("range", _port, robot.range, RPLIDAR)
 
 
-def _camera(machine: Machine, robot: FleetRobot) -> str:
-    if fault := machine.camera_fault():
-        raise AcrcError(fault)
+def _camera(robot: FleetRobot) -> str:
+    find_library()
     DepthScanner(load_model(robot.model, robot.sensor).sensor)  # it must see as far round as the model says
     return "OpenNI2 is there"
 
 
-def _port(machine: Machine, path: str, device: PortDevice) -> str:
+def holders(path: str) -> list[str]:
+    """Return the processes that have the port open, as far as visible, such as "python3 (PID 812)"."""
+    wanted, found = Path(path).resolve(), []
+    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
+        with contextlib.suppress(OSError):  # another user's, or ended meanwhile
+            if process.name != str(os.getpid()) and any(
+                link.readlink() == wanted for link in (process / "fd").iterdir()
+            ):
+                found.append(f"{(process / 'comm').read_text().strip()} (PID {process.name})")
+    return found
+
+
+def _port(path: str, device: PortDevice) -> str:
     name = device.name
-    if not machine.exists(path):
-        raise AcrcError(f"{path}: {_missing(machine, path, device)}")
-    usb = machine.usb_port(path)
+    if not os.access(path, os.F_OK):
+        raise AcrcError(f"{path}: {_missing(path, device)}")
+    usb = units.usb_port(path)
     if usb is not None and device is KOBUKI and not units.is_kobuki(usb):
         raise AcrcError(
             f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
             "Kobuki's own port should stand in the fleet file"
         )
-    if usb is not None and (holders := machine.holders(path)):  # an emulator holds its own port open
+    if usb is not None and (others := holders(path)):  # an emulator holds its own port open
         raise AcrcError(
-            f"{path}: {holders[0]} has the port open, so the {name} cannot be tried; end it, unless it is "
+            f"{path}: {others[0]} has the port open, so the {name} cannot be tried; end it, unless it is "
             "this very robot"
         )
-    if fault := machine.port_fault(path, device):
-        raise AcrcError(fault)
+    SerialPort(path, device).close()
     return f"{path} opens" if usb is None or usb.path == path else f"{path} opens, at {usb.path}"
 
 
-def _missing(machine: Machine, path: str, device: PortDevice) -> str:
-    plugged = [port.path for port in machine.usb_ports() if units.may_be(device, port)]
+def _missing(path: str, device: PortDevice) -> str:
+    plugged = [port.path for port in units.usb_ports() if units.may_be(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
     like = f"there is no such port, but {plugged[0]} looks like the {device.name}; "
@@ -424,58 +333,58 @@ def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
     return f"strategy {fleet.run.strategy!r} makes a behaviour of its settings"
 
 
-def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> str:
+def certificate(path: Path) -> tuple[str, datetime, datetime]:
+    """Return name, beginning and end of validity of a certificate. Raises ValueError or OSError."""
+    try:
+        certificates = importlib.import_module("deploy.hosts.certificates")
+    except ModuleNotFoundError as error:
+        raise ValueError(f"the Python package {error.name} is missing") from None
+    own = certificates.read(path.read_bytes())
+    return certificates.common_name(own), own.not_valid_before_utc, own.not_valid_after_utc
+
+
+def keys(fleet: Fleet, robot: FleetRobot) -> str:
     """Check that the robot's keys are its own, private and valid today."""
     files = load_keys(fleet.keys_of(robot.id))
     try:
-        own, mode = machine.certificate(files.certificate), machine.mode(files.private_key)
+        (name, begins, ends), mode = certificate(files.certificate), files.private_key.stat().st_mode
     except (OSError, ValueError) as error:
         raise AcrcError(str(error)) from None
-    now = machine.now()
-    if own.name != robot.id:
-        raise AcrcError(f"{files.certificate} is that of {own.name}; the folder of {robot.id} belongs here")
+    if name != robot.id:
+        raise AcrcError(f"{files.certificate} is that of {name}; the folder of {robot.id} belongs here")
     if mode & 0o077:
         raise AcrcError(f"{files.private_key} can be read by others; `chmod 600 {files.private_key}`")
-    if not own.begins <= now <= own.ends:
+    if not begins <= now() <= ends:
         raise AcrcError(
-            f"{files.certificate} holds from {own.begins:%Y-%m-%d} to {own.ends:%Y-%m-%d}, but it is "
-            f"{now:%Y-%m-%d} here; set the clock, or make new keys with `acrc fleet keys`"
+            f"{files.certificate} holds from {begins:%Y-%m-%d} to {ends:%Y-%m-%d}, but it is "
+            f"{now():%Y-%m-%d} here; set the clock, or make new keys with `acrc fleet keys`"
         )
-    return f"{files.certificate} holds until {own.ends:%Y-%m-%d}"
+    return f"{files.certificate} holds until {ends:%Y-%m-%d}"
 
 
-def configuration(
-    machine: Machine, fleet: Fleet, robot: FleetRobot, permit: Permit
-) -> Iterator[DoctorFinding]:
+def configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
     """Check the robot's map, start, places, behaviour, and keys if it listens."""
     yield from floor(fleet, robot)
     yield finding("behaviour", behaviour, fleet, robot, permit)
     if robot.listen is not None:
-        yield finding("keys", keys, machine, fleet, robot)
+        yield finding("keys", keys, fleet, robot)
 
 
 def findings(
-    machine: Machine, fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
+    fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
 ) -> Iterator[DoctorFinding]:
     """Run all checks, the quick ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
-    yield from packages(machine, constraints, ("base",) if robot is None else ("base", "hardware"))
+    yield from packages(constraints, ("base",) if robot is None else ("base", "hardware"))
     for subject, check in COMPUTER.items():
         if robot is not None or check is not _group:
-            yield finding(subject, check, machine)
+            yield finding(subject, check)
     if fleet is not None and robot is not None:
-        yield from devices(machine, robot)
-        yield from configuration(machine, fleet, robot, permit)
+        yield from devices(robot)
+        yield from configuration(fleet, robot, permit)
 
 
-def consult(
-    path: Path | None,
-    name: str | None,
-    permit: Permit = INSTALLED,
-    *,
-    json: bool,
-    machine: Machine | None = None,
-) -> bool:
+def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, json: bool) -> bool:
     """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
 
     Raises OptionError if only one of both is given, and AcrcError for a file that cannot be used.
@@ -490,7 +399,7 @@ def consult(
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot_named(name) if fleet is not None and name is not None else None
     found: list[DoctorFinding] = []
-    for one in findings(machine or Machine(), fleet, robot, permit):
+    for one in findings(fleet, robot, permit):
         found.append(one)
         if not json:
             line = Text("ok     " if one.ok else "wrong  ", style="green" if one.ok else "bold red")

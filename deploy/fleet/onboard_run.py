@@ -30,7 +30,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
 from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
-from deploy.fleet.doctor import Machine, finding, keys
+from deploy.fleet.doctor import finding, keys
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import EpochCounter, Onboard, Ports
 from deploy.run.options import RunOptions
@@ -357,7 +357,7 @@ def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
     """Return the fault of the keys with which a laptop may watch the robot; empty without a fault."""
     if robot.listen is None:
         return ""
-    found = finding("keys", keys, Machine(), fleet, robot)
+    found = finding("keys", keys, fleet, robot)
     return "" if found.ok else found.text
 
 

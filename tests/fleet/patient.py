@@ -1,23 +1,34 @@
-"""A computer of which everything can be set."""
+"""A computer whose every property that the doctor checks can be set."""
 
+import getpass
+import grp
+import os
+import pwd
+import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
-from deploy.fleet.doctor import Certified, GroupMembership, Kernels, Machine
+import pytest
+
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import sandbox
+from deploy.fleet import doctor, units
 from deploy.fleet.units import UsbPort
+from firmware_bridge.range_sensors.depth import CameraError
 from firmware_bridge.serial_port import PortDevice
 from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 
+CACHE = Path("/clone/actors/__pycache__/kernels-1")
+DIALOUT = 20
+
 
 @dataclass(frozen=True)
-class Patient(Machine):
+class Patient:
     """By default nothing is wrong."""
 
-    user: str = "robot"
-    here: Path = Path("/home/robot")
-    python: tuple[int, int] = (3, 11)
     names: Mapping[str, UsbPort | None] = field(
         default_factory=lambda: {
             "/dev/kobuki": KOBUKI_AT_0,
@@ -25,69 +36,67 @@ class Patient(Machine):
             "/dev/rplidar": LIDAR_AT_2,
         }
     )
-    """What there is; None: no USB device."""
+    """Ports; None: no USB device."""
     plugged: tuple[UsbPort, ...] = (KOBUKI_AT_0, BOARD_AT_1, LIDAR_AT_2)
     held: Mapping[str, list[str]] = field(default_factory=dict)
     port_faults: Mapping[str, str] = field(default_factory=dict)
     camera: str | None = None
-    group: GroupMembership = field(default=GroupMembership(exists=True, listed=True, in_force=True))
+    has_group: bool = True
+    listed: bool = True
+    groups: tuple[int, ...] = (DIALOUT,)
     time: datetime = datetime(2030, 5, 1, 12, tzinfo=UTC)
     error: float | None = 0.012
     free: int = 20_000_000_000
     versions: Mapping[str, str] = field(default_factory=dict)
-    certified: Certified | None = None
-    key_mode: int = 0o600
-    kernel_state: Kernels = field(default=Kernels(Path("/clone/actors/__pycache__/kernels-1"), True, 0.4, 0))
+    certified: tuple[str, datetime, datetime] | None = None
+    keeps_kernels: bool = True
+    compiled: tuple[float, int] = (0.4, 0)
     isolation: str | None = None
 
-    def but(self, **changes: object) -> "Patient":
-        """The same with something else."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+    def admit(self, patch: pytest.MonkeyPatch) -> None:
+        """Let the doctor see this computer."""
+        for module, name, value in (
+            (units, "usb_port", self.names.get),
+            (units, "usb_ports", lambda: list(self.plugged)),
+            (doctor, "holders", lambda path: self.held.get(path, [])),
+            (doctor, "SerialPort", self._opened),
+            (doctor, "find_library", self._library),
+            (doctor, "now", lambda: self.time),
+            (doctor, "clock_error", lambda: self.error),
+            (doctor, "version_of", self.versions.get),
+            (doctor, "certificate", self._certificate),
+            (doctor, "compiled_kernels", lambda: self.compiled),
+            (doctor, "cache_folder", lambda: CACHE),
+            (sandbox, "available", lambda: self.isolation),
+            (shutil, "disk_usage", lambda path: SimpleNamespace(free=self.free)),
+            (grp, "getgrnam", self._group),
+            (pwd, "getpwnam", lambda name: SimpleNamespace(pw_gid=1000)),
+            (getpass, "getuser", lambda: "robot"),
+            (os, "access", self._access),
+            (os, "geteuid", lambda: 1000),
+            (os, "getegid", lambda: 1000),
+            (os, "getgroups", lambda: list(self.groups)),
+        ):
+            patch.setattr(module, name, value)
 
-    def exists(self, path: str) -> bool:
-        return path in self.names
+    def _opened(self, path: str, device: PortDevice) -> SimpleNamespace:
+        if path in self.port_faults:
+            raise AcrcError(self.port_faults[path])
+        return SimpleNamespace(close=lambda: None)
 
-    def usb_port(self, path: str) -> UsbPort | None:
-        return self.names.get(path)
+    def _library(self) -> None:
+        if self.camera:
+            raise CameraError(self.camera)
 
-    def usb_ports(self) -> list[UsbPort]:
-        return list(self.plugged)
+    def _group(self, name: str) -> SimpleNamespace:
+        if not self.has_group:
+            raise KeyError(name)
+        return SimpleNamespace(gr_gid=DIALOUT, gr_mem=["robot"] if self.listed else [])
 
-    def holders(self, path: str) -> list[str]:
-        return self.held.get(path, [])
+    def _access(self, path: object, mode: int) -> bool:
+        return str(path) in self.names if mode == os.F_OK else self.keeps_kernels
 
-    def port_fault(self, path: str, device: PortDevice) -> str | None:
-        return self.port_faults.get(path)
-
-    def camera_fault(self) -> str | None:
-        return self.camera
-
-    def membership(self, group: str) -> GroupMembership:
-        assert group == "dialout"
-        return self.group
-
-    def now(self) -> datetime:
-        return self.time
-
-    def clock_error(self) -> float | None:
-        return self.error
-
-    def free_bytes(self) -> int:
-        return self.free
-
-    def version_of(self, package: str) -> str | None:
-        return self.versions.get(package)
-
-    def mode(self, path: Path) -> int:
-        return self.key_mode
-
-    def certificate(self, path: Path) -> Certified:
+    def _certificate(self, path: Path) -> tuple[str, datetime, datetime]:
         if self.certified is None:
             raise ValueError("no certificate")
         return self.certified
-
-    def kernels(self) -> Kernels:
-        return self.kernel_state
-
-    def isolation_fault(self) -> str | None:
-        return self.isolation

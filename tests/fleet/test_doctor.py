@@ -4,18 +4,18 @@ import re
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet import doctor
-from deploy.fleet.doctor import Certified, DoctorFinding, GroupMembership, Kernels, Machine
+from deploy.fleet.doctor import DoctorFinding
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
-from deploy.fleet.units import UsbPort
+from deploy.fleet.units import UsbPort, usb_port, usb_ports
 from firmware_bridge.device_lines import PseudoTerminal
-from firmware_bridge.serial_port import KOBUKI
-from tests.fleet.patient import Patient
+from tests.fleet.patient import CACHE, Patient
 from tests.fleet.texts import BOARD_AT_1, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 
 CONSTRAINTS = (ROOT / "constraints.txt").read_text()
@@ -34,7 +34,7 @@ pymunk==7.3.1
 cryptography==50.0.2
 pyserial==3.5
 """
-HEALTHY = Patient(versions={"numpy": "2.2.6", "rich": "15.0.0", "cryptography": "50.0.2", "pyserial": "3.5"})
+TESTED = {"numpy": "2.2.6", "rich": "15.0.0", "cryptography": "50.0.2", "pyserial": "3.5"}
 OFFICE_FLEET = load_fleet(OFFICE)
 R2 = OFFICE_FLEET.robot_named("r2")
 
@@ -51,28 +51,32 @@ def behaviour(of: Fleet, one: FleetRobot, permit: Permit = INSTALLED) -> DoctorF
     return doctor.finding("behaviour", doctor.behaviour, of, one, permit)
 
 
-def test_packages_are_compared_with_the_tested_versions_of_this_python() -> None:
-    assert list(doctor.packages(HEALTHY, PINS, ("base", "hardware"))) == [
+def packages(patch: pytest.MonkeyPatch, versions: dict[str, str], minor: int = 11) -> list[DoctorFinding]:
+    Patient(versions=versions).admit(patch)
+    return list(doctor.packages(PINS, ("base", "hardware"), minor))
+
+
+def test_packages_are_compared_with_the_tested_versions_of_this_python(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    real = {one.subject: one.text for one in doctor.packages(CONSTRAINTS, ())}
+    assert real["packages hardware"] == "4 packages, as they were tested"
+    assert packages(monkeypatch, TESTED) == [
         well("packages base", "2 packages, as they were tested"),
         well("packages sim", "not all installed, and not needed here"),
         well("packages hardware", "2 packages, as they were tested"),
     ]
-    bare = HEALTHY.but(versions={"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})
-    assert list(doctor.packages(bare, PINS, ("base", "hardware")))[::2] == [
+    assert packages(monkeypatch, {"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})[::2] == [
         wrong(
             "packages base",
             "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
         ),
         wrong("packages hardware", "cryptography missing; `./acrc fleet units` installs what is"),
     ]
-    newer = HEALTHY.but(python=(3, 14), versions={"numpy": "2.5.5", "rich": "15.0.0"})
-    assert next(iter(doctor.packages(newer, PINS, ()))).ok
-    assert not next(iter(doctor.packages(newer.but(python=(3, 13)), PINS, ()))).ok
-    sections = {one.subject: one.text for one in doctor.packages(Machine(), CONSTRAINTS, ())}
-    assert sections["packages hardware"] == "4 packages, as they were tested"
+    for minor in (13, 14):
+        assert packages(monkeypatch, {"numpy": "2.5.5", "rich": "15.0.0"}, minor)[0].ok is (minor == 14)
 
 
-CACHE = Path("/clone/actors/__pycache__/kernels-1")
 NEVER_SET = {"time": datetime(1970, 1, 1, tzinfo=UTC)}
 
 
@@ -82,27 +86,28 @@ NEVER_SET = {"time": datetime(1970, 1, 1, tzinfo=UTC)}
         ("clock", {}, True, "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"),
         ("clock", NEVER_SET, False, "it shows the year 1970; set it with `sudo date --set="),
         ("clock", {"error": None}, False, "nothing keeps it right; connect the computer to a network"),
-        ("disk", {}, True, "20.0 GB are free at /home/robot"),
-        ("disk", {"free": 1_940_000_000}, False, "1.9 GB are free at /home/robot, but 2.0 should be"),
+        ("disk", {}, True, "20.0 GB are free at "),
+        ("disk", {"free": 1_940_000_000}, False, ", but 2.0 should be; remove old recordings"),
         ("kernels", {}, True, "all compiled, loaded in 0.4 s"),
         (
             "kernels",
-            {"kernel_state": Kernels(CACHE, False, 40.0, 20)},
+            {"keeps_kernels": False},
             False,
             f"as robot may not write to {CACHE}; `sudo chown -R robot {CACHE.parent}` allows it",
         ),
-        ("kernels", {"kernel_state": Kernels(CACHE, True, 40.2, 20)}, True, "20 compiled just now"),
+        ("kernels", {"compiled": (40.2, 20)}, True, "20 compiled just now, in 40 s"),
         ("namespaces", {"isolation": "no; allow it"}, False, "no; allow it"),
         ("group", {}, True, "robot may open the ports of the group dialout"),
-        ("group", {"group": GroupMembership(False, False, False)}, False, "`sudo groupadd dialout`, "),
-        ("group", {"group": GroupMembership(True, False, False)}, False, "`sudo usermod -aG dialout"),
-        ("group", {"group": GroupMembership(True, True, False)}, False, "only from the next login"),
+        ("group", {"has_group": False}, False, "`sudo groupadd dialout`, "),
+        ("group", {"listed": False, "groups": ()}, False, "`sudo usermod -aG dialout"),
+        ("group", {"groups": ()}, False, "only from the next login"),
     ],
 )
 def test_what_a_computer_lacks_is_told_with_its_remedy(
-    subject: str, changes: dict[str, object], ok: bool, text: str
+    subject: str, changes: dict[str, Any], ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = doctor.finding(subject, doctor.COMPUTER[subject], HEALTHY.but(**changes))
+    Patient(**changes).admit(monkeypatch)
+    found = doctor.finding(subject, doctor.COMPUTER[subject])
     assert found.ok is ok and text in found.text
 
 
@@ -131,22 +136,26 @@ ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
     ],
 )
 def test_whether_the_base_can_be_reached(
-    changes: dict[str, object], of: FleetRobot, ok: bool, text: str
+    changes: dict[str, Any], of: FleetRobot, ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = next(doctor.devices(HEALTHY.but(**changes), of))
+    Patient(**changes).admit(monkeypatch)
+    found = next(doctor.devices(of))
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
 
-def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> None:
+def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    Patient().admit(monkeypatch)
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot_named("r1")
-    assert list(doctor.devices(HEALTHY, narrow))[-1] == wrong(
+    assert list(doctor.devices(narrow))[-1] == wrong(
         "range",
         "the camera sees 58°, but the robot model's sensor has rays over 360°; it should be a sensor that "
         "sees no more than the camera",
     )
-    camera = list(doctor.devices(HEALTHY.but(camera="install it"), narrow))[-1]
-    assert camera == wrong("range", "install it")
-    assert [found.subject for found in doctor.devices(HEALTHY, R2)] == ["base", "radio", "range"]
+    assert [found.subject for found in doctor.devices(R2)] == ["base", "radio", "range"]
+    Patient(camera="install it").admit(monkeypatch)
+    assert list(doctor.devices(narrow))[-1] == wrong("range", "install it")
 
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
@@ -188,83 +197,84 @@ def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     )
 
 
-def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(tmp_path: Path) -> None:
+def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     listening = fleet(robot(1, 'listen = "tls/0.0.0.0:7447"'), head=f'keys = "{tmp_path}"\nmap = "m.yaml"\n')
     folder = tmp_path / "r1"
-    good = Certified("r1", datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC))
+    begin, end = datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC)
 
-    def found(**changes: object) -> DoctorFinding:
-        machine = HEALTHY.but(**{"certified": good} | changes)
-        return doctor.finding("keys", doctor.keys, machine, listening, listening.robot_named("r1"))
+    def found(name: str = "r1", **changes: Any) -> DoctorFinding:
+        Patient(certified=(name, begin, end), **changes).admit(monkeypatch)
+        return doctor.finding("keys", doctor.keys, listening, listening.robot_named("r1"))
 
     assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
     for name in ("authority.pem", "certificate.pem", "key.pem"):
-        (folder / name).touch()
+        (folder / name).touch(mode=0o600)
     assert found() == well("keys", f"{folder}/certificate.pem holds until 2031-01-01")
     late = found(time=datetime(2032, 1, 1, tzinfo=UTC))
     assert not late.ok and "but it is 2032-01-01 here; set the clock, or make new keys" in late.text
-    assert (
-        found(key_mode=0o644).text == f"{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`"
-    )
-    assert "certificate.pem is that of r2" in found(certified=Certified("r2", good.begins, good.ends)).text
+    assert "certificate.pem is that of r2" in found("r2").text
+    (folder / "key.pem").chmod(0o644)
+    assert found().text == f"{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`"
     silent = fleet()
-    *_, last = doctor.configuration(HEALTHY, silent, silent.robot_named("r1"), INSTALLED)
+    *_, last = doctor.configuration(silent, silent.robot_named("r1"), INSTALLED)
     assert last.subject == "behaviour"
 
 
 def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:
-    machine: Machine = Machine()
-    assert machine.exists(str(tmp_path)) and not machine.exists(str(tmp_path / "nothing"))
-    assert machine.usb_port("/dev/null") is None
-    assert all(port.vendor for port in machine.usb_ports())
-    assert machine.port_fault(str(tmp_path / "no"), KOBUKI) == (
-        f"{tmp_path}/no: there is no such port; plug in the Kobuki and switch it on, or give its right port"
-    )
-    assert not machine.membership("no-such-group").exists
-    assert machine.now().tzinfo is UTC
-    error = machine.clock_error()
+    assert usb_port("/dev/null") is None
+    assert all(port.vendor for port in usb_ports())
+    assert doctor.now().tzinfo is UTC
+    error = doctor.clock_error()
     assert error is None or error >= 0
-    assert machine.free_bytes() > 0
-    assert machine.version_of("msgspec") is not None and machine.version_of("no-such-package") is None
-    (tmp_path / "file").touch(mode=0o640)
-    assert machine.mode(tmp_path / "file") == 0o640
+    assert doctor.version_of("msgspec") is not None and doctor.version_of("no-such-package") is None
+    (tmp_path / "file").touch()
     with pytest.raises(ValueError):
-        machine.certificate(tmp_path / "file")
-    assert machine.kernels().can_be_kept
+        doctor.certificate(tmp_path / "file")
+    found = [doctor.finding(subject, check) for subject, check in doctor.COMPUTER.items()]
+    assert [one.subject for one in found] == ["clock", "disk", "namespaces", "kernels", "group"]
+    assert found[3].ok, found[3].text
 
 
 def test_a_port_that_this_computer_has_is_opened_and_whoever_has_it_is_found(tmp_path: Path) -> None:
-    machine = Machine()
     link = tmp_path / "kobuki"
+    here = fleet(robot(1, f'base = "{link}"')).robot_named("r1")
+    assert next(doctor.devices(here)).text.startswith(f"{link}: there is no such port")
     with PseudoTerminal(link) as terminal:
-        assert machine.port_fault(str(link), KOBUKI) is None
-        assert machine.holders(str(link)) == []
+        assert next(doctor.devices(here)) == well("base", f"{link} opens")
+        assert doctor.holders(str(link)) == []
         script = f"exec 3<>{terminal.port}; echo has it; read line"
         with subprocess.Popen(
             ["/bin/sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as holder:
             assert holder.stdout is not None
             assert holder.stdout.readline() == "has it\n"
-            assert machine.holders(str(link)) == [f"sh (PID {holder.pid})"]
+            assert doctor.holders(str(link)) == [f"sh (PID {holder.pid})"]
             holder.communicate("")
 
 
 def test_findings_are_printed_and_the_answer_is_whether_all_are_well(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     pins = re.findall(r"^([\w.-]+)==([^;\s]+)", CONSTRAINTS, re.MULTILINE)
     newest = {("llvmlite", "0.50.0"), ("numba", "0.68.1"), ("numpy", "2.5.5")}
-    well_off = HEALTHY.but(versions=dict(pin for pin in pins if pin not in newest))
-    assert doctor.consult(None, None, json=False, machine=well_off)
+    versions = dict(pin for pin in pins if pin not in newest)
+    Patient(versions=versions).admit(monkeypatch)
+    monkeypatch.setattr(doctor.packages, "__defaults__", (11,))
+    assert doctor.consult(None, None, json=False)
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"ok     packages base        \d+ packages, as they were tested", lines[0])
     assert re.fullmatch(r"all \d+ are well", lines[-1])
-    assert not doctor.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
+    Patient(versions=versions, free=0).admit(monkeypatch)
+    assert not doctor.consult(OFFICE, "r2", json=False)
     out = capsys.readouterr().out
-    assert "\nwrong  disk                 0.0 GB are free at /home/robot, but 2.0 should be" in out
+    assert "\nwrong  disk                 0.0 GB are free at " in out
     assert re.search(r"\n2 of \d+ are wrong\n$", out), "the disk, and keys that were never made"
-    assert not doctor.consult(OFFICE, "r2", json=True, machine=well_off)
+    Patient(versions=versions).admit(monkeypatch)
+    assert not doctor.consult(OFFICE, "r2", json=True)
     report = msgspec.json.decode(capsys.readouterr().out, type=doctor.Report)
     assert (report.robot, report.ok) == ("r2", False)
     assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]
