@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ from tests.localisation.scenes import (
 
 CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
 BOTH = pytest.mark.parametrize("parameters", [CHAPTER, ROBUST], ids=["chapter", "robust"])
-UNSEARCHED = replace(ROBUST, search_poses=0)
+UNSEARCHED = msgspec.structs.replace(ROBUST, search_poses=0)
 START = Pose(1.0, 4.5, 0.0)
 WEST = Pose(3.0, 1.0, 0.5)
 TWINS = twins()

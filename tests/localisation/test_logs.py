@@ -109,7 +109,7 @@ FAULTS: list[tuple[str, Change, str]] = [
     ("about", lambda _: b" " * 70_000, "about.json has more than the 65536 bytes allowed"),
     ("about", of_json(version=2), 'must have "format": "acrc-localisation-log" and "version": 1'),
     ("about", of_json(start=[1, 2, math.nan]), "start in about.json is [1, 2, nan], but must be"),
-    ("about", of_json(sensor=None), "in about.json, sensor: "),
+    ("about", of_json(sensor=None), "in about.json, sensor is null, but must be a table"),
     ("map", lambda content: content[:20], "map."),
     ("odometry", lambda content: content.split(b"\n")[0], "odometry.csv has no rows"),
     ("odometry", lambda content: content + b"0,0,0,0\n", "is not later than in the row before"),
