@@ -14,13 +14,69 @@ Fit.surely_within.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.field_trial.frame_stamps import Pairs, Stamp, StampedFrame, StampKind, pairs_of
+
+class StampKind(IntEnum):
+    """What a stamp says of its frame."""
+
+    HEARD = 0
+    SENT = 1
+    """Confirmed by the sender's transceiver."""
+    HANDED = 2
+    """Given to the sender's transceiver, before it has left."""
+
+
+class Stamp(NamedTuple):
+    """One clock's word on one frame."""
+
+    clock: int
+    instant: int
+    """µs, by that clock."""
+    kind: StampKind
+
+
+class StampedFrame(NamedTuple):
+    """One frame and its stamps, by at least two clocks."""
+
+    stamps: tuple[Stamp, ...]
+    handed: Stamp | None
+    """When it was handed over, whether or not that is among the stamps."""
+
+
+class Pairs(NamedTuple):
+    """Two stamps of one frame each, as arrays."""
+
+    first: NDArray[np.int64]
+    """(n, 4): clock, instant, kind, number of the frame."""
+    second: NDArray[np.int64]
+    weight: NDArray[np.float64]
+    """2 / number of the frame's stamps: all pairs of n stamps know as much as n - 1 of them."""
+
+
+def pairs_of(frames: Sequence[StampedFrame], most: int) -> Pairs:
+    """All pairs of stamps of each frame; if there are more than `most`, those of every n-th frame only."""
+    sizes = [len(frame.stamps) * (len(frame.stamps) - 1) // 2 for frame in frames]
+    stride = -(-sum(sizes) // most) or 1
+    first, second, weight = [], [], []
+    for number, frame in enumerate(frames):
+        if number % stride:
+            continue
+        for later, one in enumerate(frame.stamps):
+            for other in frame.stamps[:later]:
+                first.append((*one, number))
+                second.append((*other, number))
+                weight.append(2 / len(frame.stamps))
+    return Pairs(
+        np.array(first, dtype=np.int64).reshape(-1, 4),
+        np.array(second, dtype=np.int64).reshape(-1, 4),
+        np.array(weight, dtype=np.float64),
+    )
 
 
 def quantile(probability: float, freedom: float) -> float:
@@ -56,54 +112,30 @@ class Tree(NamedTuple):
 
 
 def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> tuple[Tree, ...]:
-    """Connect all clocks that frames connect, over those pairs of clocks that have most of them (Prim).
+    """Connect all clocks that share frames, over the pairs of clocks that share most (Prim).
 
     `first` and `second`: (n, 2), clock and instant in µs, of the same n frames.
     """
-    medians, counts = _medians(clocks, first, second)
+    pairs = np.concatenate((np.hstack((first, second)), np.hstack((second, first))))
+    counts = np.zeros((clocks, clocks), dtype=np.int64)
+    np.add.at(counts, (pairs[:, 0], pairs[:, 2]), 1)
     trees: dict[int, Tree] = {}
     for root in range(clocks):
         if root in trees:
             continue
         trees[root] = Tree(root, None, 0)
-        group = [root]
-        while (edge := _best(group, trees, counts)) is not None:
-            parent, clock = edge
-            trees[clock] = Tree(root, parent, trees[parent].ahead + medians[clock, parent])
+        group, left = [root], [clock for clock in range(clocks) if clock not in trees]
+        while left:
+            edges = counts[np.ix_(group, left)]
+            if not edges.any():
+                break
+            row, column = np.unravel_index(np.argmax(edges), edges.shape)
+            parent, clock = group[int(row)], left.pop(int(column))
+            both = pairs[(pairs[:, 0] == clock) & (pairs[:, 2] == parent)]
+            more = np.sort(both[:, 1] - both[:, 3])
+            trees[clock] = Tree(root, parent, trees[parent].ahead + int(more[more.size // 2]))
             group.append(clock)
     return tuple(trees[clock] for clock in range(clocks))
-
-
-def _medians(
-    clocks: int, first: NDArray[np.int64], second: NDArray[np.int64]
-) -> tuple[dict[tuple[int, int], int], NDArray[np.int64]]:
-    """By two clocks, the median of what the one shows more than the other; and how many frames they share."""
-    medians: dict[tuple[int, int], int] = {}
-    counts = np.zeros((clocks, clocks), dtype=np.int64)
-    for one in range(clocks):
-        for other in range(one):
-            forth = (first[:, 0] == one) & (second[:, 0] == other)
-            back = (first[:, 0] == other) & (second[:, 0] == one)
-            more = np.concatenate((first[forth, 1] - second[forth, 1], second[back, 1] - first[back, 1]))
-            if more.size:
-                median = int(np.sort(more)[more.size // 2])
-                medians[one, other], medians[other, one] = median, -median
-                counts[one, other] = counts[other, one] = more.size
-    return medians, counts
-
-
-def _best(group: list[int], trees: dict[int, Tree], counts: NDArray[np.int64]) -> tuple[int, int] | None:
-    """The pair with most frames of one clock in the group and one that is in none yet."""
-    edges = [
-        (int(counts[parent, clock]), parent, clock)
-        for parent in group
-        for clock in range(len(counts))
-        if clock not in trees and counts[parent, clock]
-    ]
-    if not edges:
-        return None
-    _, parent, clock = max(edges, key=lambda edge: (edge[0], -edge[1], -edge[2]))
-    return parent, clock
 
 
 Floats = NDArray[np.float64]

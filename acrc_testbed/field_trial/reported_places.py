@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
+from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog
 from actors.instant import Duration, seconds
 from actors.task.referee import PlaceOutcome, Referee, Verdict

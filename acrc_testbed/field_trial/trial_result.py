@@ -4,12 +4,12 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 from rich.table import Table
 
-from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
+from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
 from acrc_testbed.field_trial.reported_places import ReportedPlaces
 from acrc_testbed.results.outcome import (
@@ -29,70 +29,34 @@ from acrc_testbed.results.result import (
     without_unknown,
 )
 from actors.console import print_table, screen
-from actors.instant import Duration, Instant, in_seconds
+from actors.instant import Duration, in_seconds
 from actors.radio.frame import octets
 from actors.robot.behaviour.decisions import NodeReport
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import printable
 from actors.task.referee import PlaceOutcome
-from deeco.replication.fragments import Reassembly
-from deeco.replication.packet import unpack
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 
 
-class NodeAccount(NamedTuple):
-    """What is known of one node."""
-
-    node: NodeReport | None
-    """None: the robot has none, as far as can be told."""
-    notes: tuple[str, ...]
-    """What is not known, a sentence each."""
-
-
-def node_account(log: RobotLog) -> NodeAccount:
-    """What the node of one robot's process did."""
-    if log.final is not None:
+def _nodes(trial: FieldTrial) -> tuple[list[NodeReport], list[str]]:
+    """Return the reports of all nodes, and a sentence for each that is missing or malformed."""
+    nodes, notes = list[NodeReport](), list[str]()
+    for log in trial.all_logs():
+        if log.final is None:
+            notes.append(f"{log.path}: has no last record, so what its node did is not known")
+            continue
         try:
-            return NodeAccount(node_report(log.path, log.final.outcome), ())
+            nodes += filter(None, (node_report(log.path, log.final.outcome),))
         except OutcomeError as error:
-            return NodeAccount(_told(log), (f"{error}; counted from its messages instead",))
-    told = _told(log)
-    if told is None:
-        return NodeAccount(None, ())
-    note = f"{log.path}: has no last record, so of its node only packets and frames are counted"
-    return NodeAccount(told, (note,))
-
-
-def _told(log: RobotLog) -> NodeReport | None:
-    """What the frames tell: packets published, relayed and heard; None if there are no packets in them."""
-    robot = log.identity.id
-    counters = Counter(
-        dict.fromkeys(("published", "frames", "packets", "packets_junk", "packets_own", "relayed"), 0)
-    )
-    counters["frames"] = log.frames_handed
-    own = Reassembly()
-    for sent in log.sent:
-        for data in own.take(Instant(sent.handed.instant), log.identity.address, sent.data):
-            packet = unpack(data)
-            if packet is not None:
-                counters["relayed" if packet.component != robot else "published"] += 1
-    others = Reassembly()
-    for heard in log.heard:
-        for data in others.take(Instant(heard.heard.instant), heard.sender, heard.data):
-            packet = unpack(data)
-            counters["packets"] += 1
-            counters["packets_junk"] += packet is None
-            counters["packets_own"] += packet is not None and packet.component == robot
-    if not counters["published"] and counters["packets"] == counters["packets_junk"]:
-        return None
-    return NodeReport(dict(counters), {}, {})
+            notes.append(str(error))
+    return nodes, notes
 
 
 def trial_result(
     trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
 ) -> RunResult:
     """Compute the result of the robots' recordings."""
-    accounts = [node_account(log) for log in trial.all_logs()]
+    nodes, missing = _nodes(trial)
     frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
     whole = Counter[str]()
     for part in frames.values():
@@ -108,9 +72,9 @@ def trial_result(
         contacts=told.contacts,
         frames=dict(whole),
         radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
-        deeco=deeco_result(account.node for account in accounts if account.node is not None),
+        deeco=deeco_result(nodes),
         reference=clocks.reference,
-        notes=(*trial.notes, *clocks.notes, *told.notes, *(note for one in accounts for note in one.notes)),
+        notes=(*trial.notes, *clocks.notes, *told.notes, *missing),
         out=None if out is None else str(out),
     )
 

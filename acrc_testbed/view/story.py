@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from acrc_testbed.evidence.run_evidence import Deed, Route, RunEvidence, taken
 from acrc_testbed.evidence.run_reader import recorded_run
 from acrc_testbed.evidence.things_over_time import OrderedChange, Things, ThingsOverTime, ordered
-from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
+from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from acrc_testbed.field_trial.reported_places import reported_places
 from acrc_testbed.recordings.topics import so_far

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from acrc_testbed.field_trial.aligned_clocks import AlignedClocks
+from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import read_field_trial
 from acrc_testbed.field_trial.reported_places import reported_places
 from acrc_testbed.field_trial.trial_result import (

@@ -10,8 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from acrc_testbed.field_trial.clock_alignment import Alignment, AlignmentParameters, Fit, align, quantile
-from acrc_testbed.field_trial.frame_stamps import Stamp, StampedFrame, StampKind
+from acrc_testbed.field_trial.clock_alignment import (
+    Alignment,
+    AlignmentParameters,
+    Fit,
+    Stamp,
+    StampedFrame,
+    StampKind,
+    align,
+    quantile,
+)
 
 DEFAULTS = AlignmentParameters()
 Noise = Callable[[np.random.Generator], float]
