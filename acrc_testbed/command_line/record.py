@@ -52,7 +52,7 @@ def info(
 
     found = figures.info(out)
     if json:
-        print(json_.dumps([figures.as_json(one) for one in found]))
+        print(json_.dumps(found))
         return
     for one in found:
         for text in figures.sentences(one, topics=out.is_file()):
@@ -165,8 +165,9 @@ def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
     from acrc_testbed.recordings.topics import short
 
     by_key = sorted(found.items(), key=lambda item: short(item[0]))
+    told = [rate.figures(key) for key, rate in by_key]
     if json:
-        print(json_.dumps([lines.rate_as_json(key, rate) for key, rate in by_key]), flush=True)
+        print(json_.dumps(told), flush=True)
         return
-    for key, rate in by_key:
-        print("\n".join(lines.rate_sentences(key, rate)), flush=True)
+    for one in told:
+        print("\n".join(lines.rate_sentences(one)), flush=True)

@@ -4,17 +4,16 @@ import base64
 import csv
 import io
 import json
-import math
 import re
 import struct
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from enum import Enum, auto
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
+import numpy as np
 from msgspec import inspect
 
 from acrc_testbed.recordings.topics import Growing, Recorded, TopicError, files, has_ended, short
@@ -254,180 +253,107 @@ def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iter
             yield f"{one.robot}  {one.line}" if named else one.line
 
 
-@dataclass
 class Rate:
-    """Of the messages on one key, as they are taken in."""
+    """Statistics of the messages on one key, over simulated time."""
 
-    count: int = 0
-    size: int = 0
-    """Bytes, of all."""
-    smallest: int = 0
-    largest: int = 0
-    first: float = math.nan
-    """Simulated s, of the step of the first message ..."""
-    last: float = math.nan
-    """... and of the last one."""
-    shortest: float = math.inf
-    """Between two messages, s."""
-    longest: float = 0.0
-    _squares: float = field(default=0.0, repr=False)
+    def __init__(self) -> None:
+        self._instants: list[float] = []
+        self._sizes: list[int] = []
 
     def take(self, one: Recorded) -> None:
-        """One more message."""
-        second = in_seconds(one.instant)
-        if self.count:
-            gap = second - self.last
-            self.shortest, self.longest = min(self.shortest, gap), max(self.longest, gap)
-            self._squares += gap * gap
-        else:
-            self.first, self.smallest = second, one.size
-        self.count += 1
-        self.last = second
-        self.size += one.size
-        self.smallest, self.largest = min(self.smallest, one.size), max(self.largest, one.size)
+        """Add a message."""
+        self._instants.append(in_seconds(one.instant))
+        self._sizes.append(one.size)
 
-    @property
-    def span(self) -> float:
-        """From the first message to the last one, s."""
-        return self.last - self.first if self.count else 0.0
+    def figures(self, key: str) -> dict[str, Any]:
+        """Return type and fields of the messages, their number, sizes in bytes, and the time between two, s.
 
-    @property
-    def hertz(self) -> float:
-        """Messages per simulated second; 0 where there are not two of different steps."""
-        return (self.count - 1) / self.span if self.span > 0 else 0.0
-
-    @property
-    def bytes_per_second(self) -> float:
-        """Per simulated second; 0 as above."""
-        return self.size / self.count * self.hertz if self.count else 0.0
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation of the time between two messages, s."""
-        gaps = self.count - 1
-        return math.sqrt(max(0.0, self._squares / gaps - (self.span / gaps) ** 2)) if gaps > 0 else 0.0
+        `hertz` is 0, and `shortest_s` None, where there are not two of different steps.
+        """
+        kind, count, size = topic_of(key).kind, len(self._sizes), sum(self._sizes)
+        first, last, gaps = self._instants[0], self._instants[-1], np.diff(self._instants)
+        hertz = (count - 1) / (last - first) if last > first else 0.0
+        return {
+            "key": short(key), "type": kind.__name__, "fields": columns(kind), "messages": count,
+            "bytes": size, "first_s": first, "last_s": last, "hertz": hertz,
+            "shortest_s": float(gaps.min()) if hertz else None, "longest_s": float(gaps.max(initial=0.0)),
+            "spread_s": float(gaps.std()) if gaps.size else 0.0, "smallest": min(self._sizes),
+            "largest": max(self._sizes), "bytes_per_s": size / count * hertz,
+        }  # fmt: skip
 
 
-def rate_sentences(key: str, rate: Rate) -> list[str]:
-    """What is on a key: its fields, how often, how much."""
-    kind = topic_of(key).kind
+def rate_sentences(told: dict[str, Any]) -> list[str]:
+    """Return the figures of a key for people: fields, rate, sizes."""
+    often = ", all of one step"
+    if told["hertz"]:
+        often = (
+            f": {told['hertz']:.2f} Hz, {told['shortest_s']:g} to {told['longest_s']:g} s apart, "
+            f"standard deviation {told['spread_s']:.3f} s"
+        )
     return [
-        f"{short(key)}  {kind.__name__}: {', '.join(columns(kind))}",
-        f"  {rate.count} messages from {rate.first:g} to {rate.last:g} s{_often(rate)}",
-        f"  {rate.size} B, {rate.size / rate.count:.0f} B each on average, {rate.smallest} to "
-        f"{rate.largest} B, {rate.bytes_per_second:.0f} B/s",
+        f"{told['key']}  {told['type']}: {', '.join(told['fields'])}",
+        f"  {told['messages']} messages from {told['first_s']:g} to {told['last_s']:g} s{often}",
+        f"  {told['bytes']} B, {told['bytes'] / told['messages']:.0f} B each on average, "
+        f"{told['smallest']} to {told['largest']} B, {told['bytes_per_s']:.0f} B/s",
     ]
 
 
-def _often(rate: Rate) -> str:
-    if not rate.hertz:
-        return ", all of one step"
-    return (
-        f": {rate.hertz:.2f} Hz, {rate.shortest:g} to {rate.longest:g} s apart, "
-        f"standard deviation {rate.spread:.3f} s"
-    )
+def info(target: Path) -> list[dict[str, Any]]:
+    """Return figures of every recording in a run's folder, or of one recording. Raises RecordingError.
+
+    `whole`: the process closed the file; False: it was cut, or the run goes on. `seals`: true checksums.
+    `commit`: of the testbed that wrote it; empty without a first record.
+    """
+    return [_info(actor, path) for actor, path in files(target).items()]
 
 
-def rate_as_json(key: str, rate: Rate) -> dict[str, Any]:
-    """The same as plain values."""
-    kind = topic_of(key).kind
-    return {
-        "key": short(key), "type": kind.__name__, "fields": columns(kind), "messages": rate.count,
-        "bytes": rate.size, "first_s": rate.first, "last_s": rate.last, "hertz": rate.hertz,
-        "shortest_s": rate.shortest if rate.hertz else None, "longest_s": rate.longest,
-        "spread_s": rate.spread, "smallest": rate.smallest, "largest": rate.largest,
-        "bytes_per_s": rate.bytes_per_second,
-    }  # fmt: skip
-
-
-@dataclass
-class RecordingInfo:
-    """One process's recording."""
-
-    actor: str
-    path: Path
-    size: int
-    """Bytes."""
-    seals: int = 0
-    """Checksums, all of them true."""
-    whole: bool = False
-    """True: the process closed it. False: it was cut, or the run goes on."""
-    commit: str = ""
-    """Of the testbed that wrote it; empty where not even the first record is there."""
-    processor: str = ""
-    topics: dict[tuple[Direction, str], Rate] = field(default_factory=dict)
-    """By direction and key, in the order in which they occur."""
-    first: float = 0.0
-    """Simulated s, when the step of its first message began ..."""
-    last: float = 0.0
-    """... and that of its last one."""
-
-    @property
-    def messages(self) -> int:
-        """In it, in both directions."""
-        return sum(rate.count for rate in self.topics.values())
-
-    @property
-    def bytes_per_minute(self) -> float:
-        """Of the file, per simulated minute; 0 for one without a span."""
-        return self.size / (self.last - self.first) * 60 if self.last > self.first else 0.0
-
-
-def info(target: Path) -> list[RecordingInfo]:
-    """Of every recording in a run's folder, or of the one that is named. Raises RecordingError."""
-    return [_read(actor, path) for actor, path in files(target).items()]
-
-
-def _read(actor: str, path: Path) -> RecordingInfo:
-    found = RecordingInfo(actor, path, path.stat().st_size)
-    instants: list[float] = []
+def _info(actor: str, path: Path) -> dict[str, Any]:
+    rates: dict[tuple[Direction, str], Rate] = {}
+    first = last = 0.0
     with Growing(path) as growing:
         for one in growing.poll():
-            found.topics.setdefault((one.direction, one.key), Rate()).take(one)
-            instants[1:] = [in_seconds(one.instant)]
-        found.seals, found.whole = growing.reading.seals, growing.reading.whole
-        if growing.run is not None:
-            found.commit = growing.run.commit
-            found.processor = str(growing.run.processor)
-    if instants:
-        found.first, found.last = instants[0], instants[-1]
-    return found
-
-
-def as_json(found: RecordingInfo) -> dict[str, Any]:
-    """One recording as plain values."""
+            last = in_seconds(one.instant)
+            first = first if rates else last
+            rates.setdefault((one.direction, one.key), Rate()).take(one)
+    keys = [{"direction": way, **rate.figures(key)} for (way, key), rate in rates.items()]
+    run, reading = growing.run, growing.reading
     return {
-        "actor": found.actor, "file": str(found.path), "messages": found.messages, "bytes": found.size,
-        "first_s": found.first, "last_s": found.last, "whole": found.whole, "seals": found.seals,
-        "commit": found.commit, "processor": found.processor,
-        "keys": [{"direction": way, **rate_as_json(key, rate)} for (way, key), rate in found.topics.items()],
+        "actor": actor, "file": str(path), "messages": sum(one["messages"] for one in keys),
+        "bytes": path.stat().st_size, "first_s": first, "last_s": last, "whole": reading.whole,
+        "seals": reading.seals, "commit": "" if run is None else run.commit,
+        "processor": "" if run is None else str(run.processor), "keys": keys,
     }  # fmt: skip
 
 
-def sentences(found: RecordingInfo, *, topics: bool) -> list[str]:
-    """What it says of one recording, a line each; `topics`: with a line for each key."""
-    state = "whole" if found.whole else "cut, or not closed yet"
-    where = f", on {found.processor}" if topics and found.processor else ""
+def sentences(told: dict[str, Any], *, topics: bool) -> list[str]:
+    """Return the figures of one recording for people; `topics`: with a line for each key."""
+    state = "whole" if told["whole"] else "cut, or not closed yet"
+    where = f", on {told['processor']}" if topics and told["processor"] else ""
     lines = [
-        f"{found.actor}: {found.messages} messages from {found.first:g} to {found.last:g} s, {state}; "
-        f"{found.size} B, {found.bytes_per_minute / 1e6:.2f} MB per simulated minute; {found.seals} seals; "
-        f"commit {found.commit[:12] or 'unknown'}{where}"
+        f"{told['actor']}: {told['messages']} messages from {told['first_s']:g} to {told['last_s']:g} s, "
+        f"{state}; {told['bytes']} B, {_per_minute(told['bytes'], told['first_s'], told['last_s']):.2f} MB "
+        f"per simulated minute; {told['seals']} seals; commit {told['commit'][:12] or 'unknown'}{where}"
     ]
     if topics:
-        width = max((len(short(key)) for _, key in found.topics), default=0)
-        for (direction, key), rate in found.topics.items():
+        width = max((len(one["key"]) for one in told["keys"]), default=0)
+        for one in told["keys"]:
             lines.append(
-                f"  {direction:3} {short(key):{width}} {rate.count:7} messages {rate.size:9} B "
-                f"{rate.hertz:6.1f} Hz"
+                f"  {one['direction']:3} {one['key']:{width}} {one['messages']:7} messages "
+                f"{one['bytes']:9} B {one['hertz']:6.1f} Hz"
             )
     return lines
 
 
-def total(found: Sequence[RecordingInfo]) -> str:
-    """What it says of all recordings of a run."""
-    size = sum(one.size for one in found)
-    span = max(one.last for one in found) - min(one.first for one in found)
-    rate = f", {size / span * 60 / 1e6:.2f} MB per simulated minute" if span > 0 else ""
-    cut = sum(not one.whole for one in found)
+def _per_minute(size: int, first_s: float, last_s: float) -> float:
+    """MB per simulated minute; 0 for a recording without a span."""
+    return size / (last_s - first_s) * 60e-6 if last_s > first_s else 0.0
+
+
+def total(found: Sequence[dict[str, Any]]) -> str:
+    """Return the figures of all recordings of a run in one line."""
+    size = sum(one["bytes"] for one in found)
+    first, last = min(one["first_s"] for one in found), max(one["last_s"] for one in found)
+    rate = f", {_per_minute(size, first, last):.2f} MB per simulated minute" if last > first else ""
+    cut = sum(not one["whole"] for one in found)
     state = f"{cut} cut, or not closed yet" if cut else "all whole"
-    return f"{len(found)} recordings, {state}: {span:g} s, {size} B{rate}"
+    return f"{len(found)} recordings, {state}: {last - first:g} s, {size} B{rate}"

@@ -31,13 +31,14 @@ def test_check_of_one_recording(recorded_run: Path, tmp_path: Path) -> None:
 
 
 def test_info_counts_what_is_there_and_says_what_was_cut(recorded_run: Path, tmp_path: Path) -> None:
-    found = {one.actor: one for one in info(recorded_run)}
+    found = {one["actor"]: one for one in info(recorded_run)}
     assert list(found) == ["r1", "r2", "radio", "world"]
     robot = found["r1"]
-    assert robot.whole and (robot.first, robot.last) == (0.0, 30.0) and robot.seals > 300
-    assert robot.size == (recorded_run / "r1" / "r1.mcap").stat().st_size
-    senses = robot.topics["in", "swarm/down/r1/senses"]
-    assert senses.count == 301 and senses.hertz == pytest.approx(10.0)
+    assert robot["whole"] and (robot["first_s"], robot["last_s"]) == (0.0, 30.0) and robot["seals"] > 300
+    assert robot["bytes"] == (recorded_run / "r1" / "r1.mcap").stat().st_size
+    senses = next(one for one in robot["keys"] if one["key"] == "r1/senses")
+    assert (senses["direction"], senses["messages"]) == ("in", 301)
+    assert senses["hertz"] == pytest.approx(10.0)
     done = acrc("record", "info", recorded_run)
     assert re.search(
         r"^4 recordings, all whole: 30 s, \d+ B, \d\.\d\d MB per simulated minute$", done.stdout, re.M
