@@ -9,6 +9,7 @@ from typing import ClassVar, Final
 
 from actors.board_readings import BoardNote
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
+from actors.introspection import Introspection
 from actors.orders import Order
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
@@ -296,6 +297,17 @@ class Board(Message, frozen=True):
     notes: tuple[BoardNote, ...]
 
 
+# --- recorded only -----------------------------------------------------------------------------------------
+
+
+class FrameOutcomes(Message, frozen=True):
+    """What became of frames, by the radio."""
+
+
+class FloorChanged(Message, frozen=True):
+    """What was put on the floor or taken from it, by the world."""
+
+
 READY: Final = Topic("swarm/up/{id}/ready", Ready)
 SENSES: Final = Topic("swarm/down/{id}/senses", Senses, is_digested=True)
 DRIVE: Final = Topic("swarm/up/{id}/drive", Drive, is_digested=True)
@@ -309,8 +321,11 @@ ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
 ANSWERED: Final = Topic("swarm/infra/answered", Answered, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
+INTROSPECTION: Final = Topic("swarm/up/{id}/introspection", Introspection, is_recorded_only=True)
+FRAME_OUTCOMES: Final = Topic("swarm/infra/frame_outcomes", FrameOutcomes, is_recorded_only=True)
+FLOOR_CHANGED: Final = Topic("swarm/infra/floor_changed", FloorChanged, is_recorded_only=True)
 
 TOPICS: Final[tuple[Topic[Message], ...]] = (
     READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
-    ANSWERED, BOARD,
+    ANSWERED, BOARD, INTROSPECTION, FRAME_OUTCOMES, FLOOR_CHANGED,
 )  # type: ignore[assignment]  # fmt: skip

@@ -31,6 +31,7 @@ class Topic(Generic[M]):
         is_digested: bool = False,
         is_telemetry: bool = False,
         is_from_outside: bool = False,
+        is_recorded_only: bool = False,
     ) -> None:
         self.pattern = pattern
         self.kind = kind
@@ -40,6 +41,8 @@ class Topic(Generic[M]):
         """They are only shown to people: neither counted, nor recorded, nor in the digest."""
         self.is_from_outside = is_from_outside
         """No actor publishes them, so they cannot be balanced against what was received."""
+        self.is_recorded_only = is_recorded_only
+        """Its sender records them in full and publishes none: outside digest, counts and barrier."""
         self._keys: dict[str, str] = {}
 
     def key(self, robot: str = "") -> str:

@@ -35,6 +35,11 @@ _UNTAKEN: Final = frozenset({ROSTER.pattern, BOARD.pattern})
 """Keys whose receivers record nothing."""
 
 
+def _is_from_sender(key: str) -> bool:
+    """Return True for keys whose messages are taken from the sender's recording, as no receiver has them."""
+    return key in _UNTAKEN or topic_of(key).is_recorded_only
+
+
 class TopicError(AcrcError):
     """A key that nothing was recorded on, or a field that its messages have not."""
 
@@ -179,7 +184,7 @@ def _of(growing: Growing, wanted: Sequence[str], alone: bool) -> Iterator[Record
     """What counts of one file: all where there is no other, else what came in, or what nobody takes down."""
     for one in growing.poll():
         if any(fits(one.key, name) for name in wanted) and (
-            alone or (one.direction == "out") == (one.key in _UNTAKEN)
+            alone or (one.direction == "out") == _is_from_sender(one.key)
         ):
             yield one
 

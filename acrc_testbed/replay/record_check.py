@@ -124,7 +124,10 @@ def _counted(told: Pass, way: Direction) -> dict[str, int]:
     return {
         key: len(trail) // STAMP.size
         for (direction, key), trail in told.trails.items()
-        if direction == way and not topic_of(key).is_from_outside and not topic_of(key).is_telemetry
+        if direction == way
+        and not topic_of(key).is_from_outside
+        and not topic_of(key).is_telemetry
+        and not topic_of(key).is_recorded_only
     }
 
 
@@ -220,8 +223,9 @@ def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
 
 def _keys(passes: Sequence[Pass]) -> list[str]:
     """Every key that an actor with a recording sends and another one receives."""
-    keys = {key for told in passes for _, key in told.trails}
-    return sorted(k for k in keys if k != ROSTER.pattern and not topic_of(k).is_from_outside)
+    keys = {key for told in passes for _, key in told.trails} - {ROSTER.pattern}
+    topics = {key: topic_of(key) for key in keys}
+    return sorted(k for k, one in topics.items() if not (one.is_from_outside or one.is_recorded_only))
 
 
 def _compare(key: str, passes: Sequence[Pass]) -> int:

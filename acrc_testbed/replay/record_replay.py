@@ -31,7 +31,6 @@ from actors.runtime.recording import (
     Entry,
     Reading,
     RecordingError,
-    Unrecorded,
     decoded,
     read_notes,
     read_recording,
@@ -176,7 +175,7 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
 def shell_of(again: Again, bus: ReplayBus) -> Shell:
     """The shell around an actor that is replayed; it has said that it is ready."""
     part = again.part
-    shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
+    shell = Shell(part.core, bus, bus, actor=again.run.actor, open_to=part.open_to)
     if part.ready is not None:
         shell.send(part.ready)
     return shell

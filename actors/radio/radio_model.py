@@ -27,7 +27,7 @@ from actors.radio.propagation.interferers import Wifi, WifiParameters
 from actors.radio.propagation.walls import MaterialName, WallPatch, build, material
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
-from actors.runtime.process_setup import ActorSetup, ProcessSetup
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail
 from actors.settings import Settings, Text
 
 Channel = Annotated[
@@ -150,6 +150,8 @@ class RadioSetup(RadioTable, frozen=True, kw_only=True):
     """Where walls are of another material."""
     wifi: tuple[WifiParameters, ...] = ()
     """Wi-Fi stations about."""
+    detail: RecordDetail = "lean"
+    """How much the radio records."""
 
     def located(self, folder: Path) -> Self:
         """With its map as it is called for who does not stand in `folder`, where the set-up lies."""

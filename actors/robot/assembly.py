@@ -30,6 +30,7 @@ from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, gro
 from actors.robot.stack import Adaptation, Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotDescription, RobotModel
+from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
 from actors.settings import Count
@@ -62,6 +63,8 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
     stack: Stack = Stack()
     doubt: Annotated[float, msgspec.Meta(gt=0, le=100)] | None = None
     """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
+    detail: RecordDetail = "lean"
+    """How much it records."""
 
     @property
     def pose(self) -> Pose:

@@ -110,6 +110,10 @@ class SparingRecorder(Recorder):
         """As in Recorder."""
         self._attempt(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
 
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """As in Recorder."""
+        self._attempt(lambda: super(SparingRecorder, self).computed(key, step, sequence, payload), 1)
+
     def flush(self) -> None:
         """As in Recorder; as long as the disk has room, it keeps some for what is said once there is none."""
         if self._full is None:
@@ -165,6 +169,10 @@ class BackgroundRecorder(SparingRecorder):
         self._background.do(
             lambda: super(BackgroundRecorder, self).sent(key, step, sequence, payload, sha256)
         )
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """As in Recorder, later."""
+        self._background.do(lambda: super(BackgroundRecorder, self).computed(key, step, sequence, payload))
 
     def flush(self) -> None:
         """As in Recorder, later."""

@@ -8,7 +8,7 @@ import argparse
 import math
 import os
 from pathlib import Path
-from typing import Final, Generic, NoReturn, TypeVar
+from typing import Final, Generic, Literal, NoReturn, TypeVar
 
 import msgspec
 
@@ -18,6 +18,9 @@ from actors.runtime.errors import AcrcError
 
 SETUP: Final = "setup.json"
 """The file, in the actor's folder of the run."""
+RecordDetail = Literal["lean", "full"]
+"""How much an actor records: `lean` has what results and causes need, `full` also what it computed, for
+viewers and exports. A set-up without it is of an earlier version, which recorded lean."""
 A = TypeVar("A")
 P = TypeVar("P", bound="ProcessSetup")
 

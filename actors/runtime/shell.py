@@ -13,7 +13,7 @@ from actors.runtime.core import Address, Bus, Core, Delivery, Outlet, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.linux import cpu_s
 from actors.runtime.prints import Prints
-from actors.runtime.recording import Journal
+from actors.runtime.recording import LARGEST_RECORD, Journal
 from actors.topic import Message, sender
 
 _WITNESSES: Final = frozenset({"world", "radio"})
@@ -149,6 +149,8 @@ class Shell:
         self.open_to = open_to
         self.prints: Prints | None = None
         """Takes what the core's code prints; None: it goes its way."""
+        self._computed: dict[str, int] = defaultdict(int)
+        """Messages recorded and not published, by key."""
         self._inbox: dict[str, deque[bytes]] = {}
         self._waiting = 0
         self._inputs: dict[str, Message] = {}
@@ -214,9 +216,14 @@ class Shell:
         return None
 
     def send(self, output: Output) -> None:
-        """Publish one message outside of an advance, such as Ready."""
+        """Publish one message, or record it if its topic is only recorded."""
         message = output.message
         key, topic = output.address.key, output.address.topic
+        if topic.is_recorded_only:
+            sequence = self._computed[key]
+            self._computed[key] = sequence + 1
+            self._journal.computed(key, message.step, sequence, encode(message, key, LARGEST_RECORD))
+            return
         payload = encode(message, key)
         if not topic.is_telemetry:
             sequence = self.tally.sent[key]

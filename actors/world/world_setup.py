@@ -12,7 +12,7 @@ from actors.orders import Order
 from actors.randomness import derived_seed, keyed_seed
 from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
-from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, located_model
 from actors.world.uncertainty import Uncertainty
 
 
@@ -52,6 +52,8 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     it (d3scomp's testbed), and 0.2 m for what a robot that is not lost may err about where it is."""
     key: str = ""
     """Hexadecimal digits without which nothing that is drawn follows from `seed`; empty: there is none."""
+    detail: RecordDetail = "lean"
+    """How much the world records."""
 
     def located(self, folder: Path) -> Self:
         """With its files as they are called for who does not stand in `folder`, where the set-up lies."""

@@ -183,9 +183,7 @@ def write_base(path: Path, run: Path, lateness: dict[str, int]) -> None:
     final = msgspec.structs.replace(msgspec.json.decode(notes["final"], type=FinalNote), outcome=raw)
     path.parent.mkdir(exist_ok=True)
     with Recorder(path, 100_000) as recorder:
-        recorder.note(
-            "run", msgspec.structs.replace(first, actor="base", setup=msgspec.Raw(b'{"id": "r2"}'))
-        )
+        recorder.note("run", msgspec.structs.replace(first, actor="base", setup=msgspec.Raw(b'{"id": "r2"}')))
         recorder.note("final", final)
 
 

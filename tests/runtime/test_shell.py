@@ -1,15 +1,17 @@
 """Shells over the memory bus: the barrier, the counts, the digest, the recordings and their replay."""
 
+import random
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from actors.messages import AIRED, DRIVE, SENSES, Drive, Odometry, Senses
+from actors.introspection import Introspection, PerceptionSample
+from actors.messages import AIRED, DRIVE, INTROSPECTION, SENSES, Drive, Odometry, Senses
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
-from actors.runtime.codec import encode
+from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Delivery, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import (
@@ -81,6 +83,22 @@ class Answerer:
         self.step += 1
         speed = senses.step + len(self._robot) / 10
         return (to(DRIVE, Drive(senses.step, speed, 0.0, 0.0, 0), self._robot),)
+
+
+class Introspective(Answerer):
+    """Records besides what nobody receives."""
+
+    def __init__(self, robot: str, noise: int) -> None:
+        super().__init__(robot)
+        self._noise = noise
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        step = self.step
+        outputs = super().advance(inputs)
+        size = self._noise * step
+        sample = PerceptionSample(None, random.Random(step).randbytes(size), bytes(size), None)
+        told = Introspection(step, 0, sample=sample)
+        return (to(INTROSPECTION, told, self._robot), *outputs) if outputs else ()
 
 
 class LossyBus(MemoryBus):
@@ -238,6 +256,36 @@ def test_a_replay_gives_the_recorded_outputs(recorded: tuple[Path, list[Shell]])
     shell = Shell(Answerer("r22"), bus, Unrecorded(), actor="r22")
     replay(shell, bus)
     assert shell.finished and bus.compared == 4
+
+
+def test_a_message_that_is_only_recorded_is_there_in_full_and_nowhere_else(tmp_path: Path) -> None:
+    bus, path = MemoryBus(), tmp_path / "r22.mcap"
+    plain = swarm(MemoryBus(), 5)
+    run_shells(plain)
+    with Recorder(path, 1000) as recorder:
+        caller = Shell(Caller(("r22",), 5), bus, Unrecorded(), actor="world")
+        shell = Shell(Introspective("r22", 50_000), bus, recorder, actor="r22")
+        bus.listen(at(DRIVE, "*"), caller.deliver)
+        bus.listen(at(SENSES, "r22"), shell.deliver)
+        run_shells([caller, shell])
+    assert shell.tally.hash.digest("r22") == plain[2].tally.hash.digest("r22")
+    assert shell.tally.published == plain[2].tally.published
+    kept = [
+        one for one in read_recording(path) if isinstance(one, Entry) and one.key == INTROSPECTION.key("r22")
+    ]
+    assert [(one.step, one.sequence) for one in kept] == [(step, step) for step in range(5)]
+    for one in kept:
+        assert one.payload is not None
+        told = decode(INTROSPECTION, one.key, one.payload)  # type: ignore[arg-type]
+        assert isinstance(told, Introspection)
+        assert told.sample is not None
+        assert told.sample.particles == random.Random(one.step).randbytes(50_000 * one.step)
+    again = ReplayBus(path)
+    replay(Shell(Introspective("r22", 50_000), again, again, actor="r22"), again)
+    assert again.compared == 10
+    other = ReplayBus(path)
+    with pytest.raises(ReplayError, match=r"step 1: swarm/up/r22/introspection: Introspection.sample"):
+        replay(Shell(Introspective("r22", 50_001), other, other, actor="r22"), other)
 
 
 def test_a_replay_names_the_first_difference(recorded: tuple[Path, list[Shell]]) -> None:

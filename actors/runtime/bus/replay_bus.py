@@ -73,7 +73,10 @@ class RecordingEnds(Exception):  # noqa: N818  # no error: the recorded process 
 
 
 class ReplayBus:
-    """Gives the inputs of a recording in their order and compares every output with the recorded one."""
+    """Gives the inputs of a recording in their order and compares every output with the recorded one.
+
+    It is the replayed actor's journal, too: so messages that are only recorded are compared as well.
+    """
 
     def __init__(
         self,
@@ -125,6 +128,19 @@ class ReplayBus:
         if (entry.key, entry.sha256) != (key, sha256(payload).digest()):
             raise ReplayError(self._difference(entry, key, payload))
         self.compared += 1
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """Nothing is kept."""
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
+        """Nothing is kept."""
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """Compare with what was recorded."""
+        self.publish(key, payload)
+
+    def flush(self) -> None:
+        """Nothing is kept."""
 
     def close(self) -> None:
         """ReplayError if something was recorded that has not been sent again."""

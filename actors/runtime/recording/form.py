@@ -6,6 +6,8 @@ a channel whose messages are there in full has a schema that names their fields 
 as eight little-endian bytes and then the sha256 of the encoded message, which was too large to be kept twice
 and which its receiver recorded in full; there it is packed, which the encodings `acrc-msgpack-scan` and
 `acrc-msgpack-deflate` say (`packing`). Files from before that have none of these, and are read alike.
+Messages of topics that are only recorded (`Topic.is_recorded_only`) have nobody to receive them: their sender
+records them in full, packed as `acrc-msgpack-deflate-computed`.
 Metadata records: `run` first, then `final` or `failure` as the last one before the end of data; each has its
 text as `json` and the text's CRC-32 as `crc32`.
 
@@ -17,7 +19,7 @@ not count.
 import struct
 import zlib
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 from actors.runtime.errors import AcrcError
@@ -49,6 +51,8 @@ SCANNED: Final = "acrc-msgpack-scan"
 """The same with its longest run of bytes, a scan, packed."""
 DEFLATED: Final = "acrc-msgpack-deflate"
 """The same as a part of the file's one stream of deflate."""
+COMPUTED: Final = "acrc-msgpack-deflate-computed"
+"""The same as a part of a second stream of deflate: of the messages that are only recorded."""
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
 
@@ -89,7 +93,9 @@ def vouched(crc: int, seal: bytes) -> int:
     return zlib.crc32(seal, crc)
 
 
-Encoding = Literal["acrc-msgpack", "acrc-msgpack-scan", "acrc-msgpack-deflate"]
+Encoding = Literal[
+    "acrc-msgpack", "acrc-msgpack-scan", "acrc-msgpack-deflate", "acrc-msgpack-deflate-computed"
+]
 WORTH: Final = 128
 """A shorter message stays as it is, in bytes: a packed one costs some µs."""
 _SPEED: Final = 1
@@ -136,6 +142,18 @@ class Packer(_WithScans):
         data = deflate.compress(payload) + deflate.flush(zlib.Z_SYNC_FLUSH)
         return DEFLATED, data[: -len(_FLUSHED)]
 
+    @cached_property
+    def _deflate_computed(self) -> "zlib._Compress":
+        return zlib.compressobj(_SPEED, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY)
+
+    def computed(self, payload: bytes) -> tuple[Encoding, bytes]:
+        """The same for a message that is only recorded."""
+        if not WORTH <= len(payload) <= LARGEST_RECORD:
+            return MESSAGES, payload
+        deflate = self._deflate_computed
+        data = deflate.compress(payload) + deflate.flush(zlib.Z_SYNC_FLUSH)
+        return COMPUTED, data[: -len(_FLUSHED)]
+
     def _with_scan(self, payload: bytes, at: int, size: int) -> bytes | None:
         begin = at + 3
         run = self._scans.packed(payload[begin : begin + size])
@@ -149,11 +167,12 @@ class MessageUnpacker(_WithScans):
     """Gives the messages of one file back, in their order. ValueError or zlib.error for what is none."""
 
     def __init__(self) -> None:
-        self._inflate = zlib.decompressobj(-zlib.MAX_WBITS)
+        received, computed = (zlib.decompressobj(-zlib.MAX_WBITS) for _ in range(2))
         self._ways: dict[str, Callable[[bytes], bytes]] = {
             MESSAGES: lambda data: data,
             SCANNED: self._without_scan,
-            DEFLATED: self._inflated,
+            DEFLATED: partial(_inflated, received),
+            COMPUTED: partial(_inflated, computed),
         }
 
     def unpacked(self, encoding: str, data: bytes) -> bytes:
@@ -162,12 +181,6 @@ class MessageUnpacker(_WithScans):
         if way is None:
             raise ValueError(f"a message is encoded as {encoding!r:.80}, which this version does not read")
         return way(data)
-
-    def _inflated(self, data: bytes) -> bytes:
-        payload = self._inflate.decompress(data + _FLUSHED, LARGEST_RECORD)
-        if self._inflate.unconsumed_tail or self._inflate.eof:
-            raise ValueError(f"a message deflated to {len(data)} bytes has no end where it should have one")
-        return payload
 
     def _without_scan(self, data: bytes) -> bytes:
         (place,) = _PLACE.unpack_from(data)
@@ -178,6 +191,13 @@ class MessageUnpacker(_WithScans):
             raise ValueError(f"a message says that its scan begins at byte {place}, where none does")
         run = self._scans.unpacked(data[begin:end], count)
         return b"".join((data[_PLACE.size : at], b"\xc5", _PLACE.pack(2 * count), run, data[end:]))
+
+
+def _inflated(stream: "zlib._Decompress", data: bytes) -> bytes:
+    payload = stream.decompress(data + _FLUSHED, LARGEST_RECORD)
+    if stream.unconsumed_tail or stream.eof:
+        raise ValueError(f"a message deflated to {len(data)} bytes has no end where it should have one")
+    return payload
 
 
 def _run(payload: bytes, whole: int) -> tuple[int, int] | None:

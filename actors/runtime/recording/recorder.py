@@ -18,6 +18,7 @@ from msgspec import inspect
 
 from actors.messages import TOPICS
 from actors.runtime.recording.form import (
+    COMPUTED,
     DEFLATED,
     FIELDS,
     HASHED,
@@ -33,6 +34,7 @@ from actors.runtime.recording.form import (
     UNSEALED,
     WORTH,
     Direction,
+    Encoding,
     Packer,
     RecordingError,
     UnwritableError,
@@ -55,6 +57,10 @@ _PACKING: Final = {
     ),
     DEFLATED: (
         "a part of the stream of deflate (RFC 1951) that runs through all such messages of the file",
+        "flushed behind each message, without the bytes 00 00 ff ff at the end of each",
+    ),
+    COMPUTED: (
+        "a part of another such stream of deflate, of all messages that are only recorded",
         "flushed behind each message, without the bytes 00 00 ff ff at the end of each",
     ),
 }
@@ -101,8 +107,9 @@ _HASHED_SIZE: Final = 40
 """Of a step and a sha256."""
 _SEAL_LENGTH: Final = FIELDS.size + SEAL.size
 _SEALED_SIZE: Final = HEAD.size + _SEAL_LENGTH
-_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None]
-"""Direction, key, step, sequence, payload, its size, its sha256 if that is known."""
+_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None, Encoding | None]
+"""Direction, key, step, sequence, payload, its size, its sha256 if that is known; if the payload is packed
+already, how."""
 
 
 class Journal(Protocol):
@@ -113,6 +120,9 @@ class Journal(Protocol):
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """A message went out; `sha256`: of the payload, if it is known already."""
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """A message that is only recorded: keep it in full."""
 
     def flush(self) -> None:
         """Everything up to here must survive the death of this process."""
@@ -178,7 +188,7 @@ class Recorder:
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
         size = len(payload)
-        self._noted += (("in", key, step, sequence, payload, size, None),)
+        self._noted += (("in", key, step, sequence, payload, size, None, None),)
         self._noted_size += size
         if self._noted_size > io.DEFAULT_BUFFER_SIZE:
             self._write_noted()
@@ -186,8 +196,16 @@ class Recorder:
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """A message went out; `sha256`: of the payload, if it is known already."""
         size = len(payload)
-        self._noted += (("out", key, step, sequence, payload, size, sha256),)
+        self._noted += (("out", key, step, sequence, payload, size, sha256, None),)
         self._noted_size += size
+        if self._noted_size > io.DEFAULT_BUFFER_SIZE:
+            self._write_noted()
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """A message that is only recorded: it is kept in full."""
+        encoding, data = self._packer.computed(payload)
+        self._noted += (("out", key, step, sequence, data, len(payload), None, encoding),)
+        self._noted_size += len(data)
         if self._noted_size > io.DEFAULT_BUFFER_SIZE:
             self._write_noted()
 
@@ -205,9 +223,11 @@ class Recorder:
         noted, self._noted, self._noted_size = self._noted, [], 0
         parts: list[bytes] = []
         written = counted = 0
-        for direction, key, step, sequence, payload, size, sha256 in noted:
+        for direction, key, step, sequence, payload, size, sha256, packed in noted:
             encoding, data, length, whole = MESSAGES, payload, size, size
-            if direction == "out":
+            if packed is not None:
+                encoding, length = packed, len(payload)
+            elif direction == "out":
                 if size > LARGE:
                     data = step.to_bytes(8, "little") + (sha256 or hashlib.sha256(payload).digest())
                     encoding, length, whole = HASHED, _HASHED_SIZE, _HASHED_SIZE
@@ -354,6 +374,9 @@ class Unrecorded:
         """Nothing is kept."""
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
+        """Nothing is kept."""
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """Nothing is kept."""
 
     def flush(self) -> None:

@@ -1,0 +1,144 @@
+"""What a robot computed in a step, in messages that only its own recording has.
+
+Only what changed since the robot's last message is there. Arrays are bytes, little-endian. What the recording
+says elsewhere is not said again: the estimated pose is that of Drive, ranges are those of Senses.
+"""
+
+from typing import ClassVar
+
+from actors.topic import Message, MessagePart
+
+
+class EstimateQuality(MessagePart, frozen=True):
+    """How far the robot trusts its estimate."""
+
+    covariance: tuple[float, ...]
+    """3 x 3, row by row: x, y, m, and heading, rad, map frame."""
+    lost: float
+    """Probability that it is somewhere else altogether."""
+    located: bool
+    """False: it looks for itself; then Drive has no pose."""
+
+
+class CostWindow(MessagePart, frozen=True):
+    """The local cost map that navigation steered by."""
+
+    corner: tuple[float, float, float]
+    """Pose of its south-west corner, map frame: x, y, m, heading, rad."""
+    rows: int
+    costs: bytes
+    """uint8, row by row, the southernmost first; costs as costmap_2d has them."""
+
+
+class PerceptionSample(MessagePart, frozen=True):
+    """What the robot perceived and planned, looked at every 500 ms."""
+
+    sensor: tuple[float, float, float] | None
+    """Pose of the range sensor at the last scan, map frame, by the present estimate; None: no scan yet."""
+    particles: bytes | None
+    """float32, x and y of every particle, at most 300, m, map frame; None: as before, or there are none."""
+    plan: bytes | None
+    """float32, x and y of every fourth point of the plan and of its last, m, map frame; empty: it has none;
+    None: as before."""
+    window: CostWindow | None
+    """None: navigation has not steered lately."""
+
+
+class Activity(MessagePart, frozen=True):
+    """What the robot is doing from this step on."""
+
+    activity: str
+    """One of `actors.robot.introspection.ACTIVITIES`."""
+    destination: str
+    """Place that it heads for, as in "r1/3"; empty: none."""
+    point: tuple[float, float] | None
+    """Its goal, m, map frame."""
+
+
+class GoalState(MessagePart, frozen=True):
+    """State of navigation's goal at the end of this step."""
+
+    point: tuple[float, float] | None
+    """None: it has no goal."""
+    status: str | None = None
+    reason: str | None = None
+    phase: str | None = None
+
+
+class ReplicaContact(MessagePart, frozen=True):
+    """A replica that the robot's node has from this step on, or has no longer."""
+
+    peer: str
+    heard: int | None
+    """When it had come, µs; None: it is forgotten."""
+
+
+class ValueChange(MessagePart, frozen=True):
+    """A part of a component's knowledge with two values, as JSON."""
+
+    path: str
+    """Such as `destination`, `parameters.speed`, or `bids[r2]` in a mapping."""
+    before: str | None
+    """None: the mapping had no such key."""
+    after: str | None
+
+
+class ReplicaUse(MessagePart, frozen=True):
+    """The replica of a peer's component that an ensemble used."""
+
+    epoch: int
+    """Of the peer's node when it published this."""
+    publication: int
+    """Number of the publication, counted from 1 in that epoch."""
+    heard: int
+    """When it had come, µs."""
+    hops: int
+    """How often it had been relayed."""
+    rssi_dbm: float | None
+    """None: it did not come by radio."""
+
+
+class DecisionRecord(MessagePart, frozen=True):
+    """What a change of knowledge decided, by the component's own account."""
+
+    words: str
+    old: tuple[float, float] | None
+    """Where it wanted to be before, m, map frame; None: nowhere."""
+    new: tuple[float, float] | None
+
+
+class KnowledgeCommit(MessagePart, frozen=True):
+    """One change of one component's knowledge."""
+
+    instant: int
+    component: str
+    by: str
+    """The process or the ensemble's exchange, `CleaningRobot.sense` or `DestinationAdoption.at_member`."""
+    adaptation: bool
+    """True of an ensemble, and of a process of the adaptation layer."""
+    peer: str
+    """The component whose knowledge an ensemble used; empty for a process."""
+    age: int
+    """How old that was, µs; 0 for a process, and for a peer on the same node."""
+    changed: tuple[ValueChange, ...]
+    replica: ReplicaUse | None = None
+    """None for a process, and for a peer on the same node."""
+    decision: DecisionRecord | None = None
+
+
+class Introspection(Message, frozen=True):
+    """What a robot computed in a step, as far as it changed."""
+
+    omissible: ClassVar[int] = 8
+    instant: int
+    """The step's start, by the robot's own time, µs."""
+    quality: EstimateQuality | None = None
+    pose: tuple[float, float, float] | None = None
+    """The estimate while the robot is not located, x, y, m, heading, rad, map frame."""
+    activity: Activity | None = None
+    goal: GoalState | None = None
+    contacts: tuple[ReplicaContact, ...] = ()
+    commits: tuple[KnowledgeCommit, ...] = ()
+    sample: PerceptionSample | None = None
+    knowledge: tuple[tuple[str, str], ...] = ()
+    """Names and values, in words, of the fields of its knowledge that changed; looked at with samples."""
