@@ -77,9 +77,9 @@ class Background:
 
 
 class SparingRecorder(Recorder):
-    """A recorder that its process does not stop for: what the disk does not take is lost, counted, and said.
+    """A recorder that never fails its process: what the disk does not take is lost, counted, and reported.
 
-    Of what comes after the first loss nothing is recorded.
+    Nothing is recorded after the first loss.
     """
 
     def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
@@ -88,7 +88,7 @@ class SparingRecorder(Recorder):
         self.lost = 0
         """Records so far."""
         self._unflushed = 0
-        """Records since the last flush; no seal vouches for them yet."""
+        """Records since the last flush, which no seal covers yet."""
         self._full: UnwritableError | None = None
 
     def __exit__(
@@ -100,26 +100,31 @@ class SparingRecorder(Recorder):
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder."""
-        self._attempt(lambda: super(SparingRecorder, self).note(name, content), 1)
+        self._do(lambda: super(SparingRecorder, self).note(name, content), 1)
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._attempt(lambda: super(SparingRecorder, self).received(key, step, sequence, payload), 1)
+        self._do(lambda: super(SparingRecorder, self).received(key, step, sequence, payload), 1)
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """As in Recorder."""
-        self._attempt(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
+        self._do(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._attempt(lambda: super(SparingRecorder, self).computed(key, step, sequence, payload), 1)
+        self._do(lambda: super(SparingRecorder, self).computed(key, step, sequence, payload), 1)
 
     def flush(self) -> None:
-        """As in Recorder; as long as the disk has room, it keeps some for what is said once there is none."""
-        if self._full is None:
-            keep_room(_LOG)
-        self._attempt(super().flush, 0)
+        """As in Recorder; keeps room in the log for the report of a full disk, as long as there is some."""
+        self._do(self._flush, 0)
+
+    def _flush(self) -> None:
+        keep_room(_LOG)
+        super().flush()
         self._unflushed = 0
+
+    def _do(self, task: Callable[[], None], records: int) -> None:
+        self._attempt(task, records)
 
     def _attempt(self, task: Callable[[], None], records: int) -> None:
         if self._full is not None:
@@ -136,7 +141,7 @@ class SparingRecorder(Recorder):
 class BackgroundRecorder(SparingRecorder):
     """A sparing recorder whose disk cannot hold up the process either.
 
-    What was recorded last may be missing after the death of the process.
+    The last records may be missing after the death of the process.
     """
 
     def __init__(self, path: Path, step_us: int) -> None:
@@ -156,27 +161,8 @@ class BackgroundRecorder(SparingRecorder):
         else:
             to_stderr(f"{self.path}: the disk is too slow; {self.dropped} records are missing\n")
 
-    def note(self, name: str, content: msgspec.Struct) -> None:
-        """As in Recorder, later."""
-        self._background.do(lambda: super(BackgroundRecorder, self).note(name, content))
-
-    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """As in Recorder, later."""
-        self._background.do(lambda: super(BackgroundRecorder, self).received(key, step, sequence, payload))
-
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """As in Recorder, later."""
-        self._background.do(
-            lambda: super(BackgroundRecorder, self).sent(key, step, sequence, payload, sha256)
-        )
-
-    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """As in Recorder, later."""
-        self._background.do(lambda: super(BackgroundRecorder, self).computed(key, step, sequence, payload))
-
-    def flush(self) -> None:
-        """As in Recorder, later."""
-        self._background.do(lambda: super(BackgroundRecorder, self).flush())
+    def _do(self, task: Callable[[], None], records: int) -> None:
+        self._background.do(lambda: self._attempt(task, records))
 
 
 class Log:
