@@ -73,99 +73,94 @@ def _attribute(device: Path, key: str) -> str:
 
 
 GROUP: Final = "dialout"
-"""Who may open serial ports; Debian's and Ubuntu's name for it."""
-_FAST: Final = 'ATTR{device/latency_timer}="1", '
+"""Group that may open serial ports, by Debian's and Ubuntu's name."""
 _SERIAL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _NAME: Final = re.compile(
     r"/dev/((?!tty|pts/|serial/|bus/)[A-Za-z0-9][A-Za-z0-9_.+-]*(?:/[A-Za-z0-9][A-Za-z0-9_.+-]*)*)"
 )
+_FAST: Final = 'ATTR{device/latency_timer}="1", '
+"""FTDI chips hold bytes back for 16 ms by default; a Kobuki reports every 20."""
+_HEAD: Final = """\
+# Ports of robot {robot}, written by `acrc fleet units`.
+
+ACTION=="remove", GOTO="acrc_end"
+SUBSYSTEM!="tty", GOTO="acrc_end"
+
+# Kobuki: its own FTDI chip, told from others by its serial number.
+{kobuki}
+"""
 
 
 def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
-    """The text of the robot's rules file; a port that has its kernel's name gets no other one.
+    """Return the text of the robot's udev rules; a port that has its kernel's name gets no other one.
 
     `plugged`: what this computer has. Board and lidar have chips that other devices have, too: the one that
     is there, and no other, gets the name. Where there is none, or more than one, none gets it (`unnamed`).
     """
-    parts = [
-        f"# Ports of robot {robot.id}, written by `acrc fleet units`.",
-        "",
-        'ACTION=="remove", GOTO="acrc_end"',
-        'SUBSYSTEM!="tty", GOTO="acrc_end"',
-        "",
-        "# Kobuki: its own FTDI chip, told from others by its serial number. FTDI chips hold bytes back for",
-        "# 16 ms unless told otherwise; a Kobuki reports every 20.",
-        _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST),
-    ]
-    for device, port, more in _shared(robot):
-        there = _there(device, plugged)
-        parts += ["", f"# {device.name}: {_which(device, port, there)}."]
+    kobuki = _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
+    parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
+    for device, port in _shared(robot).items():
+        more, there = _FAST if device is BOARD else "", _candidates(device, plugged)
+        parts.append(f"# {device.name}: {_choice(device, port, there)}.")
         if given_name(port) is not None and len(there) == 1:
-            parts.append(_rule(f"{_of(device)}, {_only(there[0])}", port, more))
-        parts.append(_rule(_of(device), "", more))
-    parts += ["", 'LABEL="acrc_end"', ""]
-    return "\n".join(parts)
+            parts.append(_rule(f"{_of(device)}, {_identity(there[0])[0]}", port, more))
+        parts += [_rule(_of(device), "", more), ""]
+    return "\n".join([*parts, 'LABEL="acrc_end"', ""])
 
 
 def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
-    """Why a device gets no name, in a sentence for each, and what is to be done."""
-    found = [(device, port, _there(device, plugged)) for device, port, _ in _shared(robot)]
+    """Return why a device gets no name and what to do, a sentence for each."""
     return [
-        f"{port}: {_which(device, port, there)}"
-        for device, port, there in found
-        if given_name(port) is not None and len(there) != 1
+        f"{port}: {_choice(device, port, there)}"
+        for device, port in _shared(robot).items()
+        if given_name(port) is not None and len(there := _candidates(device, plugged)) != 1
     ]
 
 
-def _shared(robot: FleetRobot) -> list[tuple[PortDevice, str, str]]:
-    """The devices whose chips others have, too: with their ports, and what their rules set besides."""
-    lidar = [] if robot.range is None or robot.range == OPENNI else [(RPLIDAR, robot.range, "")]
-    return [(BOARD, robot.radio, _FAST), *lidar]
+def _shared(robot: FleetRobot) -> dict[PortDevice, str]:
+    """Return the ports of the devices whose chips other devices have, too."""
+    lidar = {} if robot.range is None or robot.range == OPENNI else {RPLIDAR: robot.range}
+    return {BOARD: robot.radio, **lidar}
 
 
-def _there(device: PortDevice, plugged: Sequence[UsbPort]) -> list[UsbPort]:
+def _candidates(device: PortDevice, plugged: Sequence[UsbPort]) -> list[UsbPort]:
     return [port for port in plugged if may_be(device, port)]
 
 
-def _which(device: PortDevice, port: str, there: Sequence[UsbPort]) -> str:
-    """Which of the chips that are plugged in is the device's, in words."""
+def _choice(device: PortDevice, port: str, there: Sequence[UsbPort]) -> str:
+    """Return in words which of the chips that are plugged in is the device's."""
     if given_name(port) is None:
         return f"{port} is no name that a rule can give"
     if not there:
         return (
             f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units again"
         )
-    if len(there) > 1:
-        them = " and ".join(f"{one.path} ({_trait(one)})" for one in there)
+    known = [(one.path, _identity(one)[1]) for one in there]
+    if len(known) > 1:
+        them = " and ".join(f"{path} ({trait})" for path, trait in known)
         return (
             f"{them} could each be the {device.name}, so nothing gets this name; unplug all others and write "
             "the units again"
         )
-    return f"the one with {_trait(there[0])}, which was at {there[0].path}"
+    return f"the one with {known[0][1]}, which was at {known[0][0]}"
 
 
-def _only(port: UsbPort) -> str:
-    """What a rule asks for, so that it is this chip: its own serial number, or else its USB port."""
-    return f'ATTRS{{serial}}=="{port.serial}"' if _is_own(port) else f'KERNELS=="{port.socket}"'
-
-
-def _trait(port: UsbPort) -> str:
-    return f"serial number {port.serial}" if _is_own(port) else f"USB port {port.socket}"
-
-
-def _is_own(port: UsbPort) -> bool:
-    """True for a serial number that no other chip has; a CP2102 comes with 0001 from the factory."""
-    return _SERIAL.fullmatch(port.serial) is not None and port.serial.strip("0") != "1"
+def _identity(port: UsbPort) -> tuple[str, str]:
+    """Return the condition of a rule for this chip, and in words: its own serial number or its USB port."""
+    # A CP2102 comes with the serial number 0001 from the factory.
+    if _SERIAL.fullmatch(port.serial) and port.serial.strip("0") != "1":
+        return f'ATTRS{{serial}}=="{port.serial}"', f"serial number {port.serial}"
+    return f'KERNELS=="{port.socket}"', f"USB port {port.socket}"
 
 
 def given_name(port: str) -> str | None:
-    """What a rule calls the port, below /dev; None if it is the kernel that names it."""
+    """Return the name below /dev that a rule gives the port; None if the kernel names it."""
     match = _NAME.fullmatch(port)
     return None if match is None else match[1]
 
 
 def _of(device: PortDevice) -> str:
-    """What a port's rule asks for, so that it is one of that device's chip."""
+    """Return the condition of a rule for the device's chip."""
     return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
 
 
