@@ -46,6 +46,7 @@ from actors.runtime.recording import (
     read_recording,
 )
 from actors.topic import Message
+from firmware_bridge.onboard.base_core import BaseReport
 
 FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
     Sent: "frames_sent",
@@ -254,15 +255,6 @@ class _Base(msgspec.Struct, frozen=True):
     id: str
 
 
-class Punctuality(msgspec.Struct, frozen=True):
-    """What a base has counted of its robot's steps."""
-
-    lateness_ms: dict[int, int]
-    """Steps by whole ms from a step's instant to the robot's answer."""
-    overruns: int
-    late_air: int
-
-
 @dataclass
 class FieldTrial:
     """Everything that was read."""
@@ -393,18 +385,12 @@ def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
         if final is None:
             trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
             return
-        outcome = typed_json.decode(final, _Outcome).outcome
+        report = typed_json.decode(final, FinalNote).report(BaseReport)
     except (AcrcError, ValueError) as error:
         trial.notes.append(f"{path}: its first or last record is not that of a base: {error}")
         return
-    trial.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)
-    trial.overruns[robot] += outcome.overruns
-
-
-class _Outcome(msgspec.Struct, frozen=True):
-    """The part of a base's last record that is read."""
-
-    outcome: Punctuality
+    trial.lateness_ms.setdefault(robot, Counter()).update(report.lateness_ms)
+    trial.overruns[robot] += report.overruns
 
 
 def _strangers(trial: FieldTrial) -> Iterator[str]:

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import msgspec
-
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
@@ -62,5 +60,5 @@ def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
-        outcome=lambda: msgspec.structs.asdict(RadioReport(core.counters(), core.counters_by_robot())),
+        outcome=lambda: RadioReport(core.counters(), core.counters_by_robot()),
     )

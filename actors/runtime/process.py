@@ -118,7 +118,7 @@ class ActorProcess:
     bus: Callable[[zenoh.Session, Sequence[Address]], Any] = ZenohBus
     """Which kind of bus `drive` waits on."""
     drive: Callable[[Shell, Any], None] = run_shell
-    outcome: Callable[[], dict[str, object]] = dict
+    outcome: Callable[[], Mapping[str, object] | msgspec.Struct] = dict
     code: Callable[[], dict[str, str]] = dict
     """The modules that were loaded so far, as in RunNote."""
     prints: Prints | None = None
@@ -198,6 +198,8 @@ def settle() -> None:
 
 def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
     """The counters of a process that has run to its end."""
+    report = part.outcome()
+    told = msgspec.structs.asdict(report) if isinstance(report, msgspec.Struct) else report
     return FinalNote(
         digest=shell.tally.hash.digest(shell.actor),
         published=shell.tally.published,
@@ -209,6 +211,6 @@ def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
         ended_s=time.time(),
         sent=dict(shell.tally.sent),
         arrived=dict(shell.tally.arrived),
-        outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
+        outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in told.items()},
         code=part.code(),
     )

@@ -131,7 +131,7 @@ def part(base: Base, setup: BaseSetup, commit: str) -> ActorProcess:
         run=run,
         bus=WakingBus,
         drive=base.drive,
-        outcome=base.core.outcome,
+        outcome=base.core.report,
     )
 
 

@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+import msgspec
+
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from actors.messages import (
@@ -39,6 +41,21 @@ from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
+
+
+class BaseReport(msgspec.Struct, frozen=True):
+    """Counts of a base, its last record."""
+
+    steps: int
+    overruns: int
+    """Steps that it left out because the robot had not answered."""
+    late_air: int
+    """Steps for which the bridge did not report in time what it heard."""
+    stale_drives: int
+    """Answers to a step that was over."""
+    lateness_ms: dict[int, int]
+    """Steps by whole ms from a step's instant to the robot's answer."""
+
 
 AIR_PATIENCE: Final[Duration] = milliseconds(20)
 """How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
@@ -178,15 +195,10 @@ class BaseCore:
         truth = Truth(last, self._instant(last), (), halt=True)
         return (to(SENSES, senses, self._robot), to(TRUTH, truth), to(PROGRESS, self._progress()))
 
-    def outcome(self) -> dict[str, object]:
-        """How punctual it was."""
-        return {
-            "steps": self._step,
-            "overruns": self.overruns,
-            "late_air": self.late_air,
-            "stale_drives": self.stale,
-            "lateness_ms": {str(late): count for late, count in sorted(self.lateness_ms.items())},
-        }
+    def report(self) -> BaseReport:
+        """Return the counts so far."""
+        lateness_ms = dict(sorted(self.lateness_ms.items()))
+        return BaseReport(self._step, self.overruns, self.late_air, self.stale, lateness_ms)
 
     def _time(self) -> Sequence[Output]:
         if self._stopping:

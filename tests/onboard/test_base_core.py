@@ -159,7 +159,7 @@ def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() 
     (senses,) = stage.aired(2 * STEP + 1_000, 1, events=2)
     assert isinstance(senses, Senses)
     assert (senses.step, senses.instant, senses.events) == (2, BEGIN + 2 * STEP, 2)
-    assert stage.core.outcome()["lateness_ms"] == {"4": 1}
+    assert stage.core.report().lateness_ms == {4: 1}
 
 
 def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> None:
@@ -172,7 +172,7 @@ def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> N
     stage.drive(3 * STEP + 50_000, 1)
     assert [message.step for message in stage.at(4 * STEP)] == [1]
     assert [message.step for message in stage.aired(4 * STEP + 500, 1)] == [4]
-    assert stage.core.outcome()["lateness_ms"] == {"250": 1}
+    assert stage.core.report().lateness_ms == {250: 1}
     stage.drive(4 * STEP + 1_000, 4)
     stage.at(9 * STEP + 30_000)
     (senses,) = stage.aired(9 * STEP + 31_000, 4)
