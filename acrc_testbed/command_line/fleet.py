@@ -39,10 +39,10 @@ def collect(
     json: Json = False,
 ) -> None:
     """Collect recordings of a field trial and align their clocks."""
-    from acrc_testbed.field_trial.trial_result import print_field_trial
+    from acrc_testbed.results.summary import print_result
     from deploy.fleet import collect as recordings
 
-    print_field_trial(recordings.collect(folders, out, truth), json=json)
+    print_result(recordings.collect(folders, out, truth), json=json)
 
 
 def watch(

@@ -236,10 +236,10 @@ def run(
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
         compile_kernels(quiet=json)
         if hardware:
-            from acrc_testbed.field_trial import trial_result
+            from acrc_testbed.results import summary
             from deploy.laboratory import hardware_in_the_loop
 
-            trial_result.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+            summary.print_result(hardware_in_the_loop.run(chosen, options), json=json)
             return
         # the server imports what all processes need while this one imports what a run needs
         with launcher(spawn) if bus == "zenoh" else nullcontext() as launched:

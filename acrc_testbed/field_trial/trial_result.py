@@ -1,13 +1,11 @@
 """Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
 
-import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import msgspec
-from rich.table import Table
 
 from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
@@ -28,12 +26,10 @@ from acrc_testbed.results.result import (
     rate,
     without_unknown,
 )
-from actors.console import print_table, screen
 from actors.instant import Duration, in_seconds
 from actors.radio.frame import octets
 from actors.robot.behaviour.decisions import NodeReport
 from actors.runtime import regular_file, typed_json
-from actors.runtime.errors import printable
 from actors.task.referee import PlaceOutcome
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 
@@ -180,75 +176,3 @@ def with_true_frames(result: RunResult, truth: LaboratoryResult) -> RunResult:
 def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
     before = {name: max(told.get(name, 0), true.get(name, 0)) for name in BEFORE_THE_AIR}
     return told | true | before
-
-
-def print_field_trial(result: RunResult, *, json: bool) -> None:
-    """Print the result on standard output; as JSON, it is the only thing there."""
-    if json:
-        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
-        return
-    console = screen()
-    print_table(console, _table(result))
-    for sentence in _sentences(result):
-        console.print(sentence)
-    for note in result.notes:
-        console.print(printable(note), style="yellow")
-    if result.out is not None:
-        console.print(f"written to {result.out}")
-
-
-def _table(result: RunResult) -> Table:
-    """A row per robot and one for all; columns for what nobody has only where somebody has it."""
-    gave_up, late = result.places_given_up > 0, any(map(_lateness, result.per_robot.values()))
-    table = Table("robot", "reported", *(("given up",) if gave_up else ()), "all at")
-    for name in ("sent", "heard", *(("late p50, p99",) if late else ())):
-        table.add_column(name)
-    table.add_column(f"clock against {result.reference}", no_wrap=True)
-
-    def add(name: str, of: RobotResult | RunResult, lateness: str, clock: str) -> None:
-        table.add_row(
-            *(name, f"{of.places_claimed} of {of.places_total}"),
-            *((str(of.places_given_up),) if gave_up else ()),
-            "not all" if of.completion_s is None else f"{of.completion_s:.1f} s",
-            *(str(of.frames["frames_sent"]), str(of.frames["copies_heard"])),
-            *((lateness,) if late else ()),
-            clock,
-        )
-
-    for robot, part in result.per_robot.items():
-        add(robot, part, _lateness(part), _clock(part.clock, is_reference=robot == result.reference))
-    table.add_section()
-    add("all", result, "", "")
-    return table
-
-
-def _lateness(robot: RobotResult) -> str:
-    if robot.lateness_p50_ms is None:
-        return ""
-    return f"{robot.lateness_p50_ms} ms, {robot.lateness_p99_ms} ms"
-
-
-def _clock(segments: tuple[ClockReport, ...], *, is_reference: bool) -> str:
-    """A line for each segment."""
-    if is_reference and len(segments) == 1:
-        return "itself"
-    return "\n".join(map(_segment, segments))
-
-
-def _segment(clock: ClockReport) -> str:
-    if clock.error_s is None:
-        return "unknown"
-    return f"{clock.offset_s:+.4f} s ± {clock.error_s * 1000:.2f} ms"
-
-
-def _sentences(result: RunResult) -> Iterator[str]:
-    yield f"{result.duration_s:.1f} s from the first step of all to the last"
-    if result.completion_s is None and result.settled_s is not None:
-        yield f"every place was reported or given up by {result.settled_s:.1f} s"
-    if result.places_done is not None:
-        yield f"truly: {result.places_done} of {result.places_total} places done, {result.contacts} contacts"
-    if result.places_lost:
-        places = "1 place was" if result.places_lost == 1 else f"{result.places_lost} places were"
-        yield f"{places} lost: neither reported nor given up, and in nobody's route"
-    frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
-    yield f"radio: {frames or 'silence'}"

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +18,9 @@ from actors.runtime.errors import printable
 
 _ORIGINAL: Final = "; that preset is the original's navigation: robots may get stuck at corners and doors"
 
+_GONE_OUT: Final = ("sent", "handed")
+"""Ends of counters of frames that are no losses before the air."""
+
 
 def print_result(result: RunResult, *, json: bool) -> None:
     """Print the result on standard output; as JSON, it is the only thing there."""
@@ -28,6 +31,12 @@ def print_result(result: RunResult, *, json: bool) -> None:
     print_table(console, _table(result))
     for sentence in sentences(result):
         console.print(sentence)
+    if not result.is_simulated:
+        for note in result.notes:
+            console.print(printable(note), style="yellow")
+        if result.out is not None:
+            console.print(f"written to {result.out}")
+        return
     for sentence in result.refused_orders:
         console.print(f"order refused {printable(sentence)}", style="bold red")
     for sentence in result.refused_reports:
@@ -39,6 +48,14 @@ def print_result(result: RunResult, *, json: bool) -> None:
 
 def sentences(result: RunResult) -> Iterator[str]:
     """The result in words, the most important first."""
+    if not result.is_simulated:
+        yield f"{result.duration_s:.1f} s from the first step of all robots to the last."
+        yield from _sentences(result)
+        if result.places_done is not None:
+            done = f"{result.places_done} of {result.places_total} places done"
+            yield f"Ground truth: {done}, {result.contacts} contacts."
+        yield from _radio(result)
+        return
     yield from _places_done(result)
     yield from _sentences(result)
     yield from _effort(result)
@@ -80,20 +97,47 @@ def _print_lines(lines: Sequence[str]) -> None:
 
 
 def _table(result: RunResult) -> Table:
-    """A row per robot and one for all; a column for places given up only where there are any."""
-    gave_up = ("given up",) if result.places_given_up else ()
-    table = Table("robot", "its places done", *gave_up, "all done at")
-
-    def add(name: str, of: RobotResult | RunResult) -> None:
-        given_up = (str(of.places_given_up),) if gave_up else ()
-        done = f"{of.places_done} of {of.places_total}"
-        table.add_row(name, done, *given_up, _instant(of.completion_s))
-
+    """Return a row per robot and one for all; columns without any value are left out."""
+    cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
+    if result.is_simulated:
+        cells["its places done"] = lambda of: f"{of.places_done} of {of.places_total}"
+    else:
+        cells["reported"] = lambda of: f"{of.places_claimed} of {of.places_total}"
+    if result.places_given_up:
+        cells["given up"] = lambda of: str(of.places_given_up)
+    cells["all done at" if result.is_simulated else "all at"] = lambda of: _instant(of.completion_s)
+    if not result.is_simulated:
+        cells["sent"] = lambda of: str(of.frames["frames_sent"])
+        cells["heard"] = lambda of: str(of.frames["copies_heard"])
+        if any(map(_lateness, result.per_robot.values())):
+            cells["late p50, p99"] = _lateness
+        cells[f"clock against {result.reference}"] = _clock
+    table = Table("robot", *cells)
+    table.columns[-1].no_wrap = True
     for robot, part in result.per_robot.items():
-        add(robot, part)
+        own = [cell(part) for cell in cells.values()]
+        if not result.is_simulated and robot == result.reference and len(part.clock) == 1:
+            own[-1] = "itself"
+        table.add_row(robot, *own)
     table.add_section()
-    add("all", result)
+    table.add_row("all", *(cell(result) for cell in cells.values()))
     return table
+
+
+def _lateness(of: RobotResult | RunResult) -> str:
+    if isinstance(of, RunResult) or of.lateness_p50_ms is None:
+        return ""
+    return f"{of.lateness_p50_ms} ms, {of.lateness_p99_ms} ms"
+
+
+def _clock(of: RobotResult | RunResult) -> str:
+    """A line for each interval of the clock."""
+    if isinstance(of, RunResult):
+        return ""
+    return "\n".join(
+        "unknown" if one.error_s is None else f"{one.offset_s:+.4f} s ± {one.error_s * 1000:.2f} ms"
+        for one in of.clock
+    )
 
 
 def _sentences(result: RunResult) -> Iterator[str]:
@@ -145,16 +189,15 @@ def _radio(result: RunResult) -> Iterator[str]:
         yield "Radio: nobody sent anything."
     else:
         lost = _worded(counts, "copies_lost_")
-        yield (
-            f"Radio: {_frames(sent)} sent; other robots heard {counts.get('copies_heard', 0)} copies of them "
-            f"and lost {sum(lost.values())}{_because(lost)}."
-        )
-    never = {name: count for name, count in _worded(counts, "frames_").items() if name != "sent"}
+        known = f" and lost {sum(lost.values())}{_because(lost)}" if lost or result.is_simulated else ""
+        heard = counts.get("copies_heard", 0)
+        yield f"Radio: {_frames(sent)} sent; other robots heard {heard} copies of them{known}."
+    never = {name: count for name, count in _worded(counts, "frames_").items() if name not in _GONE_OUT}
     if never:
         yield f"Radio: {_frames(sum(never.values()))} never sent{_because(never)}."
     if missed := _worded(counts, "events_"):
         yield f"Radio: robots missed {sum(missed.values())} of its events{_because(missed)}."
-    if result.direct_reach is not None:
+    if result.is_simulated and result.direct_reach is not None:
         yield f"Two robots were in direct radio range {result.direct_reach:.0%} of the time."
 
 
