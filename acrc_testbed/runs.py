@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from acrc_testbed.accounting.time_spent import TimeSpent
-    from acrc_testbed.evidence.run_evidence import RunEvidence
     from acrc_testbed.results.result import RunResult
+    from acrc_testbed.run_model.data import RunData
     from actors.robot.behaviour.foreign import Permit
 
 _MARK: Final = "world/world.mcap"
@@ -35,9 +35,9 @@ class Run:
     folder: Path
 
     @cached_property
-    def evidence(self) -> "RunEvidence":
+    def evidence(self) -> "RunData":
         """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
-        from acrc_testbed.evidence.run_reader import read_run
+        from acrc_testbed.run_model.simulated import read_run
 
         return read_run(self.folder)
 

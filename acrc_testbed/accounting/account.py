@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 from acrc_testbed.accounting.classify import (
     CAUSES,
     Classified,
-    FrameCounts,
     blocking_events,
     classify,
     deadlocks,
     findings,
+)
+from acrc_testbed.accounting.episodes import (
+    STANDARD,
+    EpisodeParameters,
+    Said,
+    during,
+    runs,
+    said_by,
 )
 from acrc_testbed.accounting.robot_states import NOBODY
 from acrc_testbed.accounting.time_spent import (
@@ -27,21 +34,10 @@ from acrc_testbed.accounting.time_spent import (
     KnowledgeUsed,
     TimeSpent,
 )
-from acrc_testbed.accounting.tracks import (
-    STANDARD,
-    EpisodeParameters,
-    Said,
-    Tracks,
-    during,
-    runs,
-    said_by,
-    seconds_of,
-    tracks_of,
-)
 from acrc_testbed.accounting.true_floor import TrueFloor
-from acrc_testbed.evidence.run_evidence import RunEvidence, largest_radius
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.run_recordings import all_recordings, recordings
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import read_run
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision
 
@@ -53,32 +49,32 @@ END = "end"
 
 
 def decision_events(
-    tracks: Tracks, said: Mapping[str, Said], classified: Classified, p: EpisodeParameters
+    run: RunData, said: Mapping[str, Said], classified: Classified, p: EpisodeParameters
 ) -> tuple[DecisionEvent, ...]:
     """Every decision that was listed, by its instant and robot."""
     found = [
         event
-        for index, robot in enumerate(tracks.robots)
-        for event in _of_robot(tracks, index, said.get(robot, Said()), classified, p)
+        for index, robot in enumerate(run.robots)
+        for event in _of_robot(run, index, said.get(robot, Said()), classified, p)
     ]
     return tuple(sorted(found, key=lambda one: (one.instant_s, one.robot)))
 
 
 def _of_robot(
-    tracks: Tracks, index: int, said: Said, classified: Classified, p: EpisodeParameters
+    run: RunData, index: int, said: Said, classified: Classified, p: EpisodeParameters
 ) -> Iterator[DecisionEvent]:
     stood = classified.stood[:, index]
     made = said.decisions
     for number, decision in enumerate(made):
-        first = tracks.index(decision.instant)
-        after = [tracks.index(one.instant) for one in made[number + 1 :] if one.instant > decision.instant]
+        first = run.index(decision.instant)
+        after = [run.index(one.instant) for one in made[number + 1 :] if one.instant > decision.instant]
         last = min(after, default=len(stood))
-        outcome, free = _outcome(tracks.true[first:last, index, :2], stood[first:last], decision, p)
+        outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
         if outcome == OVERTAKEN and last == len(stood):
             outcome = END
         before = _stretch(stood[: first + 1])
         yield DecisionEvent(
-            robot=tracks.robots[index],
+            robot=run.robots[index],
             instant_s=in_seconds(decision.instant),
             trigger=decision.by,
             words=decision.words,
@@ -86,8 +82,8 @@ def _of_robot(
             old_goal=decision.old,
             new_goal=decision.new,
             outcome=outcome,
-            blocked_s=seconds_of(tracks, before),
-            free_after_s=seconds_of(tracks, free) if before and free is not None else None,
+            blocked_s=run.duration(before),
+            free_after_s=run.duration(free) if before and free is not None else None,
         )
 
 
@@ -112,9 +108,7 @@ def _stretch(stood: NDArray[np.bool_]) -> int:
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
 
 
-def diagnosis_score(
-    tracks: Tracks, said: Mapping[str, Said], classified: Classified
-) -> DiagnosisScore | None:
+def diagnosis_score(run: RunData, said: Mapping[str, Said], classified: Classified) -> DiagnosisScore | None:
     """Over all robots that ask themselves whether they are blocked; None if none does.
 
     A robot is truly blocked while it stands although it wants to be elsewhere, whatever the cause; a robot
@@ -123,19 +117,19 @@ def diagnosis_score(
     both = told = true = count = noticed = false_alarms = 0
     delays: list[float] = []
     asked = False
-    for index, robot in enumerate(tracks.robots):
+    for index, robot in enumerate(run.robots):
         blocked = said.get(robot, Said()).blocked
         if blocked is None:
             continue
         asked = True
-        says, is_so = during(blocked, tracks), classified.stood[:, index]
+        says, is_so = during(blocked, run), classified.stood[:, index]
         both, told, true = both + int((says & is_so).sum()), told + int(says.sum()), true + int(is_so.sum())
         false_alarms += sum(not is_so[begin:end].any() for begin, end in runs(says))
         for begin, end in runs(is_so):
             count += 1
             if says[begin:end].any():
                 noticed += 1
-                delays.append(seconds_of(tracks, int(says[begin:end].argmax())))
+                delays.append(run.duration(int(says[begin:end].argmax())))
     if not asked:
         return None
     return DiagnosisScore(
@@ -151,13 +145,12 @@ def diagnosis_score(
 class Judged(NamedTuple):
     """A run, and what each step of each robot went into."""
 
-    tracks: Tracks
     floor: TrueFloor
     said: Mapping[str, Said]
     causes: Classified
 
 
-def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
+def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
     """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged.
 
     Of a robot whose recordings are on a host still, by what can be seen from outside.
@@ -166,50 +159,48 @@ def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
     said = {
         robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
     }
-    tracks = tracks_of(run)
-    floor = TrueFloor(run.grid, largest_radius(run.setup), run.orders, parameters)
-    return Judged(tracks, floor, said, classify(tracks, said, floor, parameters))
+    floor = TrueFloor(run.grid, run.description.radius, run.orders, parameters)
+    return Judged(floor, said, classify(run, said, floor, parameters))
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
     """Where the time went of the run in the folder `out`.
 
-    Raises EvidenceError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
+    Raises RunDataError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
     """
     all_recordings(out)
     run = read_run(out)
-    tracks, floor, said, classified = judge(run, parameters)
+    floor, said, classified = judge(run, parameters)
     return TimeSpent(
-        robots=_robots(tracks, classified),
-        blockings=blocking_events(tracks, classified, parameters),
-        diagnosis=diagnosis_score(tracks, said, classified),
-        decisions=decision_events(tracks, said, classified, parameters),
+        robots=_robots(run, classified),
+        blockings=blocking_events(run, classified, parameters),
+        diagnosis=diagnosis_score(run, said, classified),
+        decisions=decision_events(run, said, classified, parameters),
         decisions_left_out=sum(one.left_out for one in said.values()),
-        findings=findings(tracks, FrameCounts(run.sent, run.heard), floor.passages, parameters),
-        deadlocks=deadlocks(tracks, classified, parameters),
-        blames=_blames(tracks, classified),
+        findings=findings(run, floor.passages, parameters),
+        deadlocks=deadlocks(run, classified, parameters),
+        blames=_blames(run, classified),
     )
 
 
-def _robots(tracks: Tracks, classified: Classified) -> dict[str, dict[str, float]]:
+def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]:
     """In s, from whole µs: each robot's add up to the run's time."""
     spent = {}
-    for index, robot in enumerate(tracks.robots):
+    for index, robot in enumerate(run.robots):
         steps = np.bincount(classified.causes[:, index], minlength=len(CAUSES)).tolist()
         spent[robot] = {
-            cause.value: in_seconds(count * tracks.step_us)
-            for cause, count in zip(CAUSES, steps, strict=True)
+            cause.value: in_seconds(count * run.step_us) for cause, count in zip(CAUSES, steps, strict=True)
         }
     return spent
 
 
-def _blames(tracks: Tracks, classified: Classified) -> tuple[Blame, ...]:
+def _blames(run: RunData, classified: Classified) -> tuple[Blame, ...]:
     """In s, from whole µs."""
     waits = (classified.before != NOBODY) & (classified.root != NOBODY)
     pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
     kinds, counts = np.unique(pairs, axis=0, return_counts=True)
     return tuple(
-        Blame(tracks.robots[root], CAUSES[cause].value, in_seconds(count * tracks.step_us))
+        Blame(run.robots[root], CAUSES[cause].value, in_seconds(count * run.step_us))
         for (root, cause), count in zip(kinds.tolist(), counts.tolist(), strict=True)
     )
 
@@ -227,7 +218,7 @@ class Spell(NamedTuple):
     y: float
 
 
-def spells(run: RunEvidence) -> list[Spell]:
+def spells(run: RunData) -> list[Spell]:
     """Everything that every robot's time went into, robot by robot in the order of time, without gaps.
 
     Raises RecordingError or OutcomeError if the run is damaged.

@@ -14,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.accounting import robot_states
-from acrc_testbed.accounting.robot_states import NOBODY, Flags, RobotStates, in_wall
-from acrc_testbed.accounting.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
-from acrc_testbed.accounting.tracks import (
+from acrc_testbed.accounting.episodes import (
     STANDARD,
     Blocking,
     EpisodeParameters,
     Said,
-    Tracks,
     runs,
-    seconds_of,
 )
+from acrc_testbed.accounting.robot_states import NOBODY, Flags, RobotStates, in_wall
+from acrc_testbed.accounting.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.accounting.true_floor import Passages, TrueFloor
+from acrc_testbed.run_model.data import RunData
 from actors.instant import seconds
 
 
@@ -107,21 +106,21 @@ class Classified:
 
 
 def classify(
-    tracks: Tracks,
+    run: RunData,
     said: Mapping[str, Said],
     floor: TrueFloor,
     parameters: EpisodeParameters = STANDARD,
 ) -> Classified:
     """What every robot's time went into."""
-    states = RobotStates(tracks, said, floor.stages(tracks.true), parameters)
-    own = _own(states, in_wall(tracks, floor.grid))
+    states = RobotStates(run, said, floor.stages(run.true), parameters)
+    own = _own(states, in_wall(run, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
     before = robot_states.ahead(states, stuck, floor.passages, parameters)
     barred = _barred(states, stuck, before, parameters)
     alone = stuck & states.waits & (before == NOBODY) & (barred == _NONE)
     near = robot_states.beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
-    causes, found = _followed(states, own, before, barred, _doors(tracks, before, floor.passages, parameters))
+    causes, found = _followed(states, own, before, barred, _doors(run, before, floor.passages, parameters))
     stood = ((states.waits & (before != NOBODY)) | states.long_waits) & ~states.paused
     return Classified(causes, before, found.root, found.ring, stood, found.at_door)
 
@@ -150,7 +149,7 @@ def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: Epi
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
             if goal is None:
                 continue
-            here = states.tracks.true[rows, robot, :2]
+            here = states.run.true[rows, robot, :2]
             no_way = ~np.isfinite(stage.ways.far(here, goal))
             found[rows[no_way], robot] = closed
             found[rows[no_way & ~np.isfinite(stage.opened.far(here, goal))], robot] = unreachable
@@ -166,7 +165,7 @@ def _leads_through(
 ) -> Flags:
     """(rows,): a closed door fills the way that it would go if all were open, before it has gone far."""
     found = np.zeros(len(rows), np.bool_)
-    here = states.tracks.true[rows, robot, :2]
+    here = states.run.true[rows, robot, :2]
     for number in np.unique(states.stage[rows]).tolist():
         stage, same = states.stages[number], states.stage[rows] == number
         squares, which = np.unique(stage.opened.squares(here), axis=0, return_inverse=True)
@@ -181,12 +180,12 @@ def _leads_through(
     return found
 
 
-def _doors(tracks: Tracks, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
+def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
     """(steps, robots): it waits, and one of the two, or their middle, is in or just before a door."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NOBODY)
     if rows.size:
-        one, other = tracks.true[rows, robots, :2], tracks.true[rows, before[rows, robots], :2]
+        one, other = run.true[rows, robots, :2], run.true[rows, before[rows, robots], :2]
         at = passages.at(np.concatenate([one, other, (one + other) / 2]), p.beside)
         doors[rows, robots] = np.any(at.reshape(3, -1), axis=0)
     return doors
@@ -265,15 +264,13 @@ def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
     return blocked
 
 
-def blocking_events(
-    tracks: Tracks, classified: Classified, p: EpisodeParameters
-) -> tuple[BlockingEvent, ...]:
+def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:
     """Every blocking, by begin and robots: two of which one at least stands before the other.
 
     A while of at most `pause_s` in between does not part them, and what lasts no longer is none. A queue of
     three is two blockings.
     """
-    patience = seconds(p.pause_s) // tracks.step_us
+    patience = seconds(p.pause_s) // run.step_us
     found = sorted(
         (
             Blocking(pair, begin, end)
@@ -282,13 +279,13 @@ def blocking_events(
         ),
         key=lambda one: (one.begin, one.robots),
     )
-    return tuple(_event(tracks, classified, one) for one in found)
+    return tuple(_event(run, classified, one) for one in found)
 
 
-def deadlocks(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
+def deadlocks(run: RunData, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
     """Pairs that were in a deadlock for `deadlock_s` or longer, and how many came free before the end."""
-    patience, least = (seconds(each) // tracks.step_us for each in (p.pause_s, p.deadlock_s))
-    steps, pairs, free = len(tracks.true), 0, 0
+    patience, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
+    steps, pairs, free = len(run.true), 0, 0
     for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():
         for episode in runs(_bridged(mask, patience), least):
             pairs += 1
@@ -317,22 +314,22 @@ def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
     return whole
 
 
-def _event(tracks: Tracks, classified: Classified, one: Blocking) -> BlockingEvent:
+def _event(run: RunData, classified: Classified, one: Blocking) -> BlockingEvent:
     during = np.s_[one.begin : one.end, list(one.robots)]
     others = np.array(one.robots[::-1])
     blocked = blocked_by_robots(classified)[during] & (classified.before[during] == others)
     causes = Counter(classified.causes[during][blocked].tolist())
     doors = classified.at_door[during][blocked]
-    middle = tracks.true[one.end - 1, list(one.robots), :2].mean(axis=0)
+    middle = run.true[one.end - 1, list(one.robots), :2].mean(axis=0)
     return BlockingEvent(
-        begin_s=seconds_of(tracks, one.begin),
-        end_s=seconds_of(tracks, one.end),
-        robots=tuple(tracks.robots[robot] for robot in one.robots),
+        begin_s=run.duration(one.begin),
+        end_s=run.duration(one.end),
+        robots=tuple(run.robots[robot] for robot in one.robots),
         x=round(float(middle[0]), 3),
         y=round(float(middle[1]), 3),
         place=AT_DOOR if 2 * int(doors.sum()) > doors.size else ON_FLOOR,
         cause=CAUSES[max(causes, key=lambda cause: (causes[cause], -cause))].value,
-        at_end=one.end == len(tracks.true),
+        at_end=one.end == len(run.true),
     )
 
 
@@ -342,36 +339,24 @@ _FRAMES: Final = 3
 """Who has given so many frames to its radio in a while wants to be heard."""
 
 
-class FrameCounts(NamedTuple):
-    """Of the frames of all robots, (steps, robots) each."""
-
-    sent: NDArray[np.int64]
-    """Given to the radio, whether that sent them or not."""
-    heard: NDArray[np.int64]
-
-
-def findings(
-    tracks: Tracks, frames: FrameCounts, passages: Passages, p: EpisodeParameters
-) -> tuple[Finding, ...]:
+def findings(run: RunData, passages: Passages, p: EpisodeParameters) -> tuple[Finding, ...]:
     """All there are."""
-    return (*_silent(tracks, frames, passages, p), *_carried(tracks, p))
+    return (*_silent(run, passages, p), *_carried(run, p))
 
 
-def _silent(
-    tracks: Tracks, frames: FrameCounts, passages: Passages, p: EpisodeParameters
-) -> Iterator[Finding]:
+def _silent(run: RunData, passages: Passages, p: EpisodeParameters) -> Iterator[Finding]:
     """Robots that heard nobody for a while in which others within reach had something to send.
 
     Whether these sent it does not matter: whoever finds the channel taken all the time does not.
     """
-    least = seconds(p.silent_s) // tracks.step_us
-    for index, robot in enumerate(tracks.robots):
-        deaf = tracks.stepping[:, index] & (frames.heard[:, index] == 0)
+    least = seconds(p.silent_s) // run.step_us
+    for index, robot in enumerate(run.robots):
+        deaf = run.stepping[:, index] & (run.frames_heard[:, index] == 0)
         for begin, end in runs(deaf, least):
-            near = _within_reach(tracks, index, begin, end, frames, passages, p)
+            near = _within_reach(run, index, begin, end, passages, p)
             if near:
-                since, until = seconds_of(tracks, begin), seconds_of(tracks, end)
-                jam = _jam(tracks, index, begin, end)
+                since, until = run.duration(begin), run.duration(end)
+                jam = _jam(run, index, begin, end)
                 says = (
                     f"{robot} heard nobody from {since:g} s to {until:g} s, with {', '.join(near)} within "
                     f"{p.contact:g} m{jam}"
@@ -380,42 +365,39 @@ def _silent(
 
 
 def _within_reach(
-    tracks: Tracks,
+    run: RunData,
     index: int,
     begin: int,
     end: int,
-    frames: FrameCounts,
     passages: Passages,
     p: EpisodeParameters,
 ) -> list[str]:
     """The robots that were near all of this while, and had frames to send."""
-    here = tracks.true[begin:end, index, :2]
+    here = run.true[begin:end, index, :2]
     found = []
-    for other, name in enumerate(tracks.robots):
-        there = tracks.true[begin:end, other, :2]
-        if other == index or frames.sent[begin:end, other].sum() < _FRAMES:
+    for other, name in enumerate(run.robots):
+        there = run.true[begin:end, other, :2]
+        if other == index or run.frames_sent[begin:end, other].sum() < _FRAMES:
             continue
         if bool((np.hypot(*(there - here).T) <= p.contact).all() and passages.sees(here, there).all()):
             found.append(name)
     return found
 
 
-def _jam(tracks: Tracks, index: int, begin: int, end: int) -> str:
+def _jam(run: RunData, index: int, begin: int, end: int) -> str:
     """For how long of the while the robot was within a jammer's reach, in words."""
-    begins = np.arange(begin, end) * tracks.step_us
+    begins = np.arange(begin, end) * run.step_us
     within = np.zeros(end - begin, np.bool_)
-    for since, jam in tracks.jams:
-        gaps = np.hypot(*(tracks.true[begin:end, index, :2] - (jam.x, jam.y)).T)
-        within |= (gaps <= jam.radius) & (begins >= since) & (begins < jam.until)
-    return (
-        f"; for {seconds_of(tracks, int(within.sum())):g} s within a jammer's reach" if within.any() else ""
-    )
+    for since, jam in run.jams:
+        gaps = np.hypot(*(run.true[begin:end, index, :2] - (jam.x, jam.y)).T)
+        within |= (gaps <= jam.radius) & (begins >= round(since * 1e6)) & (begins < jam.until)
+    return f"; for {run.duration(int(within.sum())):g} s within a jammer's reach" if within.any() else ""
 
 
-def _carried(tracks: Tracks, p: EpisodeParameters) -> Iterator[Finding]:
+def _carried(run: RunData, p: EpisodeParameters) -> Iterator[Finding]:
     """Robots that were somewhere else from one step to the next."""
-    hops = np.hypot(*np.moveaxis(np.diff(tracks.true[..., :2], axis=0), -1, 0))
-    for index, robot in enumerate(tracks.robots):
+    hops = np.hypot(*np.moveaxis(np.diff(run.true[..., :2], axis=0), -1, 0))
+    for index, robot in enumerate(run.robots):
         for step in np.flatnonzero(hops[:, index] > p.jump).tolist():
-            at = seconds_of(tracks, step + 1)
+            at = run.duration(step + 1)
             yield Finding(CARRIED, (robot,), f"{robot} was carried {hops[step, index]:.1f} m at {at:g} s")

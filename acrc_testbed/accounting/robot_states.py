@@ -6,14 +6,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.accounting.tracks import (
+from acrc_testbed.accounting.episodes import (
     ABORTED,
     NO_GOAL,
     REACHED,
     Episode,
     EpisodeParameters,
     Said,
-    Tracks,
     during,
     lost,
     pursued,
@@ -21,6 +20,7 @@ from acrc_testbed.accounting.tracks import (
     standing,
 )
 from acrc_testbed.accounting.true_floor import Passages, Stage
+from acrc_testbed.run_model.data import RunData
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
 
@@ -33,43 +33,38 @@ class RobotStates:
     """All robots of a run; each flag: (steps, robots)."""
 
     def __init__(
-        self, tracks: Tracks, said: Mapping[str, Said], stages: Sequence[Stage], p: EpisodeParameters
+        self, run: RunData, said: Mapping[str, Said], stages: Sequence[Stage], p: EpisodeParameters
     ) -> None:
-        steps = len(tracks.true)
-        self.tracks, self.stages, self._p = tracks, stages, p
-        self.said = [said.get(robot, Said()) for robot in tracks.robots]
+        steps = len(run.true)
+        self.run, self.stages, self._p = run, stages, p
+        self.said = [said.get(robot, Said()) for robot in run.robots]
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
         """(steps,): the floor's."""
         self.goal = np.column_stack(
-            [
-                np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, tracks)
-                for one in self.said
-            ]
+            [np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run) for one in self.said]
         )
         """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
-        self.on = tracks.stepping
-        self.frozen = np.zeros_like(self.on) if tracks.frozen is None else tracks.frozen
+        self.on = run.stepping
+        self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
         self.still = self._standing(self.on, p.pause_s)
         unknown = np.array([one.goals is None for one in self.said])
-        self.wants = ((self.goal != NO_GOAL) | unknown) & tracks.busy & self.on
+        self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
         """It has a goal not reached yet, and something left to do."""
         self.waits = self.still & self.wants
         """It stands, and so waits for whoever is in its way."""
         self.long_waits = self._standing(self.wants, p.turn_s)
-        self.done = self.still & ~tracks.busy
+        self.done = self.still & ~run.busy
         self.asleep = _columns(
-            _longer(
-                self.still[:, index] & ~self.wants[:, index] & tracks.busy[:, index], self._steps(p.pause_s)
-            )
+            _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
             for index in range(len(self.said))
         )
         """It stands with something left to do, and has no goal."""
-        self.planless = _columns(during(one.planless, tracks) for one in self.said) & self.wants
-        self.paused = _columns(during(one.paused, tracks) for one in self.said) & self.wants
+        self.planless = _columns(during(one.planless, run) for one in self.said) & self.wants
+        self.paused = _columns(during(one.paused, run) for one in self.said) & self.wants
         """Its strategy has paused navigation; it keeps its goal."""
-        self.lost = _columns(_lost(error, p) for error in errors(tracks).T)
-        self._turns = _turns(tracks)
-        turning = np.abs(self._turns) > p.turning * in_seconds(tracks.step_us)
+        self.lost = _columns(_lost(error, p) for error in errors(run).T)
+        self._turns = _turns(run)
+        turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
         idle_ways = [self._no_way(index) for index in range(len(self.said))]
         self.roams = self._moving(idle_ways, ~self.still)
         """It drives to and fro, and gets no nearer to what it wants."""
@@ -85,8 +80,8 @@ class RobotStates:
 
     def far(self, robot: int) -> NDArray[np.float64]:
         """(steps,): how far it truly was from its goal, m; by beeline without a way; NaN without a goal."""
-        found = np.full(len(self.tracks.true), np.nan)
-        here = self.tracks.true[:, robot, :2]
+        found = np.full(len(self.run.true), np.nan)
+        here = self.run.true[:, robot, :2]
         for rows, goal, stage in self.pursuits(robot, self.wants[:, robot]):
             if goal is not None:
                 metres = stage.ways.far(here[rows], goal)
@@ -110,7 +105,7 @@ class RobotStates:
 
     def _standing(self, during: Flags, lasting_s: float) -> Flags:
         """Where it stands for so long, and something holds all the while."""
-        true, window = self.tracks.true, min(self._steps(lasting_s), len(self.tracks.true))
+        true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
         robots = range(true.shape[1])
         return _columns(
             standing(true[:, index, :2], during[:, index], window, self._p.still) for index in robots
@@ -135,7 +130,7 @@ class RobotStates:
     def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
         """As a point of its outline goes, it has gone much farther than it has come."""
         during = slice(*stretch)
-        way = self.tracks.true[during, robot, :2]
+        way = self.run.true[during, robot, :2]
         driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[during, robot]).sum()
         return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
 
@@ -159,38 +154,38 @@ class RobotStates:
 
     def _reached(self, robot: int) -> Flags:
         """(steps,): it came to a goal, as navigation or, if it was told another one there, the truth says."""
-        reached = np.zeros(len(self.tracks.true), np.bool_)
+        reached = np.zeros(len(self.run.true), np.bool_)
         for goal in self.said[robot].goals or ():
             if goal.end is None or goal.how in ABORTED:
                 continue
-            step = self.tracks.index(goal.end)
-            x, y = self.tracks.true[step, robot, :2]
+            step = self.run.index(goal.end)
+            x, y = self.run.true[step, robot, :2]
             if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= self._p.fit:
                 reached[step] = True
         return reached
 
     def _steps(self, lasting_s: float) -> int:
-        return seconds(lasting_s) // self.tracks.step_us
+        return seconds(lasting_s) // self.run.step_us
 
 
-def errors(tracks: Tracks) -> NDArray[np.float64]:
+def errors(run: RunData) -> NDArray[np.float64]:
     """(steps, robots): how far each robot is from where it holds itself to be, m; NaN where nobody knows."""
-    offset = tracks.held[..., :2] - tracks.true[..., :2]
+    offset = run.estimated[..., :2] - run.true[..., :2]
     far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
     return far
 
 
-def _turns(tracks: Tracks) -> NDArray[np.float64]:
+def _turns(run: RunData) -> NDArray[np.float64]:
     """(steps, robots): by how much each heading changes in a step, rad."""
-    turned = np.diff(tracks.true[..., 2], axis=0, append=tracks.true[-1:, :, 2])
+    turned = np.diff(run.true[..., 2], axis=0, append=run.true[-1:, :, 2])
     return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
 
 
-def in_wall(tracks: Tracks, grid: OccupancyGrid) -> Flags:
+def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
     """(steps, robots): it holds itself to be where something is; not where it has not said anything."""
     corner = np.array([grid.origin.x, grid.origin.y])
-    known = np.isfinite(tracks.held[..., 0])
-    cells = np.floor((np.where(known[..., None], tracks.held[..., :2], corner) - corner) / grid.resolution)
+    known = np.isfinite(run.estimated[..., 0])
+    cells = np.floor((np.where(known[..., None], run.estimated[..., :2], corner) - corner) / grid.resolution)
     cells = cells.astype(np.int64)
     inside = ((cells >= 0) & (cells < [grid.columns, grid.rows])).all(axis=-1)
     cells[~inside] = 0
@@ -230,7 +225,7 @@ def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParam
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
-            squares = stage.ways.squares(states.tracks.true[rows, robot, :2])
+            squares = stage.ways.squares(states.run.true[rows, robot, :2])
             _, which = np.unique(squares, axis=0, return_inverse=True)
             for number in range(int(which.max()) + 1):
                 same = rows[which.reshape(-1) == number]
@@ -244,7 +239,7 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodePara
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
         rows = np.flatnonzero(stuck[:, robot])
-        there, here = states.tracks.true[rows, :, :2], states.tracks.true[rows, robot, :2]
+        there, here = states.run.true[rows, :, :2], states.run.true[rows, robot, :2]
         gaps = np.hypot(*(there - here[:, None]).transpose(2, 0, 1))
         gaps[:, robot] = np.inf
         gaps[~states.waits[rows] | (gaps >= p.in_way)] = np.inf
@@ -259,7 +254,7 @@ def _way(
     states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: Stage, length: float
 ) -> Points:
     """(n, 2): where it would go first; straight ahead where nobody knows what it wants."""
-    x, y, heading = states.tracks.true[step, robot].tolist()
+    x, y, heading = states.run.true[step, robot].tolist()
     if goal is not None:
         for ways in (stage.ways, stage.opened):
             way = ways.way((x, y), goal, length)
@@ -281,7 +276,7 @@ def _first(
     p: EpisodeParameters,
 ) -> Indices:
     """(rows,): which of the others is first on the way, and in it."""
-    there = states.tracks.true[rows, :, :2]
+    there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - way).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
     limit = np.where(states.long_waits[rows, robot], p.seen, p.near)

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.accounting.tracks import STANDARD, EpisodeParameters
-from acrc_testbed.evidence.things_over_time import ON_FLOOR, FloorThing, FloorThings
+from acrc_testbed.accounting.episodes import STANDARD, EpisodeParameters
 from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.run_model.floor import FLOOR_ORDERS, FloorObject, FloorOrders
 from actors.floor import distance, flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
@@ -239,20 +239,20 @@ class TrueFloor:
         self.grid = grid
         self.passages = Passages(grid, radius, parameters.neck)
         self._radius, self._reach = radius, parameters.reported
-        self._orders = [one for one in orders if isinstance(one.order, ON_FLOOR)]
+        self._orders = [one for one in orders if isinstance(one.order, FLOOR_ORDERS)]
 
     def stages(self, true: NDArray[np.float64]) -> list[Stage]:
         """From the first step on; `true`: (steps, robots, 2 or more), where robots were, m.
 
         A door closes once no robot stands in it.
         """
-        floor = FloorThings(self.grid, self._radius)
+        floor = FloorOrders(self.grid, self._radius)
         found = [self._stage(0, floor, ())]
         for begin, things in floor.changes(self._orders, true):
             found.append(self._stage(begin, floor, things))
         return found
 
-    def _stage(self, begin: int, floor: FloorThings, things: tuple[FloorThing, ...]) -> Stage:
+    def _stage(self, begin: int, floor: FloorOrders, things: tuple[FloorObject, ...]) -> Stage:
         taken, leaves = np.zeros((2, *self.grid.cells.shape), np.bool_)
         for thing in things:
             if thing.kind == "closed door":
@@ -275,7 +275,7 @@ class TrueFloor:
     def _known(self) -> dict[bytes, FloorWays]:
         return {}
 
-    def _from(self, thing: FloorThing) -> NDArray[np.float64]:
+    def _from(self, thing: FloorObject) -> NDArray[np.float64]:
         """(rows, columns): how far cells are from a line or a point, m."""
         columns, rows = self.grid.centres()
         (x, y), (to_x, to_y) = thing.points[0], thing.points[-1]

@@ -16,7 +16,7 @@ from actors.installation.usage import OptionError, output_file, typed
 from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
-    from acrc_testbed.evidence.run_evidence import RunEvidence
+    from acrc_testbed.run_model.data import RunData
     from actors.robot.behaviour.foreign import Permit
 
 _PAGES: Final = (".png", ".svg", ".html")
@@ -32,8 +32,8 @@ def demo(
     json: Json = False,
 ) -> None:
     """Show two robots in a doorway, without and with adaptation."""
-    from acrc_testbed.evidence.run_reader import read_run
     from acrc_testbed.picture import side_by_side
+    from acrc_testbed.run_model.simulated import read_run
     from actors.processes.kernels import compile_kernels
     from deploy.run import demonstration, out_folder
     from deploy.run.options import RunOptions, checked, folder_name
@@ -224,8 +224,8 @@ def _show(
 
 def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
     """Draw several runs beside one another into each file; return the files."""
-    from acrc_testbed.evidence.run_reader import read_run
     from acrc_testbed.picture import side_by_side
+    from acrc_testbed.run_model.simulated import read_run
     from deploy.run import out_folder
 
     runs = [read_run(folder) for folder in folders]
@@ -237,7 +237,7 @@ def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[
     return pictures
 
 
-def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
+def _warn_of_lack(out: Path, run: "RunData") -> None:
     """Say that a run is too short to say anything, or that recordings of it are elsewhere, if so."""
     from acrc_testbed.results.seal import elsewhere, where
 
@@ -250,9 +250,9 @@ def _warn_of_lack(out: Path, run: "RunEvidence") -> None:
 
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
-    from acrc_testbed.evidence.run_reader import read_run
     from acrc_testbed.picture import moving, run_html, run_page
     from acrc_testbed.recordings.topics import drawn_until
+    from acrc_testbed.run_model.simulated import read_run
     from deploy.run import out_folder
 
     if movie is not None:

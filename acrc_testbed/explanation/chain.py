@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
-from acrc_testbed.evidence.run_evidence import taken
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
+from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.trace.frame_fates import Fates, fate_name, read_fates
 from acrc_testbed.trace.knowledge import AGAIN, GIVES_UP
 from acrc_testbed.trace.rows import Arrival, GoalChange, KnowledgeChange, Order, ReplicaRead, Trace, seconds
@@ -124,13 +124,13 @@ class Air:
 
     @cached_property
     def _heard(self) -> list[Heard]:
-        received = (message for _, message in taken(self._files[self.actor], RECEIVED))
+        received = (message for _, message in messages_on(self._files[self.actor], RECEIVED))
         return [event for message in received for event in message.events if isinstance(event, Heard)]
 
     @cached_property
     def _handed(self) -> dict[tuple[str, bytes], list[int]]:
         found: dict[tuple[str, bytes], list[int]] = {}
-        for robot, transmit in taken(self._files["radio"], TRANSMIT) if self.simulated else ():
+        for robot, transmit in messages_on(self._files["radio"], TRANSMIT) if self.simulated else ():
             for frame in transmit.frames:
                 found.setdefault((robot, frame.data), []).append(frame.instant)
         return found

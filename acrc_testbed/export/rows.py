@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from acrc_testbed.evidence.run_evidence import RunEvidence, taken
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.run_recordings import all_recordings, run_of, setup_of
 from acrc_testbed.replay.sandboxed import Bounds
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.simulated import read_run
 from acrc_testbed.trace.frame_fates import FrameFate, frame_fates
 from acrc_testbed.trace.rows import KnowledgeChange, Trace
 from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
@@ -99,7 +100,7 @@ def tables(
 ) -> Tables:
     """Every table of a simulated run, by its name; `on_actor` is told whose trace is needed.
 
-    `isolate`: see `actors.runtime.isolation.sandbox`. Raises RecordingError and EvidenceError for what is
+    `isolate`: see `actors.runtime.isolation.sandbox`. Raises RecordingError and RunDataError for what is
     no whole folder of a run, ExportError for a robot without a trace, or with one that makes no sense.
     """
     run, files = read_run(out), all_recordings(out)
@@ -124,7 +125,7 @@ def tables(
     return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in TRACED}
 
 
-def _completed(run: RunEvidence, addresses: dict[int, str], robot: str, rows: Tables) -> Tables:
+def _completed(run: RunData, addresses: dict[int, str], robot: str, rows: Tables) -> Tables:
     """With what its process does not know."""
     if robot not in run.robots:
         raise ExportError(f"{robot}: is no robot of this run")
@@ -140,7 +141,7 @@ def _completed(run: RunEvidence, addresses: dict[int, str], robot: str, rows: Ta
 
 
 def _poses(radio: Path) -> Iterator[Row]:
-    for _, truth in taken(radio, TRUTH):
+    for _, truth in messages_on(radio, TRUTH):
         if not truth.halt:
             for one in truth.robots:
                 where = (one.x, one.y, one.heading, one.vx, one.vy, one.omega)
@@ -155,9 +156,9 @@ def _frame(number: int, one: FrameFate) -> Iterator[Row]:
         yield (*head, copy.robot, copy.fate, copy.strength_dbm)
 
 
-def _places(run: RunEvidence) -> Iterator[Row]:
+def _places(run: RunData) -> Iterator[Row]:
     judged = run.result is not None
-    for one in run.places:
+    for one in run.outcomes:
         yield (
             one.owner, one.place, one.x, one.y, one.given_at / 1e6, one.verdict.value if judged else None,
             _second(one.reached_at), one.reached_by, _second(one.reported_at), one.reported_by,

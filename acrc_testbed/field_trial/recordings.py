@@ -103,6 +103,7 @@ class HeardFrame(NamedTuple):
     heard: Moment
     sender: int
     data: bytes
+    rssi_dbm: float
 
 
 @dataclass
@@ -220,7 +221,7 @@ class _Reader:
         log.events[FRAME_OUTCOMES[type(event)]] += 1
         moment = Moment(self._tick, self._checked(event.instant))
         if isinstance(event, Heard):
-            log.heard.append(HeardFrame(moment, event.sender, event.data))
+            log.heard.append(HeardFrame(moment, event.sender, event.data, event.rssi_dbm))
             return
         frame = self._under_way.pop(event.tag, None)
         if frame is not None and isinstance(event, Sent):

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from acrc_testbed.accounting.account import Spell
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
-from acrc_testbed.evidence.run_evidence import RunEvidence, largest_radius
-from acrc_testbed.evidence.things_over_time import spans
 from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.floor import floor_intervals
 from actors.floor.doorway import Doorways
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
@@ -62,9 +62,9 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArr
     return bool(shut.any())
 
 
-def draw_doors(axes: Axes, run: RunEvidence) -> bool:
+def draw_doors(axes: Axes, run: RunData) -> bool:
     """The doors of the map; True if it has any."""
-    parts = Doorways(run.grid, largest_radius(run.setup)).regions
+    parts = Doorways(run.grid, run.description.radius).regions
     draw_regions(axes, run.grid, parts, np.ones_like(parts.labels, np.bool_))
     return bool(parts.doors)
 
@@ -80,18 +80,18 @@ class DrawnRun(NamedTuple):
     """Points on which no words should lie, m."""
 
 
-def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
+def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
     """Trails, where robots are at the end, places, what was put there, where robots stood before others."""
     few = style.few(run.robots)
-    put = spans(run)
+    put = floor_intervals(run.floor, run.end)
     labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
     kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())
     for index, _ in enumerate(run.robots):
         kinds |= _trail(axes, run, index, few=few)
-    for place in run.places:
+    for place in run.outcomes:
         kinds.add(_place(axes, place, run, few=few))
     labels += marks.draw(axes, put)
-    kinds |= {one.thing.kind for one in put}
+    kinds |= {one.object.kind for one in put}
     for spell in doing:
         if spell.cause in _STOPPED:
             kinds.add(spell.cause.value)
@@ -100,7 +100,7 @@ def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
     labels += [_meeting(axes, *one) for one in stood]
     kinds |= {"stood"} if stood else set()
     ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
-    taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.places))
+    taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.outcomes))
     return DrawnRun(frozenset(kinds), tuple(labels), taken)
 
 
@@ -109,7 +109,7 @@ def legend(kinds: Collection[str]) -> list[Artist]:
     return [marks.sample(name) for name in MARKS if name in kinds]
 
 
-def _trail(axes: Axes, run: RunEvidence, index: int, *, few: bool) -> set[str]:
+def _trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     """The way, its begin, and its end; whether somebody carried it."""
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
@@ -123,18 +123,18 @@ def _trail(axes: Axes, run: RunEvidence, index: int, *, few: bool) -> set[str]:
     return {"carried"} if jumps.size else set()
 
 
-def _name(run: RunEvidence, index: int, robot: str, *, few: bool) -> PointLabel:
+def _name(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
     x, y = run.true[-1, index, :2].tolist()
     return PointLabel(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
 
 
-def _stopped(axes: Axes, spell: Spell, run: RunEvidence) -> None:
+def _stopped(axes: Axes, spell: Spell, run: RunData) -> None:
     """Where a robot was while it was off or frozen."""
     colour = style.colour(run.robots.index(spell.robot))
     marks.plot(axes, spell.cause.value, spell.x, spell.y, colour, size=9.0, zorder=7)
 
 
-def _place(axes: Axes, place: PlaceOutcome, run: RunEvidence, *, few: bool) -> str:
+def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
     """Which mark it got."""
     robots = run.robots
     owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
@@ -144,7 +144,7 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunEvidence, *, few: bool) -> s
         return "given up"
     by = place.reported_by
     fill = "w" if by is None or by not in robots else style.colour(robots.index(by))
-    begun = sum(len(body.places) for body in run.setup.robots if body.id == place.owner)
+    begun = len(run.description.own_places.get(place.owner, ()))
     shape = "given" if place.place >= begun else "open"
     marks.plot(axes, shape, place.x, place.y, owner, size=size, fill=fill, zorder=5)
     return shape if by is None or shape == "given" else "done"

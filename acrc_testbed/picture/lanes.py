@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 
 from acrc_testbed.accounting.account import Spell
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.evidence.run_evidence import Deed, RunEvidence
-from acrc_testbed.evidence.things_over_time import ordered
 from acrc_testbed.picture import marks, style
+from acrc_testbed.run_model.data import PlaceEvent, RunData
+from acrc_testbed.run_model.events import ordered_changes
 from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
 
 _HALF: Final = 0.38
@@ -22,7 +22,7 @@ _WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 ORDERED: Final = "something was ordered"
 
 
-def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) -> None:
+def draw(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool) -> None:
     """Ticks: a place cleaned, in its owner's colour; triangles: one taken over; dashed: an order."""
     few = style.few(run.robots)
     rows = {robot: row for row, robot in enumerate(order(run, doing))}
@@ -33,7 +33,7 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
         _mark(axes, run, deed, rows, "cleaned", 0.0, 9.0 if few else 3.0)
     for deed in run.taken_over:
         _mark(axes, run, deed, rows, "took over", -_HALF, 5.0 if few else 2.0)
-    for change in ordered(run):
+    for change in ordered_changes(run):
         axes.axvline(change.second, color=hexadecimal(PUT), ls="--", lw=0.8, zorder=3)
     axes.set_yticks(range(len(rows)), list(rows), fontsize=8.5 if few else 6.0)
     for label, robot in zip(axes.get_yticklabels(), rows, strict=True):
@@ -48,7 +48,7 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
         )  # fmt: skip
 
 
-def order(run: RunEvidence, doing: Sequence[Spell]) -> list[str]:
+def order(run: RunData, doing: Sequence[Spell]) -> list[str]:
     """The robots from above: a few as they are, many by how long something kept them, the longest first."""
     if style.few(run.robots):
         return list(run.robots)
@@ -58,7 +58,7 @@ def order(run: RunEvidence, doing: Sequence[Spell]) -> list[str]:
     return sorted(run.robots, key=lambda robot: -kept[robot])
 
 
-def key(runs: Sequence[RunEvidence], doing: Sequence[Spell]) -> list[Artist]:
+def key(runs: Sequence[RunData], doing: Sequence[Spell]) -> list[Artist]:
     """What the colours and marks mean that there are."""
     seen = {one.cause.value for one in doing}
     states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
@@ -71,7 +71,7 @@ def key(runs: Sequence[RunEvidence], doing: Sequence[Spell]) -> list[Artist]:
         if any(deeds)
     ]  # fmt: skip
     kinds += [marks.sample(name) for name in used]
-    if any(ordered(run) for run in runs):
+    if any(ordered_changes(run) for run in runs):
         kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=ORDERED))
     return kinds
 
@@ -85,7 +85,7 @@ def look_of(glyph: StateGlyph) -> dict[str, Any]:
 
 
 def _mark(
-    axes: Axes, run: RunEvidence, deed: Deed, rows: dict[str, int], name: str, shift: float, size: float
+    axes: Axes, run: RunData, deed: PlaceEvent, rows: dict[str, int], name: str, shift: float, size: float
 ) -> None:
     if deed.robot in rows:
         owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0

@@ -14,8 +14,8 @@ from matplotlib.patches import Circle, Patch
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from acrc_testbed.evidence.things_over_time import FloorThing, ThingSpan
 from acrc_testbed.picture import style
+from acrc_testbed.run_model.floor import FloorInterval, FloorObject
 from actors.observer.glyphs import MARKS, Mark, hexadecimal
 
 _AROUND: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
@@ -161,14 +161,14 @@ _WORDS: Final = {"closed door": "closed"}
 """Where the mark's name says too much."""
 
 
-def draw(axes: Axes, put: Sequence[ThingSpan]) -> list[PointLabel]:
+def draw(axes: Axes, put: Sequence[FloorInterval]) -> list[PointLabel]:
     """All of them, with what each is and from when to when it was there, to be written beside it."""
     for one in put:
-        artist(axes, one.thing)
+        artist(axes, one.object)
     return [_label(one) for one in put]
 
 
-def artist(axes: Axes, thing: FloorThing) -> Line2D | Patch:
+def artist(axes: Axes, thing: FloorObject) -> Line2D | Patch:
     """One thing, drawn on the floor."""
     colour = colour_of(MARKS[thing.kind])
     if thing.radius:
@@ -181,8 +181,8 @@ def artist(axes: Axes, thing: FloorThing) -> Line2D | Patch:
     return line
 
 
-def _label(one: ThingSpan) -> PointLabel:
-    thing = one.thing
+def _label(one: FloorInterval) -> PointLabel:
+    thing = one.object
     x, y = (math.fsum(axis) / len(thing.points) for axis in zip(*thing.points, strict=True))
     lasted = f"{one.begin:.0f} to {one.end:.0f} s"
     colour = colour_of(MARKS[thing.kind])

@@ -21,9 +21,9 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
 
-from acrc_testbed.evidence.run_evidence import Floats, RunEvidence
-from acrc_testbed.evidence.things_over_time import spans
 from acrc_testbed.picture import floor_picture, marks, style
+from acrc_testbed.run_model.data import Floats, RunData
+from acrc_testbed.run_model.floor import floor_intervals
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
 from actors.orders import Give
@@ -54,7 +54,7 @@ def check(path: Path) -> None:
         raise MovieError(f"--movie {path}: needs the program ffmpeg, which is not here; a .gif needs nothing")
 
 
-def write(run: RunEvidence, path: Path, speed: float) -> None:
+def write(run: RunData, path: Path, speed: float) -> None:
     """The movie; `speed`: simulated seconds per second. Call `check` first."""
     with style.applied(style.LOOK):
         scene = _Scene(run)
@@ -93,9 +93,9 @@ def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
             raise MovieError(f"--movie {path}: ffmpeg says {said.read().decode(errors='replace').strip()}")
 
 
-def instants(run: RunEvidence, speed: float) -> Iterator[int]:
+def instants(run: RunData, speed: float) -> Iterator[int]:
     """The steps that are shown, the last one among them."""
-    every = max(1, round(speed / _FRAMES_PER_S / in_seconds(run.setup.step_us)))
+    every = max(1, round(speed / _FRAMES_PER_S / in_seconds(run.step_us)))
     last = len(run.seconds) - 1
     yield from range(0, last, every)
     yield last
@@ -119,7 +119,7 @@ class _Body:
 class _Scene:
     """The floor, and what is on it at one step: only what changes is drawn again."""
 
-    def __init__(self, run: RunEvidence) -> None:
+    def __init__(self, run: RunData) -> None:
         self._run = run
         self._figure = style.new_figure(*_size(run))
         self._figure.set_dpi(_DPI)
@@ -132,11 +132,11 @@ class _Scene:
             (key := PlaceKey(one.owner, one.place)): _place(
                 axes, run, one, few=few, given=key in self._begins
             )
-            for one in run.places
+            for one in run.outcomes
         }
-        self._put = [(one, marks.artist(axes, one.thing)) for one in spans(run)]
+        self._put = [(one, marks.artist(axes, one.object)) for one in floor_intervals(run.floor, run.end)]
         self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
-        kinds = {"open", "done", *(one.thing.kind for one, _ in self._put)}
+        kinds = {"open", "done", *(one.object.kind for one, _ in self._put)}
         told = (("door", doors), ("given", bool(self._begins)), ("given up", bool(run.given_up)))
         kinds |= {kind for kind, there in told if there}
         self._figure.legend(
@@ -199,30 +199,30 @@ class _Scene:
             state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
             body.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
             _move(body, run.true[first : step + 1, index], alive=not state)
-        self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.places)} places cleaned")
+        self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.outcomes)} places cleaned")
 
 
-def _size(run: RunEvidence) -> tuple[float, float]:
+def _size(run: RunData) -> tuple[float, float]:
     """Of the picture, inches: as wide as a page, as tall as the floor."""
     width, height = run.grid.corner.x - run.grid.origin.x, run.grid.corner.y - run.grid.origin.y
     return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
 
 
-def _place(axes: Axes, run: RunEvidence, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
+def _place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
     edge = style.colour(run.robots.index(place.owner)) if place.owner in run.robots else style.INK
     size = 4.6 if few else 2.6
     marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
     return axes.lines[-1]
 
 
-def _begins(run: RunEvidence) -> dict[PlaceKey, float]:
+def _begins(run: RunData) -> dict[PlaceKey, float]:
     """When the places came that were not there from the beginning, s."""
-    count = {body.id: len(body.places) for body in run.setup.robots}
+    count = {robot: len(places) for robot, places in run.description.own_places.items()}
     found = {}
     for step, given in run.orders:
         if isinstance(given, Give) and given.robot in count:
             for _ in given.places:
-                found[PlaceKey(given.robot, count[given.robot])] = in_seconds(step * run.setup.step_us)
+                found[PlaceKey(given.robot, count[given.robot])] = in_seconds(step * run.step_us)
                 count[given.robot] += 1
     return found
 

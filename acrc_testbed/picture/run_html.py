@@ -7,14 +7,15 @@ from typing import Final
 
 from acrc_testbed.accounting.account import Spell, spells
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.evidence.run_evidence import RunEvidence, adaptation, outcomes
-from acrc_testbed.evidence.things_over_time import ordered
 from acrc_testbed.page import rendering
 from acrc_testbed.page.rendering import PagePicture, PageSection, PageTable
 from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.recordings.topics import goes_on
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results import summary
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.recorded import adaptation, final_outcomes
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.runtime import regular_file
@@ -29,19 +30,19 @@ _ALT: Final = (
 _CAPTION: Final = "Drawn from the recordings; the legend stands below the floor."
 
 
-def write(run: RunEvidence, path: Path) -> None:
+def write(run: RunData, path: Path) -> None:
     """The page as a file that needs nothing beside itself."""
     with style.applied(style.LOOK):
         drawn = style.svg(run_page.draw(run))
     regular_file.write(path, html(run, drawn).encode())
 
 
-def html(run: RunEvidence, drawn: bytes) -> str:
+def html(run: RunData, drawn: bytes) -> str:
     """Return the page; `drawn`: the run's picture as an SVG."""
     return rendering.html(style.short_title(run), sections(run, drawn))
 
 
-def sections(run: RunEvidence, drawn: bytes) -> list[PageSection]:
+def sections(run: RunData, drawn: bytes) -> list[PageSection]:
     """Return the sections about a run that have any content."""
     doing = spells(run)
     every = [
@@ -51,14 +52,14 @@ def sections(run: RunEvidence, drawn: bytes) -> list[PageSection]:
         PageSection("Where robots stood before others", tables=[_meetings(doing)]),
         PageSection("What was put into the world", tables=[_put(run, doing)]),
         PageSection("What was decided", tables=[_decided(run)]),
-        PageSection("Places", tables=[_places(run.places)]),
+        PageSection("Places", tables=[_places(run.outcomes)]),
         PageSection("Radio", tables=[_radio(run)]),
         PageSection("How to make it again", list(_origin(run))),
     ]
     return [one for one in every if not one.is_empty]
 
 
-def _words(run: RunEvidence) -> Iterator[str]:
+def _words(run: RunData) -> Iterator[str]:
     if run.result is None:
         how = "is going on" if goes_on(run.out) else "was cut off"
         yield f"The run {how}; this is what was recorded in its first {run.end:g} simulated s."
@@ -66,7 +67,7 @@ def _words(run: RunEvidence) -> Iterator[str]:
         yield from summary.sentences(run.result)
 
 
-def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> PageTable:
+def _deeds(run: RunData, doing: Sequence[Spell]) -> PageTable:
     """Seconds by what a robot did, and what it did with places."""
     lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
     for one in doing:
@@ -95,21 +96,21 @@ def _meetings(doing: Sequence[Spell]) -> PageTable:
     return _table("Where, m, and how long in all.", ["x", "y", "s"], rows, 0)
 
 
-def _put(run: RunEvidence, doing: Sequence[Spell]) -> PageTable:
-    """What was ordered, and which robots were frozen or off."""
+def _put(run: RunData, doing: Sequence[Spell]) -> PageTable:
+    """What was ordered_changes, and which robots were frozen or off."""
     stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
-    told = [(one.second, one.robot, one.words) for one in ordered(run)]
+    told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
     told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
     rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(told)]
     return _table("By the scenario's events, and by orders.", ["s", "robot", "what"], rows, -1, numbers=(0,))
 
 
-def _decided(run: RunEvidence) -> PageTable:
+def _decided(run: RunData) -> PageTable:
     """What the robots' adaptations have said in their last records."""
     said: list[tuple[AdaptationDecision, str]] = []
     for actor, path in recordings(run.out).items():
         if actor not in ("world", "radio") and path.parent.name in run.robots:
-            told = adaptation(path, outcomes(path))
+            told = adaptation(path, final_outcomes(path))
             said += [(one, path.parent.name) for one in (() if told is None else told.decisions)]
     rows = [
         [f"{in_seconds(one.instant):.1f}", robot, one.words, one.by, one.source, f"{one.age / 1e6:.2f}"]
@@ -135,13 +136,13 @@ def _places(places: Sequence[PlaceOutcome]) -> PageTable:
     return _table("Every place.", columns, rows, -1, numbers=(1, 2, 5, 6))
 
 
-def _radio(run: RunEvidence) -> PageTable:
+def _radio(run: RunData) -> PageTable:
     counts = {} if run.result is None else run.result.frames
     rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
     return _table("What became of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
 
 
-def _origin(run: RunEvidence) -> Iterator[str]:
+def _origin(run: RunData) -> Iterator[str]:
     result = run.result
     if result is None:
         return

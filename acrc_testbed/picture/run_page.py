@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from acrc_testbed.accounting.account import spells
-from acrc_testbed.evidence.run_evidence import RunEvidence
 from acrc_testbed.picture import floor_picture, lanes, marks, style
+from acrc_testbed.run_model.data import RunData
 
 
-def draw(run: RunEvidence) -> Figure:
+def draw(run: RunData) -> Figure:
     """The page."""
     doing = spells(run)
     tall = 0.24 * min(max(len(run.robots), 4), 50)
@@ -42,13 +42,13 @@ def draw(run: RunEvidence) -> Figure:
     return figure
 
 
-def write(run: RunEvidence, path: Path) -> None:
+def write(run: RunData, path: Path) -> None:
     """The page as a PNG or SVG file."""
     with style.applied(style.LOOK):
         style.save(draw(run), path)
 
 
-def draw_progress(axes: Axes, run: RunEvidence) -> None:
+def draw_progress(axes: Axes, run: RunData) -> None:
     """Places cleaned: robot by robot; of many robots their mean, and how far they differ."""
     first = {deed.place: deed for deed in reversed(run.reported)}
     by_robot = {
@@ -71,18 +71,21 @@ def draw_progress(axes: Axes, run: RunEvidence) -> None:
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title(f"places cleaned: {len(first)} of {len(run.places)}", loc="left", fontsize=8.5)
+    axes.set_title(f"places cleaned: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5)
     axes.set_xlabel("simulated time, s")
     axes.grid(alpha=0.25, lw=0.5)
 
 
-def _draw_radio(axes: Axes, run: RunEvidence) -> None:
+def _draw_radio(axes: Axes, run: RunData) -> None:
     """Frames sent and heard per second, over 5 s each."""
     window = max(1, round(5.0 / max(run.end / len(run.seconds), 1e-9)))
     whole = len(run.seconds) // window * window
     if whole:
         at = np.append(run.seconds[:whole:window], run.end)
-        for counts, label, colour in ((run.heard, "heard", "#6baed6"), (run.sent, "sent", "#08306b")):
+        for counts, label, colour in (
+            (run.frames_heard, "heard", "#6baed6"),
+            (run.frames_sent, "sent", "#08306b"),
+        ):
             rate = counts[:whole].sum(axis=1).reshape(-1, window).sum(axis=1) / 5.0
             rate = np.append(rate, rate[-1])
             axes.step(at, rate, where="post", color=colour, lw=1.2, label=label)

@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from acrc_testbed.accounting.account import Spell, spells
-from acrc_testbed.evidence.run_evidence import RunEvidence
 from acrc_testbed.picture import floor_picture, lanes, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
+from acrc_testbed.run_model.data import RunData
 
 _MARGIN: Final = 1.5
 """Around what happened, m."""
 
 
-def draw(runs: Sequence[RunEvidence]) -> Figure:
+def draw(runs: Sequence[RunData]) -> Figure:
     """A column for each run."""
     figure = style.new_figure(4.6 * len(runs), 6.6)
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
@@ -46,17 +46,19 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
     return figure
 
 
-def write(runs: Sequence[RunEvidence], path: Path) -> None:
+def write(runs: Sequence[RunData], path: Path) -> None:
     """The picture as a PNG or SVG file."""
     with style.applied(style.LOOK):
         style.save(draw(runs), path)
 
 
-def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> DrawnRun:
+def _draw_floor(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
     """The part of the floor where something happened."""
     floor_picture.draw_floor(axes, run.grid)
     drawn = floor_picture.draw_run(axes, run, doing)
-    points = np.concatenate([run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.places]])
+    points = np.concatenate(
+        [run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.outcomes]]
+    )
     (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
     axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
     axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))

@@ -13,8 +13,8 @@ from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from acrc_testbed.evidence.run_evidence import RunEvidence
 from acrc_testbed.recordings.topics import so_far
+from acrc_testbed.run_model.data import RunData
 from actors.observer import glyphs
 from actors.observer.glyphs import Colour
 from actors.runtime import regular_file
@@ -88,16 +88,16 @@ def few(robots: Sequence[str]) -> bool:
     return len(robots) <= _FEW
 
 
-def title(run: RunEvidence) -> str:
+def title(run: RunData) -> str:
     """What run it is and what came of it."""
     count, result = len(run.robots), run.result
     robots = "1 robot" if count == 1 else f"{count} robots"
     if result is None:
-        return f"{robots}, seed {run.setup.seed}: {so_far(run.out, run.end)}"
+        return f"{robots}, seed {run.description.seed}: {so_far(run.out, run.end)}"
     return f"{short_title(run)}   ({robots}, seed {result.seed}, digest {result.digest[:8]})"
 
 
-def short_title(run: RunEvidence) -> str:
+def short_title(run: RunData) -> str:
     """The strategy, and what came of it."""
     if run.result is None:
         return so_far(run.out, run.end)

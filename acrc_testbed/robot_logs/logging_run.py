@@ -7,7 +7,6 @@ from heapq import merge
 from operator import attrgetter
 from pathlib import Path
 
-from acrc_testbed.evidence.run_evidence import world_setup
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
 from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.robot_logs.robot_entries import (
@@ -24,8 +23,10 @@ from acrc_testbed.robot_logs.robot_entries import (
     true_entries,
 )
 from acrc_testbed.robot_logs.ros2_log import LogEntry, Spool, write
+from acrc_testbed.run_model.collected import whole_run
+from acrc_testbed.run_model.data import RecordedProcess, RunData
+from acrc_testbed.run_model.recorded import world_setup
 from acrc_testbed.trace.traces import BOUNDS, traces
-from acrc_testbed.view.story import Source, Story, collected_story, simulated_story
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit
@@ -63,28 +64,28 @@ def log_run(
     if path.exists() or path.is_symlink():
         raise OptionError(f"--out: {path} is there already; must be a new file")
     files = all_recordings(out)
-    story = simulated_story(out) if "world" in files else collected_story(out)
+    run = whole_run(out)
     for robot in robots:
-        if robot not in story.robots:
-            raise wrong_value("--robot", robot, f"one of {', '.join(story.robots)}")
-    models, left_out = _models(story, files), Counter[str]()
-    sources = {one.actor: one for one in story.sources if not robots or one.robot in robots}
+        if robot not in run.robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(run.robots)}")
+    models, left_out = _models(run, files), Counter[str]()
+    sources = {one.actor: one for one in run.processes if not robots or one.robot in robots}
     with Spool() as spool, regular_file.replaced(path) as part:
-        faults = _trace(story, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
+        faults = _trace(run, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
         on_actor("")
-        entries = merge(*_streams(story, files, sources, models, spool, left_out), key=attrgetter("logged"))
+        entries = merge(*_streams(run, files, sources, models, spool, left_out), key=attrgetter("logged"))
         counts = write(part, entries, left_out)
     absent = [
         f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
         for topic, count in sorted(left_out.items())
         if count
     ]
-    return LogReport(counts, tuple(dict.fromkeys((*story.notes, *faults, *absent))))
+    return LogReport(counts, tuple(dict.fromkeys((*run.notes, *faults, *absent))))
 
 
 def _trace(
-    story: Story,
-    sources: Mapping[str, Source],
+    run: RunData,
+    sources: Mapping[str, RecordedProcess],
     spool: Spool,
     on_actor: Callable[[str], object],
     *,
@@ -95,7 +96,7 @@ def _trace(
     """Set aside what robots perceived and meant; what is not to be had, in sentences."""
     on_actor("robots")
     found: dict[str, str | None] = {}
-    for one in traces(story.out, list(sources), permit=permit, isolate=isolate, bounds=bounds):
+    for one in traces(run.out, list(sources), permit=permit, isolate=isolate, bounds=bounds):
         for part in one.parts:
             spool.extend(traced_entries(sources[one.actor], part))
         found[one.actor] = one.fault or (one.parts[-1].fault if one.parts else None)
@@ -104,37 +105,37 @@ def _trace(
 
 
 def _streams(
-    story: Story,
+    run: RunData,
     files: Mapping[str, Path],
-    sources: Mapping[str, Source],
+    sources: Mapping[str, RecordedProcess],
     models: Mapping[str, RobotModel],
     spool: Spool,
     left_out: Counter[str],
 ) -> Iterator[Iterator[LogEntry]]:
     """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
-    yield iter((map_entry(story.grid), static_frames(models)))
-    yield from (place_entries(story), body_entries(story, models))
-    if story.things:
-        yield thing_entries(story)
-    yield true_entries(story)
-    for robot, track in story.tracks.items():
+    yield iter((map_entry(run.grid), static_frames(models)))
+    yield from (place_entries(run), body_entries(run, models))
+    if run.floor:
+        yield thing_entries(run)
+    yield true_entries(run)
+    for robot, track in run.trajectories.items():
         yield held_entries(robot, track)
     for actor, source in sources.items():
-        track, model = story.tracks[source.robot], models[source.robot]
+        track, model = run.trajectories[source.robot], models[source.robot]
         yield sensed_entries(files[actor], source, track, model, left_out)
-    yield link_entries(story)
+    yield link_entries(run)
     yield spool.entries()
     for actor, source in sources.items():
         yield command_entries(files[actor], source)
 
 
-def _models(story: Story, files: Mapping[str, Path]) -> dict[str, RobotModel]:
+def _models(run: RunData, files: Mapping[str, Path]) -> dict[str, RobotModel]:
     """What kind of robot each is, as the world was told, or else the robot."""
     if "world" in files:
         bodies = world_setup(files["world"]).robots
         return {body.id: load_model(body.model, body.sensor) for body in bodies}
     found = {}
-    for source in story.sources:
+    for source in run.processes:
         setup = setup_of(files[source.actor], RobotSetup, "a robot")
         found[source.robot] = load_model(located_model(setup.model, files[source.actor].parent), setup.sensor)
     return found

@@ -10,8 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.evidence.run_evidence import taken
-from acrc_testbed.evidence.things_over_time import FloorThing
 from acrc_testbed.robot_logs import ros2_log
 from acrc_testbed.robot_logs.ros2_log import (
     MAP,
@@ -25,8 +23,11 @@ from acrc_testbed.robot_logs.ros2_log import (
     marker_array,
     occupancy_grid,
 )
+from acrc_testbed.run_model.data import RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.floor import FloorObject
+from acrc_testbed.run_model.places import PlaceState, PlaceTable
+from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.trace.rows import Trace
-from acrc_testbed.view.story import Source, Story, Track
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.message_limits import senses_fault
@@ -46,11 +47,11 @@ nothing is known."""
 _LETHAL: Final = 254
 
 
-def true_entries(story: Story) -> Iterator[LogEntry]:
+def true_entries(run: RunData) -> Iterator[LogEntry]:
     """Where robots truly were, step by step; nothing where nobody knows."""
-    if not story.true:
+    if not run.description.has_truth:
         return
-    tracks = list(story.tracks.items())
+    tracks = list(run.trajectories.items())
     for step, second in enumerate(tracks[0][1].seconds.tolist()):
         poses = [(robot, Pose(*track.poses[step].tolist())) for robot, track in tracks]
         yield _frames(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
@@ -58,22 +59,22 @@ def true_entries(story: Story) -> Iterator[LogEntry]:
             yield _placed(second * 1e6, f"/{robot}/truth", pose)
 
 
-def held_entries(robot: str, track: Track) -> Iterator[LogEntry]:
+def held_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Where a robot held itself to be, as often as it said so."""
-    for second, held in zip(track.seconds.tolist(), track.held.tolist(), strict=True):
+    for second, held in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
         if held[0] == held[0]:
             yield _placed(second * 1e6, f"/{robot}/pose", Pose(*held))
 
 
 def sensed_entries(
-    path: Path, source: Source, track: Track, model: RobotModel, left_out: Counter[str]
+    path: Path, source: RecordedProcess, track: Trajectory, model: RobotModel, left_out: Counter[str]
 ) -> Iterator[LogEntry]:
     """What a robot's process sensed, and its frames. Raises RecordingError and WireError.
 
     `left_out` counts by topic what no sensor says.
     """
     robot, clock = source.robot, source.clock
-    for _, senses in taken(path, SENSES):
+    for _, senses in messages_on(path, SENSES):
         if senses.halt:
             continue
         if senses_fault(senses) is not None or abs(senses.instant) > _FAR:
@@ -91,9 +92,11 @@ def sensed_entries(
             yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)
 
 
-def command_entries(path: Path, source: Source) -> Iterator[LogEntry]:
+def command_entries(path: Path, source: RecordedProcess) -> Iterator[LogEntry]:
     """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
-    for (_, senses), (_, drive) in zip(taken(path, SENSES), taken(path, DRIVE, "out"), strict=False):
+    for (_, senses), (_, drive) in zip(
+        messages_on(path, SENSES), messages_on(path, DRIVE, "out"), strict=False
+    ):
         if abs(senses.instant) <= _FAR:
             at = round(source.clock(np.array([senses.instant])).item() * 1e6)
             velocity = ros2_log.twist(drive.vx, drive.vy, drive.omega)
@@ -116,12 +119,12 @@ def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iter
     yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
 
 
-def _held(track: Track, second: float) -> Pose | None:
+def _held(track: Trajectory, second: float) -> Pose | None:
     """Where the robot held itself to be at an instant; None: it did not say."""
     at = int(np.searchsorted(track.seconds, second - _NEAR_S))
-    if at == len(track.seconds) or track.seconds[at] > second + _NEAR_S or np.isnan(track.held[at, 0]):
+    if at == len(track.seconds) or track.seconds[at] > second + _NEAR_S or np.isnan(track.estimated[at, 0]):
         return None
-    return Pose(*track.held[at].tolist())
+    return Pose(*track.estimated[at].tolist())
 
 
 def _ranges(scan: Scan) -> NDArray[np.float32]:
@@ -130,7 +133,7 @@ def _ranges(scan: Scan) -> NDArray[np.float32]:
     return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
 
 
-def traced_entries(source: Source, trace: Trace) -> Iterator[LogEntry]:
+def traced_entries(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
     """What a robot perceived and meant, by a part of its trace, in order of time."""
     return merge(
         _meant(source, trace), _clouds(source, trace), _costs(source, trace), _plans(source, trace),
@@ -138,30 +141,30 @@ def traced_entries(source: Source, trace: Trace) -> Iterator[LogEntry]:
     )  # fmt: skip
 
 
-def _times(source: Source, instants: NDArray[np.int64]) -> list[int]:
+def _times(source: RecordedProcess, instants: NDArray[np.int64]) -> list[int]:
     """Return µs of the run, in ascending order."""
     found: list[float] = (np.maximum.accumulate(source.clock(instants)) * 1e6).tolist()
     return [round(one) for one in found]
 
 
-def _clouds(source: Source, trace: Trace) -> Iterator[LogEntry]:
+def _clouds(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.particles_at), trace.particles.rows(), strict=True):
         yield LogEntry(time, f"/{source.robot}/particles", ros2_log.point_cloud(points, time), time)
 
 
-def _plans(source: Source, trace: Trace) -> Iterator[LogEntry]:
+def _plans(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
     for time, points in zip(_times(source, trace.plans_at), trace.plans.rows(), strict=True):
         yield LogEntry(time, f"/{source.robot}/plan", ros2_log.path(points, time), time)
 
 
-def _costs(source: Source, trace: Trace) -> Iterator[LogEntry]:
+def _costs(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
     times = _times(source, trace.costs_at)
     for time, costs, corner in zip(times, trace.costs, trace.corners.tolist(), strict=True):
         grid = ros2_log.occupancy_grid(Pose(*corner), trace.cell, occupancy(costs), time)
         yield LogEntry(time, f"/{source.robot}/local_costmap", grid, time)
 
 
-def _meant(source: Source, trace: Trace) -> Iterator[LogEntry]:
+def _meant(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
     """What it is about in words; and its goal, where that is another one."""
     before = None
     times = _times(source, np.array([one.instant for one in trace.doings], np.int64))
@@ -224,57 +227,54 @@ def map_entry(grid: OccupancyGrid) -> LogEntry:
     return LogEntry(0, "/map", occupancy_grid(corner, grid.resolution, values, 0), 0)
 
 
-def place_entries(story: Story) -> Iterator[LogEntry]:
+def place_entries(run: RunData) -> Iterator[LogEntry]:
     """All places whenever one stands otherwise: solid, faint once cleaned, grey once given up.
 
     One that came while the run went on is there from when a robot first speaks of it.
     """
-    said = [(route.second, 0, place, "") for route in story.routes for place in route.places]
-    said += [(deed.second, 1, deed.place, "given up") for deed in story.given_up]
-    said += [(deed.second, 2, deed.place, "done") for deed in story.reported]
-    states = {PlaceKey(owner, n): "" for owner, count in story.begun_with.items() for n in range(count)}
-    yield _scene(0.0, "/places", _places(story, states))
-    for second, now in groupby(sorted(said, key=lambda one: one[:2]), key=lambda one: one[0]):
-        before = dict(states)
-        for _, _, key, state in now:
-            if key.owner in story.places and 0 <= key.place < len(story.places[key.owner]):
-                states[key] = state or states.get(key, "")
-        if states != before:
-            yield _scene(second, "/places", _places(story, states))
+    states: dict[PlaceKey, PlaceState] = {}
+    shown: dict[PlaceKey, tuple[bool, bool]] | None = None
+    for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
+        for change in changes:
+            states |= change.states
+        now = {key: (one.done, one.given_up) for key, one in states.items()}
+        if now != shown:
+            shown = now
+            yield _scene(second, "/places", _places(run, states))
 
 
-def _places(story: Story, states: Mapping[PlaceKey, str]) -> list[Marker]:
+def _places(run: RunData, states: Mapping[PlaceKey, PlaceState]) -> list[Marker]:
     markers = []
     for key, state in states.items():
-        colour = glyphs.GREY if state == "given up" else glyphs.robot(story.robots.index(key.owner))
-        at = story.places[key.owner][key.place]
-        marker = disc(f"{key.owner}/{key.place}", at, _PLACE_RADIUS, _FLAT, colour)
-        markers.append(marker._replace(opacity=0.25) if state else marker)
+        is_lost = state.given_up and not state.done
+        colour = glyphs.GREY if is_lost else glyphs.robot(run.robots.index(key.owner))
+        marker = disc(f"{key.owner}/{key.place}", (state.x, state.y), _PLACE_RADIUS, _FLAT, colour)
+        markers.append(marker._replace(opacity=0.25) if state.done or state.given_up else marker)
     return markers
 
 
-def body_entries(story: Story, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
+def body_entries(run: RunData, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
     """The robots' discs whenever one acts otherwise: faint while it is frozen, grey while it is off."""
     acts: dict[str, str] = dict.fromkeys(models, "")
     said = [
         (second, robot, act)
-        for robot, track in story.tracks.items()
-        for second, act in track.acts
+        for robot, track in run.trajectories.items()
+        for second, act in track.states
         if robot in acts
     ]
-    yield _scene(0.0, "/robots", _bodies(story, models, acts))
+    yield _scene(0.0, "/robots", _bodies(run, models, acts))
     for second, now in groupby(sorted(said), key=lambda one: one[0]):
         before = dict(acts)
         acts |= {robot: act for _, robot, act in now}
         if acts != before:
-            yield _scene(second, "/robots", _bodies(story, models, acts))
+            yield _scene(second, "/robots", _bodies(run, models, acts))
 
 
-def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> list[Marker]:
+def _bodies(run: RunData, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> list[Marker]:
     markers = []
-    for number, robot in enumerate(story.robots):
+    for number, robot in enumerate(run.robots):
         if robot in models:
-            frame = f"{robot}/{'truth' if story.true else 'base_link'}"
+            frame = f"{robot}/{'truth' if run.description.has_truth else 'base_link'}"
             colour = glyphs.GREY if acts[robot] == "off" else glyphs.robot(number)
             body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
             markers.append(body._replace(opacity=0.4 if acts[robot] else 0.9, frame=frame))
@@ -283,13 +283,13 @@ def _bodies(story: Story, models: Mapping[str, RobotModel], acts: Mapping[str, s
     return markers
 
 
-def thing_entries(story: Story) -> Iterator[LogEntry]:
+def thing_entries(run: RunData) -> Iterator[LogEntry]:
     """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
-    for second, things in story.things:
+    for second, things in run.floor:
         yield _scene(second, "/things", [_thing(number, thing) for number, thing in enumerate(things)])
 
 
-def _thing(number: int, thing: FloorThing) -> Marker:
+def _thing(number: int, thing: FloorObject) -> Marker:
     mark = MARKS[thing.kind]
     jams = mark.shape == "dashed ring"
     name, colour = f"{thing.kind} {number}", mark.colour or glyphs.GREY
@@ -299,13 +299,13 @@ def _thing(number: int, thing: FloorThing) -> Marker:
     return marker._replace(opacity=0.3 if jams else 1.0)
 
 
-def link_entries(story: Story) -> Iterator[LogEntry]:
+def link_entries(run: RunData) -> Iterator[LogEntry]:
     """Once a second a line between each two robots one of which has just heard the other."""
-    tracks = list(story.tracks.values())
-    for period in range(1, int(story.end / _PERIOD_S) + 1):
+    tracks = list(run.trajectories.values())
+    for period in range(1, int(run.end / _PERIOD_S) + 1):
         second = period * _PERIOD_S
-        first, last = np.searchsorted(story.heard[:, 0], (second - _PERIOD_S, second))
-        pairs = np.unique(np.sort(story.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
+        first, last = np.searchsorted(run.heard[:, 0], (second - _PERIOD_S, second))
+        pairs = np.unique(np.sort(run.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
         points: list[tuple[float, float]] = []
         for one, other in pairs.tolist():
             ends = [_where(tracks[index], second) for index in (one, other)]
@@ -314,7 +314,7 @@ def link_entries(story: Story) -> Iterator[LogEntry]:
         yield _scene(second, "/links", links)
 
 
-def _where(track: Track, second: float) -> tuple[float, float] | None:
+def _where(track: Trajectory, second: float) -> tuple[float, float] | None:
     """Where a robot last was by then, m; None: nobody knows."""
     at = int(np.searchsorted(track.seconds, second, side="right")) - 1
     if at < 0 or np.isnan(track.poses[at, 0]):

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from acrc_testbed.run_model.data import RunData
 from acrc_testbed.view.command import opened, rest, so_far
 from acrc_testbed.view.drawn import Say, Wishes, all_drawn, compute, place
 from acrc_testbed.view.painting import Painting, arrangement, looked_into
-from acrc_testbed.view.story import Story
 from actors.observer import viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
@@ -48,38 +48,38 @@ def show(folders: Sequence[Path], wishes: Wishes, say: Say) -> bool:
     return complete
 
 
-def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | None, say: Say) -> bool:
+def _draw(stories: Sequence[RunData], path: Path, wishes: Wishes, send_to: str | None, say: Say) -> bool:
     """Draw into `path`, which takes its name once it is whole, and to a viewer; return as `all_drawn`."""
     began, end = time.monotonic(), _end(stories)
-    detailed = [looked_into(story.robots, wishes.robots) for story in stories]
+    detailed = [looked_into(run.robots, wishes.robots) for run in stories]
     arranged = [
-        _arranged(story, robots, number, end)
-        for number, (story, robots) in enumerate(zip(stories, detailed, strict=True), 1)
+        _arranged(run, robots, number, end)
+        for number, (run, robots) in enumerate(zip(stories, detailed, strict=True), 1)
     ]
     name = " beside ".join(one.name for one in arranged)
     with regular_file.replaced(path) as part, Sheet(part, arranged, name=name, send_to=send_to) as sheet:
         paintings = [
-            Painting(Canvas(sheet.recording, story.robots, what.root), story, robots)
-            for story, what, robots in zip(stories, arranged, detailed, strict=True)
+            Painting(Canvas(sheet.recording, run.robots, what.root), run, robots)
+            for run, what, robots in zip(stories, arranged, detailed, strict=True)
         ]
-        for story, painting in zip(stories, paintings, strict=True):
-            painting.recorded(story)
+        for run, painting in zip(stories, paintings, strict=True):
+            painting.recorded(run)
         sheet.flush()
         say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
         choice = choose(wishes.isolate)
         warn(choice.warning)
         faults = [
-            f"{story.out.name}: {fault}"
-            for story, painting in zip(stories, paintings, strict=True)
-            for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
+            f"{run.out.name}: {fault}"
+            for run, painting in zip(stories, paintings, strict=True)
+            for fault in compute(run, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
         ]
     return all_drawn(faults, f"after {time.monotonic() - began:.1f} s", say)
 
 
-def _arranged(story: Story, robots: Sequence[str], number: int, end: float) -> Arrangement:
+def _arranged(run: RunData, robots: Sequence[str], number: int, end: float) -> Arrangement:
     """All have the time of the longest, so that lanes and plots stand below one another."""
-    return replace(arrangement(story, robots), root=f"/{number}", name=story.out.name, end=end)
+    return replace(arrangement(run, robots), root=f"/{number}", name=run.out.name, end=end)
 
 
-def _end(stories: Sequence[Story]) -> float:
-    return max(story.end for story in stories)
+def _end(stories: Sequence[RunData]) -> float:
+    return max(run.end for run in stories)

@@ -4,9 +4,10 @@ import time
 from pathlib import Path
 
 from acrc_testbed.recordings.topics import Standing, drawn_until, standing
+from acrc_testbed.run_model.collected import whole_run
+from acrc_testbed.run_model.data import RunData
 from acrc_testbed.view import live
-from acrc_testbed.view.drawn import Say, Wishes, draw, place, read_story
-from acrc_testbed.view.story import Story
+from acrc_testbed.view.drawn import Say, Wishes, draw, place
 from actors.observer import viewer
 from actors.observer.viewer import OpenViewer
 from actors.processes.kernels import compile_kernels
@@ -26,11 +27,11 @@ def save(out: Path, wishes: Wishes, path: Path, say: Say) -> bool:
 def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Say) -> bool:
     """Draw the run, and take a picture of the window at an instant, s; None: in the middle of the run."""
     began = time.monotonic()
-    story = so_far(out, say)
+    run = so_far(out, say)
     with scratch_folder() as folder:
         view = folder / "view.rrd"
-        complete = draw(story, view, wishes, send_to=None, say=say, began=began)
-        shot = viewer.take(view, story.end / 2 if second is None else second)
+        complete = draw(run, view, wishes, send_to=None, say=say, began=began)
+        shot = viewer.take(view, run.end / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
     return complete
@@ -46,11 +47,11 @@ def show(out: Path, wishes: Wishes, say: Say) -> bool:
     if standing(out) is Standing.GOING_ON:
         _follow(out, wishes, say)
         return True
-    story, path = so_far(out, say), place(out)
+    run, path = so_far(out, say), place(out)
     shown = opened(say)
     try:
         address = None if shown is None else shown.address
-        complete = draw(story, path, wishes, send_to=address, say=say, began=began)
+        complete = draw(run, path, wishes, send_to=address, say=say, began=began)
         rest(shown, path, say)
     finally:
         viewer.end(shown)
@@ -72,12 +73,12 @@ def _follow(out: Path, wishes: Wishes, say: Say) -> None:
         viewer.end(shown)
 
 
-def so_far(out: Path, say: Say) -> Story:
+def so_far(out: Path, say: Say) -> RunData:
     """What there is to draw; of a run that has not ended it is said until when."""
-    story = read_story(out)
+    run = whole_run(out)
     if standing(out) is not Standing.ENDED:
-        say(drawn_until(out, story.end))
-    return story
+        say(drawn_until(out, run.end))
+    return run
 
 
 def opened(say: Say) -> OpenViewer | None:

@@ -11,14 +11,13 @@ from typing import Final
 
 from acrc_testbed.accounting.account import spells
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.explanation.explain import Explainer, ExplanationError
-from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results.seal import elsewhere, where
+from acrc_testbed.run_model.data import RecordedProcess, RunData
+from acrc_testbed.run_model.simulated import read_run
 from acrc_testbed.trace.frame_fates import read_fates
 from acrc_testbed.trace.traces import traces
 from acrc_testbed.view.painting import Painting, arrangement, looked_into
-from acrc_testbed.view.story import Source, Story, collected_story, simulated_story
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Sheet
 from actors.observer.drawing.words import DrawnEvent, Occupation
@@ -62,14 +61,8 @@ class Wishes:
     """Tell why those robots decided what they did."""
 
 
-def read_story(out: Path) -> Story:
-    """What there is to draw in a folder. Raises an AcrcError where there is no run in it."""
-    files = recordings(out)
-    return simulated_story(out) if "world" in files else collected_story(out)
-
-
 def draw(
-    story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say, began: float | None = None
+    run: RunData, path: Path, wishes: Wishes, *, send_to: str | None, say: Say, began: float | None = None
 ) -> bool:
     """Draw into `path`, and to a viewer; `say` is told how it gets on. AcrcError if it cannot be written.
 
@@ -78,9 +71,9 @@ def draw(
     """
     began = time.monotonic() if began is None else began
     with regular_file.replaced(path) as part:
-        faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
-    away = bool(elsewhere(story.out))
-    inside = "" if away else f", with what {_told(story)} perceived and meant"
+        faults, lost = _draw(run, part, wishes, send_to, lambda: time.monotonic() - began, say)
+    away = bool(elsewhere(run.out))
+    inside = "" if away else f", with what {_told(run)} perceived and meant"
     complete = all_drawn(faults, f"after {time.monotonic() - began:.1f} s", say, inside)
     if lost:
         say(f"the viewer was closed before that: the whole view is in {path}")
@@ -96,63 +89,63 @@ def all_drawn(faults: Sequence[str], taken: str, say: Say, inside: str = "") -> 
 
 
 def _draw(
-    story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
+    run: RunData, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
 ) -> tuple[list[str], bool]:
     """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
-    detailed = looked_into(story.robots, wishes.robots)
-    arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
-    with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
-        painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
-        painting.recorded(story)
+    detailed = looked_into(run.robots, wishes.robots)
+    arranged = arrangement(run, detailed, reasons=wishes.why and run.description.has_truth)
+    with Sheet(path, arranged, name=run.description.title, send_to=send_to) as sheet:
+        painting = Painting(Canvas(sheet.recording, run.robots), run, detailed)
+        painting.recorded(run)
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
         choice = choose(wishes.isolate)
         warn(choice.warning)
-        faults = compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
+        faults = compute(run, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
         if arranged.reasons:
-            faults += _reason(story, painting, detailed, permit=wishes.permit, isolate=choice.isolate)
+            faults += _reason(run, painting, detailed, permit=wishes.permit, isolate=choice.isolate)
     return faults, sheet.lost
 
 
-def _told(story: Story) -> str:
-    return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
+def _told(run: RunData) -> str:
+    return "1 robot" if len(run.robots) == 1 else f"{len(run.robots)} robots"
 
 
-def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, isolate: bool) -> list[str]:
+def compute(run: RunData, painting: Painting, sheet: Sheet, *, permit: Permit, isolate: bool) -> list[str]:
     """Draw the traces of radio and robots; what could not be traced, in sentences."""
     faults = []
     compile_kernels()
-    if story.true:
+    if run.description.has_truth:
         try:
-            painting.fates(read_fates(story.out, story.robots), story.end)
+            painting.fates(read_fates(run.out, run.robots), run.end)
         except AcrcError as error:
             faults.append(f"the radio could not be replayed: {error}")
         sheet.flush()
-    if left := elsewhere(story.out):
-        return [*faults, where(story.out, left)]
-    if story.true and (story.out / "run.json").is_file():
-        painting.deadlocks(deadlocks(story))
-    sources = {source.actor: source for source in story.sources}
-    for traced in traces(story.out, list(sources), permit=permit, isolate=isolate):
+    if left := elsewhere(run.out):
+        return [*faults, where(run.out, left)]
+    if run.description.has_truth and (run.out / "run.json").is_file():
+        painting.deadlocks(deadlocks(run))
+    sources = {source.actor: source for source in run.processes}
+    for traced in traces(run.out, list(sources), permit=permit, isolate=isolate):
         source = sources[traced.actor]
         for number, part in enumerate(traced.parts, 1):
-            painting.inside(source, part, story.end if number == len(traced.parts) else None)
+            painting.inside(source, part, run.end if number == len(traced.parts) else None)
         if not traced.parts:
             fault = traced.fault or "it could not be replayed"
-            painting.outside(source.robot, _seen(story, source), story.end)
+            painting.outside(source.robot, _seen(run, source), run.end)
             painting.tell([DrawnEvent(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
-    painting.end(story.end)
+    painting.end(run.end)
     return faults
 
 
 def _reason(
-    story: Story, painting: Painting, robots: Sequence[str], *, permit: Permit, isolate: bool
+    run: RunData, painting: Painting, robots: Sequence[str], *, permit: Permit, isolate: bool
 ) -> list[str]:
     """Explain what robots decided; what could not be, in sentences."""
-    faults, explainer = [], Explainer(story.out, permit=permit, isolate=isolate)
+    faults, explainer = [], Explainer(run.out, permit=permit, isolate=isolate)
     for robot in robots:
         try:
             painting.reasons(robot, list(explainer.every(robot)))
@@ -161,20 +154,20 @@ def _reason(
     return faults
 
 
-def deadlocks(story: Story) -> dict[str, list[tuple[float, float]]]:
+def deadlocks(run: RunData) -> dict[str, list[tuple[float, float]]]:
     """By robot when it was in a deadlock, s."""
-    found: dict[str, list[tuple[float, float]]] = {robot: [] for robot in story.robots}
-    for one in spells(read_run(story.out)):
+    found: dict[str, list[tuple[float, float]]] = {robot: [] for robot in run.robots}
+    for one in spells(read_run(run.out)):
         if one.cause is Cause.DEADLOCK:
             found[one.robot].append((one.begin, one.end))
     return found
 
 
-def _seen(story: Story, source: Source) -> list[Occupation]:
+def _seen(run: RunData, source: RecordedProcess) -> list[Occupation]:
     """What a robot did, by ground truth alone."""
-    if not story.true:
+    if not run.description.has_truth:
         return []
-    found = spells(read_run(story.out))
+    found = spells(read_run(run.out))
     return [Occupation(one.begin, SEEN_FROM_OUTSIDE[one.cause]) for one in found if one.robot == source.robot]
 
 

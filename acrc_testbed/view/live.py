@@ -11,18 +11,17 @@ from typing import Final, Self
 
 import numpy as np
 
-from acrc_testbed.accounting.tracks import STANDARD
-from acrc_testbed.evidence.run_evidence import Route
-from acrc_testbed.evidence.run_reader import RunReader
+from acrc_testbed.accounting.episodes import STANDARD
 from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.replay.run_recordings import recordings
+from acrc_testbed.run_model.data import RecordedProcess, Route, RunData, Trajectory
+from acrc_testbed.run_model.simulated import RunReader
 from acrc_testbed.trace.following import Followed
 from acrc_testbed.trace.frame_fates import GrowingFates
 from acrc_testbed.trace.perception import PERIOD
 from acrc_testbed.trace.traces import Traced
 from acrc_testbed.view.drawn import Say
 from acrc_testbed.view.painting import Painting, looked_into
-from acrc_testbed.view.story import Source, Story, Teller, Track
 from actors.instant import in_seconds
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
@@ -47,17 +46,17 @@ class Seen:
         self._acts = True
         """False: it is frozen or off, which others tell."""
 
-    def of(self, track: Track, routes: Iterable[Route]) -> Iterator[Occupation]:
+    def of(self, track: Trajectory, routes: Iterable[Route]) -> Iterator[Occupation]:
         """What it seems to be about, wherever that becomes another thing."""
         for route in routes:
             if route.robot == self._robot:
                 self._holds = bool(route.places)
-        acts = deque(track.acts)
+        acts = deque(track.states)
         for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
             while acts and acts[0][0] <= second:
                 self._acts, self._state = not acts.popleft()[1], ""
                 self._lately.clear()
-            if not self._acts:
+            if not self._acts or np.isnan(x):
                 continue
             begin, stays = self._stays(second, x, y)
             state = "driving" if not stays else "standing" if self._holds else "idle"
@@ -106,7 +105,7 @@ class Following:
 
     def __init__(self, out: Path, robots: Sequence[str], *, permit: Permit, isolate: bool) -> None:
         """`robots`: to look into; as `looked_into` has it. AcrcError where no run has begun."""
-        self.run, self._teller = RunReader(out), Teller()
+        self.run = RunReader(out)
         self._detailed = looked_into(self.run.robots, robots)
         self._stack = ExitStack()
         self._followed = Followed(out, permit=permit, isolate=isolate)
@@ -116,7 +115,7 @@ class Following:
         self._fates_s = 0.0
         self._deaf = False
         """The radio cannot be replayed."""
-        self._sources: dict[str, Source] = {}
+        self._sources: dict[str, RecordedProcess] = {}
         """By actor, of the robots that are looked into."""
         self._waiting: list[Traced] = []
         """Told, but of what is not recorded wholly yet."""
@@ -144,22 +143,22 @@ class Following:
     @property
     def arrangement(self) -> Arrangement:
         """What the window is to show."""
-        return Arrangement(self.run.grid, self.run.robots, self._detailed)
+        return Arrangement(self.run.description.grid, self.run.robots, self._detailed)
 
     def begin(self, sheet: Sheet) -> None:
         """Draw on this sheet from now on."""
         self._sheet = sheet
         canvas = Canvas(sheet.recording, self.run.robots)
-        self._painting = Painting(canvas, self._teller.story(self.run.beginning()), self._detailed)
+        self._painting = Painting(canvas, self.run.beginning(), self._detailed)
 
     def draw(self, *, last: bool = False) -> bool:
         """Draw what is new; True if there was anything. `last`: no step will follow.
 
-        Raises RecordingError and EvidenceError for damaged recordings.
+        Raises RecordingError and RunDataError for damaged recordings.
         """
         piece = self.run.poll(last=last)
         if piece is not None:
-            self._recorded(self._teller.story(piece))
+            self._recorded(piece)
         drawn = [piece is not None, self._radio(last=last), self._perceived()]
         if any(drawn):
             self._ensembles()
@@ -180,11 +179,11 @@ class Following:
         """What is not drawn of what has been recorded by now."""
         return Lack(self.run.unread(), tuple(self._behind()))
 
-    def _recorded(self, piece: Story) -> None:
+    def _recorded(self, piece: RunData) -> None:
         assert self._painting is not None
         self.end = piece.end
         self._painting.recorded(piece)
-        for source in piece.sources:
+        for source in piece.processes:
             if source.robot not in self._detailed:
                 self._outside.setdefault(source.robot, Seen(source.robot))
             elif source.actor not in self._sources:
@@ -192,15 +191,15 @@ class Following:
                 self._inside_s[source.actor] = 0.0
                 self._waiting += self._followed.follow([source.actor])
         for robot, seen in self._outside.items():
-            self._painting.outside(robot, list(seen.of(piece.tracks[robot], piece.routes)), piece.end)
+            self._painting.outside(robot, list(seen.of(piece.trajectories[robot], piece.routes)), piece.end)
 
     def _radio(self, *, last: bool) -> bool:
         """What became of frames; True if there is anything new."""
         assert self._painting is not None
-        if self._deaf or self.run.step < 0:
+        if self._deaf or self.run.model.step < 0:
             return False
         if self._fates is None:
-            self._fates = self._stack.enter_context(GrowingFates(self.run.out, self.run.robots))
+            self._fates = self._stack.enter_context(GrowingFates(self.run.description.out, self.run.robots))
         try:
             fates, until, whole = self._fates.poll(_BUDGET_S)
         except AcrcError as error:
@@ -240,7 +239,7 @@ class Following:
 
     def _behind(self) -> Iterator[tuple[str, float]]:
         """What is computed and not drawn to its end: what, in words, and until when it is, s."""
-        step_s = in_seconds(self.run.setup.step_us)
+        step_s = in_seconds(self.run.description.step_us)
         if self._fates is not None and not self._deaf and self._fates_s < self.end - 2 * step_s:
             yield "what became of frames", self._fates_s
         for actor in self._followed.going:

@@ -2,15 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from acrc_testbed.explanation.explain import Explanation
+from acrc_testbed.run_model.data import Floats, RecordedProcess, RunData
+from acrc_testbed.run_model.floor import door_cells
+from acrc_testbed.run_model.places import PlaceTable
 from acrc_testbed.trace.frame_fates import LOSSES, Fates, fate_name
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.view.plots import DrawnParts, Happenings, PaintedInside, Plots, RobotLane, Way, name
-from acrc_testbed.view.story import Floats, Source, Story
 from actors.installation.usage import wrong_value
 from actors.observer.drawing import layout, places, robots, words
 from actors.observer.drawing.canvas import FEW, Canvas
@@ -18,85 +20,6 @@ from actors.observer.drawing.places import PlaceState, draw_places
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.observer.glyphs import FATES
 from actors.radio.medium.state import Outcome
-from actors.task.task import PlaceKey
-
-
-class _RobotWord(NamedTuple):
-    """Something that a robot said."""
-
-    second: float
-    robot: str
-    what: str
-    """route, done or given_up."""
-    places: tuple[PlaceKey, ...]
-
-
-class PlaceHistory:
-    """Draws the places of each owner whenever one of them stands otherwise."""
-
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas = canvas
-        self._states: dict[PlaceKey, PlaceState] = {}
-        self._shown: dict[PlaceKey, PlaceState] = {}
-        """Those that somebody has spoken of, and those that were there from the beginning."""
-        self._held: dict[str, frozenset[PlaceKey]] = {}
-
-    def extend(self, story: Story) -> None:
-        """Take in a story, or its next piece."""
-        self._come(story)
-        for word in _words(story):
-            touched = set(word.places)
-            if word.what == "route":
-                now = frozenset(word.places)
-                touched = set(now ^ self._held.get(word.robot, frozenset()))
-                self._held[word.robot] = now
-            changed = set()
-            for key in touched & self._states.keys():
-                new = self._after(key, word.what)
-                if new != self._shown.get(key):
-                    self._states[key] = self._shown[key] = new
-                    changed.add(key.owner)
-            self._draw(word.second, changed)
-
-    def _come(self, story: Story) -> None:
-        """The places that are new: shown at once if they are of the beginning, else once spoken of."""
-        owners = set()
-        for owner, points in story.places.items():
-            for number, (x, y) in enumerate(points):
-                key = PlaceKey(owner, number)
-                if key in self._states:
-                    continue
-                self._states[key] = PlaceState(x, y, holders=(owner,))
-                if number < story.begun_with[owner]:
-                    self._shown[key] = self._states[key]
-                    self._held[owner] = self._held.get(owner, frozenset()) | {key}
-                    owners.add(owner)
-        self._draw(0.0, owners)
-
-    def _after(self, key: PlaceKey, what: str) -> PlaceState:
-        """How a place stands once something was said of it."""
-        state = self._states[key]
-        if what == "route":
-            robots = self._canvas.robots
-            return state._replace(
-                holders=tuple(robot for robot in robots if key in self._held.get(robot, ()))
-            )
-        return state._replace(done=True) if what == "done" else state._replace(given_up=True)
-
-    def _draw(self, second: float, owners: set[str]) -> None:
-        for owner in sorted(owners):
-            mine = [state for key, state in self._shown.items() if key.owner == owner]
-            if mine:
-                draw_places(self._canvas, owner, second, mine)
-
-
-def _words(story: Story) -> list[_RobotWord]:
-    """In order of time; at one instant what has become of a place comes before who holds it."""
-    said = [_RobotWord(deed.second, deed.robot, "done", (deed.place,)) for deed in story.reported]
-    said += [_RobotWord(deed.second, deed.robot, "given_up", (deed.place,)) for deed in story.given_up]
-    said += [_RobotWord(route.second, route.robot, "route", route.places) for route in story.routes]
-    return sorted(said, key=lambda word: (word.second, word.what))
-
 
 DETAILED: Final = 8
 """Of so many robots everything is drawn; of the others what they do, know and want: a file of fifty robots'
@@ -106,19 +29,19 @@ _LASTING: Final = 10.0
 
 
 class Painting:
-    """One story on one canvas, or one piece of it after another."""
+    """One run on one canvas, or one piece of it after another."""
 
-    def __init__(self, canvas: Canvas, story: Story, detailed: Sequence[str]) -> None:
+    def __init__(self, canvas: Canvas, run: RunData, detailed: Sequence[str]) -> None:
         """`detailed`: the robots of which everything is drawn."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
         """Robots of which all links, goals and adoptions are drawn, however many robots there are."""
-        self._ways = {robot: Way() for robot in story.robots}
-        self._trails = {robot: robots.DrawnTrail() for robot in story.robots}
-        self._lanes = {robot: RobotLane(canvas, robot) for robot in story.robots}
+        self._ways = {robot: Way() for robot in run.robots}
+        self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
+        self._lanes = {robot: RobotLane(canvas, robot) for robot in run.robots}
         self._insides: dict[str, PaintedInside] = {}
-        self._places = PlaceHistory(canvas)
-        self._plots = Plots(canvas, true=story.true)
+        self._places = PlaceTable()
+        self._plots = Plots(canvas, true=run.description.has_truth)
         self._happenings = Happenings()
         self._heard: Floats = np.zeros((0, 4))
         """What was heard lately."""
@@ -126,33 +49,33 @@ class Painting:
         """Copies that were lost lately."""
         self._fates_since = 0.0
         self._exchanges: list[LearntExchange] = []
-        places.draw_floor(canvas, story.grid, story.doors)
+        places.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
         places.draw_marks(canvas)
         places.draw_lines(canvas, "copies", FATES)
         robots.introduce_radio(canvas)
-        for robot in story.robots:
+        for robot in run.robots:
             robots.introduce(canvas, robot)
             places.introduce_intent(canvas, robot)
 
-    def recorded(self, story: Story) -> None:
+    def recorded(self, run: RunData) -> None:
         """What was recorded: robots, trails, places, links, plots, events."""
         canvas = self._canvas
-        for robot, track in story.tracks.items():
+        for robot, track in run.trajectories.items():
             known = np.isfinite(track.poses[:, 0])
             seconds, poses = track.seconds[known], track.poses[known]
             self._ways[robot].extend(seconds, poses)
             robots.draw_poses(canvas, robot, seconds, poses)
             robots.draw_trail(canvas, robot, seconds, poses[:, :2], self._trails[robot])
-            for second, state in track.acts:
+            for second, state in track.states:
                 robots.draw_name(canvas, robot, second, state)
-            self._lanes[robot].act(track.acts)
-        for second, put in story.things:
+            self._lanes[robot].act(track.states)
+        for second, put in run.floor:
             places.draw_things(canvas, second, [(one.kind, one.points, one.radius) for one in put])
-        self._places.extend(story)
-        self._links(story)
-        self._plots.extend(story)
-        words.draw_events(canvas, "recorded", list(self._happenings.of(story)))
-        self._adoptions(story)
+        self._draw_places(run)
+        self._links(run)
+        self._plots.extend(run)
+        words.draw_events(canvas, "recorded", list(self._happenings.of(run)))
+        self._adoptions(run)
 
     def fates(self, fates: Fates, until: float, *, last: bool = True) -> None:
         """What became of frames: rings where copies are lost, and how many there were of each fate.
@@ -169,7 +92,7 @@ class Painting:
         self._lost = [one for one in self._lost if one[0] > until - shown - robots.period(canvas)]
         self._plots.copies(fates, until, last=last)
 
-    def inside(self, source: Source, inside: Trace, end: float | None = None) -> None:
+    def inside(self, source: RecordedProcess, inside: Trace, end: float | None = None) -> None:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
         if source.actor not in self._insides:
             way, lane = self._ways[source.robot], self._lanes[source.robot]
@@ -212,11 +135,18 @@ class Painting:
         words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
 
-    def _links(self, story: Story) -> None:
+    def _draw_places(self, run: RunData) -> None:
+        """Draw the places of each owner whenever the state of one of them changes."""
+        for change in self._places.extend(run):
+            for owner in sorted({key.owner for key in change.states}):
+                mine = [PlaceState(*it) for key, it in self._places.states.items() if key.owner == owner]
+                draw_places(self._canvas, owner, change.second, mine)
+
+    def _links(self, run: RunData) -> None:
         canvas = self._canvas
-        heard = np.concatenate((self._heard, story.heard))
-        self._heard = heard[heard[:, 0] > story.end - 2 * robots.LASTING]
-        seconds = _every(robots.period(canvas), story.since, story.end)
+        heard = np.concatenate((self._heard, run.heard))
+        self._heard = heard[heard[:, 0] > run.end - 2 * robots.LASTING]
+        seconds = _every(robots.period(canvas), run.since, run.end)
         robots.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
 
     def _positions(self, seconds: Floats) -> Floats:
@@ -227,10 +157,10 @@ class Painting:
         """What a robot heads for and adopts is drawn: of a few all, of many the chosen."""
         return len(self._canvas.robots) <= FEW or robot in self._chosen
 
-    def _adoptions(self, story: Story) -> None:
-        for deed in story.taken_over:
-            if self._in_full(deed.robot) and deed.place.place < len(story.places.get(deed.place.owner, ())):
-                point = story.places[deed.place.owner][deed.place.place]
+    def _adoptions(self, run: RunData) -> None:
+        for deed in run.taken_over:
+            if self._in_full(deed.robot) and deed.place.place < len(run.places.get(deed.place.owner, ())):
+                point = run.places[deed.place.owner][deed.place.place]
                 x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
                 places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))
 
@@ -246,9 +176,9 @@ def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
     return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
 
 
-def arrangement(story: Story, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
-    """What the window is to show of a story."""
-    return layout.Arrangement(story.grid, story.robots, detailed, story.end, story.true, reasons)
+def arrangement(run: RunData, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
+    """What the window is to show of a run."""
+    return layout.Arrangement(run.grid, run.robots, detailed, run.end, run.description.has_truth, reasons)
 
 
 def _every(period: float, since: float, end: float) -> Floats:

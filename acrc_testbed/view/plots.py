@@ -5,10 +5,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.evidence.run_evidence import Deed
+from acrc_testbed.run_model.data import Clock, Floats, RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.places import first_reports
 from acrc_testbed.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
 from acrc_testbed.trace.rows import Doing, Trace
-from acrc_testbed.view.story import Clock, Floats, Source, Story, Track
 from actors.observer.drawing import places, words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
@@ -17,56 +18,40 @@ from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
 
 
-class Firsts:
-    """Who said so first of each place."""
+class Happenings:
+    """Tells of a run piece by piece."""
 
     def __init__(self) -> None:
         self._known: set[PlaceKey] = set()
-
-    def of(self, deeds: Sequence[Deed]) -> list[Deed]:
-        """Those of which nobody has said so before."""
-        found = []
-        for deed in deeds:
-            if deed.place not in self._known:
-                self._known.add(deed.place)
-                found.append(deed)
-        return found
-
-
-class Happenings:
-    """Tells of a story piece by piece."""
-
-    def __init__(self) -> None:
-        self._firsts = Firsts()
         self._notes: set[str] = set()
         self._begun: set[str] = set()
 
-    def of(self, story: Story) -> Iterator[DrawnEvent]:
+    def of(self, run: RunData) -> Iterator[DrawnEvent]:
         """What happened in it, by what was recorded."""
-        for deed in self._firsts.of(story.reported):
+        for deed in first_reports(run.reported, self._known):
             own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
             yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
-        for deed in story.given_up:
+        for deed in run.given_up:
             yield DrawnEvent(deed.second, deed.robot, f"gives up {name(deed.place)}", "ERROR")
-        for deed in story.taken_over:
+        for deed in run.taken_over:
             yield DrawnEvent(deed.second, deed.robot, f"adopts {name(deed.place)}", "WARN")
-        for robot, track in story.tracks.items():
-            for second, state in track.acts:
+        for robot, track in run.trajectories.items():
+            for second, state in track.states:
                 if state or robot in self._begun:
                     yield DrawnEvent(second, robot, f"is {state}" if state else "acts again", "WARN")
                 self._begun.add(robot)
-        for change in story.ordered:
+        for change in ordered_changes(run):
             yield DrawnEvent(change.second, change.robot, change.words, "WARN")
-        for note in story.notes:
+        for note in run.notes:
             if note not in self._notes:
                 self._notes.add(note)
-                yield DrawnEvent(story.since, "", note, "WARN")
+                yield DrawnEvent(run.since, "", note, "WARN")
 
 
 class InnerHappenings:
     """Tells of one process of a robot."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: RecordedProcess) -> None:
         self._source = source
         self._blocked: float | None = None
         self._activity = ""
@@ -121,7 +106,7 @@ class Plots:
         """`true`: somebody knows where robots were."""
         self._canvas, self._true = canvas, true
         self._done = dict.fromkeys(canvas.robots, 0)
-        self._firsts = Firsts()
+        self._known: set[PlaceKey] = set()
         self._last: dict[str, tuple[float, float, float]] = {}
         """By robot the last point of its plots: s, and where it was, m."""
         self._pairs: set[int] = set()
@@ -137,10 +122,10 @@ class Plots:
             for name in ("speed", "error") if true else ("speed",):
                 words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
-    def extend(self, story: Story) -> None:
-        """Take in a story, or its next piece."""
-        first = sorted(self._firsts.of(story.reported), key=lambda deed: deed.second)
-        ends = [story.since, *(deed.second for deed in first), max([story.end, *(d.second for d in first)])]
+    def extend(self, run: RunData) -> None:
+        """Take in a run, or its next piece."""
+        first = sorted(first_reports(run.reported, self._known), key=lambda deed: deed.second)
+        ends = [run.since, *(deed.second for deed in first), max([run.end, *(d.second for d in first)])]
         rows = [list(self._done.values())]
         for deed in first:
             self._done[deed.robot] += 1
@@ -149,11 +134,11 @@ class Plots:
         lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
         for name, values in lines.items():
             words.draw_line(self._canvas, f"plots/places/{name}", ends, values)
-        for robot, track in story.tracks.items():
+        for robot, track in run.trajectories.items():
             self._drive(robot, track)
-        self._strengths(story.heard)
+        self._strengths(run.heard)
 
-    def _drive(self, robot: str, track: Track) -> None:
+    def _drive(self, robot: str, track: Trajectory) -> None:
         """Speed, and how far off it held itself to be, twice a second."""
         rows, due = [], self._last.get(robot, (_NEVER,))[0] + _PLOT_S
         for row, second in enumerate(track.seconds.tolist()):
@@ -162,7 +147,7 @@ class Plots:
                 due = second + _PLOT_S
         if not rows:
             return
-        seconds, poses, held = track.seconds[rows], track.poses[rows], track.held[rows]
+        seconds, poses, held = track.seconds[rows], track.poses[rows], track.estimated[rows]
         points = np.column_stack((seconds, poses[:, :2]))
         known = np.concatenate((np.array([self._last.get(robot, points[0])]), points))
         self._last[robot] = tuple(points[-1].tolist())
@@ -328,7 +313,9 @@ class DrawnParts(NamedTuple):
 class PaintedInside:
     """One process of a robot."""
 
-    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
+    def __init__(
+        self, canvas: Canvas, source: RecordedProcess, way: Way, lane: RobotLane, shown: DrawnParts
+    ) -> None:
         self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
         self._shown = shown
         self._happenings = InnerHappenings(source)

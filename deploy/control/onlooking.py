@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Final
 
-from acrc_testbed.accounting.tracks import STANDARD
+from acrc_testbed.accounting.episodes import STANDARD
 from actors.messages import Heard, Received
 from actors.task.task import PlaceKey
 from deploy.control.wire import MapRobot, Waypoint

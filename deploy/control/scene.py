@@ -5,7 +5,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from acrc_testbed.accounting.tracks import STANDARD
+from acrc_testbed.accounting.episodes import STANDARD
 from actors.floor.doorway import DoorError
 from actors.geometry import Point
 from actors.instant import in_seconds

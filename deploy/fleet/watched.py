@@ -12,14 +12,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.evidence.run_evidence import Deed, Route, SaidPlaces
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES
+from acrc_testbed.run_model.data import RunDescription
+from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
 from acrc_testbed.view.drawn import say_at_once
 from acrc_testbed.view.live import Seen
 from acrc_testbed.view.painting import Painting
-from acrc_testbed.view.story import Story, Track
 from actors.floor.map_file import load_map
-from actors.messages import BOARD, DRIVE, PROGRESS, RECEIVED, Board, Drive, Heard, Progress, Received
+from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
 from actors.observer import viewer
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import Canvas
@@ -81,43 +81,45 @@ class WatchedFleet:
     """Draws what has been said, piece by piece."""
 
     def __init__(self, fleet: Fleet, sheet: Sheet) -> None:
-        self._fleet, self._grid = fleet, load_map(fleet.map)
         self.robots = tuple(robot.id for robot in fleet.robots)
-        self._addresses = {robot.address: number for number, robot in enumerate(fleet.robots)}
-        self._said = SaidPlaces({robot.id: len(robot.places) for robot in fleet.robots}, 0)
+        self._model = RunModel(
+            RunDescription(
+                out=Path(),
+                title="a fleet",
+                robots=self.robots,
+                grid=load_map(fleet.map),
+                step_us=0,
+                own_places={robot.id: robot.places for robot in fleet.robots},
+                addresses={robot.address: robot.id for robot in fleet.robots},
+                has_truth=False,
+            )
+        )
         self._seen = {robot: Seen(robot) for robot in self.robots}
         self._canvas = Canvas(sheet.recording, self.robots)
         self._last: dict[str, float] = {}
         """When each was heard last, s."""
-        self._acts: dict[str, str] = {}
         self._endpoints: dict[str, str] = {}
         """Who is behind an endpoint, as soon as that is known."""
         self._told: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
         self._drawn: set[str] = set()
-        self._since = self._counted = 0.0
+        self._counted = 0.0
         self._missed = 0
-        self._painting = Painting(self._canvas, self._story({}, np.zeros((0, 4)), (), 0.0), ())
+        self._painting = Painting(self._canvas, self._model.observed(0.0), ())
         for robot in self.robots:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
     def draw(self, said: Sequence[HeardMessage], now: float, missed: int) -> None:
         """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
-        poses: dict[str, list[tuple[float, float, float, float]]] = {}
-        heard: list[tuple[float, int, int, float]] = []
         events: list[DrawnEvent] = []
         for one in said:
-            robot = _robot(one.key) or self._endpoints.get(one.endpoint, "")
+            robot = robot_of(one.key) or self._endpoints.get(one.endpoint, "")
             if robot in self.robots:
                 self._endpoints[one.endpoint] = robot
                 self._last[robot] = one.second
             match one.message:
-                case Drive() if robot in self.robots:
-                    self._said.take(robot, one.message)
-                    if one.message.pose is not None:
-                        poses.setdefault(robot, []).append((one.second, *one.message.pose))
-                case Received() if robot in self.robots:
-                    heard += self._hear(robot, one.second, one.message)
+                case Drive() | Received() if robot in self.robots:
+                    self._fold(one, robot)
                 case Progress():
                     events += self._progress(robot or one.endpoint, one.second, one.message)
                 case Board():
@@ -126,55 +128,20 @@ class WatchedFleet:
             lacks = f"the view lacks {missed - self._missed} messages: too many came"
             events.append(DrawnEvent(now, "", lacks, "WARN"))
             self._missed = missed
-        story = self._story(poses, np.array(heard, np.float64).reshape(-1, 4), self._states(now), now)
-        self._said.forget()
-        self._painting.recorded(story)
+        self._note_silence(now)
+        run = self._model.observed(now)
+        self._painting.recorded(run)
         for robot, seen in self._seen.items():
-            self._painting.outside(robot, list(seen.of(story.tracks[robot], story.routes)), now)
+            self._painting.outside(robot, list(seen.of(run.trajectories[robot], run.routes)), now)
         self._painting.tell(events)
         self._plot(now)
-        self._since = now
 
-    def _story(
-        self,
-        poses: dict[str, list[tuple[float, float, float, float]]],
-        heard: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]",
-        acts: Sequence[tuple[str, float, str]],
-        now: float,
-    ) -> Story:
-        tracks = {}
-        for robot in self.robots:
-            table = np.array(poses.get(robot, ()), np.float64).reshape(-1, 4)
-            mine = tuple((second, state) for who, second, state in acts if who == robot)
-            tracks[robot] = Track(table[:, 0], table[:, 1:], table[:, 1:], mine)
-        places = {robot.id: robot.places for robot in self._fleet.robots}
-        when = self._since
-        return Story(
-            title="a fleet",
-            out=Path(),
-            grid=self._grid,
-            tracks=tracks,
-            places=places,
-            begun_with={robot: len(mine) for robot, mine in places.items()},
-            routes=tuple(Route(one.robot, when, one.places) for one in self._said.routes),
-            reported=tuple(Deed(one.robot, when, one.place) for one in self._said.reported),
-            taken_over=tuple(Deed(one.robot, when, one.place) for one in self._said.taken_over),
-            given_up=tuple(Deed(one.robot, when, one.place) for one in self._said.given_up),
-            heard=heard,
-            end=now,
-            true=False,
-            sources=(),
-            since=self._since,
-        )
-
-    def _hear(self, robot: str, second: float, received: Received) -> list[tuple[float, int, int, float]]:
-        found = []
-        for event in received.events:
-            self._counts[FRAME_OUTCOMES[type(event)]] += 1
-            if isinstance(event, Heard) and event.sender in self._addresses:
-                sender, own = self._addresses[event.sender], self.robots.index(robot)
-                found.append((second, sender, own, event.rssi_dbm))
-        return found
+    def _fold(self, said: HeardMessage, robot: str) -> None:
+        """Fold a robot's message; everything in it counts as of the instant at which it came."""
+        if isinstance(said.message, Received):
+            self._counts.update(FRAME_OUTCOMES[type(event)] for event in said.message.events)
+        instant = round(said.second * 1e6)
+        self._model.extend(said.key, with_instants(said.message, lambda _: instant), said.second)
 
     def _progress(self, who: str, second: float, progress: Progress) -> list[DrawnEvent]:
         """How a robot gets on, where that has changed."""
@@ -184,16 +151,12 @@ class WatchedFleet:
         self._told[who] = told
         return [DrawnEvent(second, who, told, "WARN" if progress.held else "INFO")]
 
-    def _states(self, now: float) -> list[tuple[str, float, str]]:
-        """Who is no longer heard, or again, from when on."""
-        found = []
+    def _note_silence(self, now: float) -> None:
+        """Note which robots are no longer heard, or again."""
         for robot in self.robots:
             last = self._last.get(robot)
-            state = "not heard" if last is None or now - last > _SILENT_S else ""
-            if self._acts.get(robot) != state:
-                self._acts[robot] = state
-                found.append((robot, self._since, state))
-        return found
+            silent = last is None or now - last > _SILENT_S
+            self._model.set_state(robot, self._model.since, "not heard" if silent else "")
 
     def _plot(self, now: float) -> None:
         """How old each robot's last word is; and what became of frames."""
@@ -239,9 +202,3 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
                     time.sleep(_PERIOD_S)
     finally:
         viewer.end(opened)
-
-
-def _robot(key: str) -> str:
-    """Whose key it is, `swarm/up/ID/…` or `swarm/down/ID/…`; empty if nobody's."""
-    parts = key.split("/")
-    return parts[2] if len(parts) == 4 and key not in (PROGRESS.pattern, BOARD.pattern) else ""

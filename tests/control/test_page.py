@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from acrc_testbed.evidence.run_evidence import taken
+from acrc_testbed.run_model.recorded import messages_on
 from actors.installation.repository import REPOSITORY
 from actors.messages import CONTROL, TRUTH
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall
@@ -76,9 +76,9 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
         process.communicate(timeout=60)
         assert process.returncode == 0
     assert processes_of(out) == [] and leftovers(out) == [] and not (out / "control.url").exists()
-    given = [order for _, told in taken(out / "world/world.mcap", CONTROL) for order in told.orders]
+    given = [order for _, told in messages_on(out / "world/world.mcap", CONTROL) for order in told.orders]
     assert [type(one) for one in given] == [Pause, Move, Wall, Step, Resume, Stop]
-    truths = taken(out / "radio/radio.mcap", TRUTH)
+    truths = messages_on(out / "radio/radio.mcap", TRUTH)
     at_r1 = {told.step: told.robots[0] for _, told in truths if told.robots}
     assert abs(at_r1[paused + 1].y - moved[2]) < 0.2 < abs(at_r1[paused].y - moved[2])
 

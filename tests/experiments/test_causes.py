@@ -15,12 +15,13 @@ from typer.testing import CliRunner
 
 from acrc_testbed.accounting.account import account, decision_events, diagnosis_score
 from acrc_testbed.accounting.classify import CAUSES, Classified, blocking_events, classify, deadlocks
+from acrc_testbed.accounting.episodes import STANDARD, Said
 from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, TimeSpent
-from acrc_testbed.accounting.tracks import STANDARD, Said, Tracks
 from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.command_line.app import app
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.orders import CloseDoor
@@ -33,6 +34,7 @@ from deploy.run.options import RunOptions
 from tests.experiments import situations
 from tests.experiments.situations import NECKS, PLANTED, Plant, Robot, Situation, quiet
 from tests.helpers import in_memory, in_order
+from tests.run_data import run_data
 
 Record = Callable[[str, object], None]
 LEAST_S = 3.0
@@ -160,22 +162,25 @@ def driving(x: float, y: float) -> NDArray[np.float64]:
     return np.column_stack([x + 0.008 * np.arange(STEPS), np.full(STEPS, y), np.zeros(STEPS)])
 
 
-def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) -> Tracks:
+def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) -> RunData:
     together = np.stack(true, axis=1)
     always = np.ones(together.shape[:2], np.bool_)
     names = tuple(f"r{number}" for number in range(1, len(true) + 1))
     said = together if held is None else held
-    return Tracks(names, STEP, together, said, together, always, always.copy())
+    return run_data(
+        names, STEP, true=together, estimated=said, commanded=together, stepping=always,
+        places_left=always.astype(np.int64),
+    )  # fmt: skip
 
 
-def classified(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> Classified:
+def classified(of: RunData, *said: Said, orders: Sequence[GivenOrder] = ()) -> Classified:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
-        of.busy[:, robot] &= one is not IDLE
+        of.places_left[:, robot] *= one is not IDLE
     return classify(of, dict(zip(of.robots, said, strict=True)), floor(*orders))
 
 
-def causes(of: Tracks, *said: Said, orders: Sequence[GivenOrder] = ()) -> list[set[Cause]]:
+def causes(of: RunData, *said: Said, orders: Sequence[GivenOrder] = ()) -> list[set[Cause]]:
     found = classified(of, *said, orders=orders).causes
     return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
 

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from acrc_testbed.accounting.account import account
+from acrc_testbed.accounting.episodes import Episode, lost, runs, standing
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.accounting.tracks import Episode, lost, runs, standing
 from acrc_testbed.accounting.true_floor import Passages
 from acrc_testbed.benchmarks.measured import average, proportion
 from actors.floor.map_file import load_map

@@ -13,10 +13,10 @@ import pytest
 
 from acrc_testbed.accounting.account import account
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
-from acrc_testbed.evidence.run_reader import RunReader
 from acrc_testbed.replay import recheck, record_check
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import check_seal
+from acrc_testbed.run_model.simulated import RunReader
 from actors.runtime.errors import AcrcError
 from tests.swarm.command import run as run_here
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.evidence.run_evidence import RunEvidence
-from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import read_run
 
 
 @pytest.fixture(scope="session")
@@ -14,5 +14,5 @@ def folder(complete_run: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def evidence(folder: Path) -> RunEvidence:
+def evidence(folder: Path) -> RunData:
     return read_run(folder)

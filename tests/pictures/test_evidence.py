@@ -22,14 +22,16 @@ from PIL import Image
 
 from acrc_testbed.accounting.account import account, spells
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
-from acrc_testbed.evidence import run_evidence, run_reader
-from acrc_testbed.evidence.run_evidence import EvidenceError, RunEvidence
-from acrc_testbed.evidence.run_reader import RunReader, read_run
-from acrc_testbed.evidence.things_over_time import FloorThing, FloorThings, ThingsOverTime, ordered, spans
 from acrc_testbed.picture import lanes, marks, moving, run_html, run_page, style
 from acrc_testbed.picture.floor_picture import meetings
 from acrc_testbed.recordings.topics import Recorded
 from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.run_model import recorded as recorded_contents
+from acrc_testbed.run_model import simulated
+from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError
+from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.floor import FloorHistory, FloorObject, FloorOrders, floor_intervals
+from acrc_testbed.run_model.simulated import RunReader, read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
@@ -41,19 +43,19 @@ from actors.world.world_setup import TimedOrder, WorldSetup
 from tests.recorded_runs import HEAD_ON, record
 
 
-def test_it_says_what_the_result_says(evidence: RunEvidence) -> None:
+def test_it_says_what_the_result_says(evidence: RunData) -> None:
     result = evidence.result
     assert result is not None
     assert evidence.end == pytest.approx(result.simulated_s)
     assert len({deed.place for deed in evidence.reported}) == result.places_claimed == 6
     assert max(deed.second for deed in evidence.reported) == result.completion_s
-    assert evidence.sent.sum() == result.frames["frames_sent"]
-    assert evidence.heard.sum() == result.frames["copies_heard"]
-    error = np.hypot(*np.moveaxis(evidence.held[..., :2] - evidence.true[..., :2], -1, 0))
+    assert evidence.frames_sent.sum() == result.frames["frames_sent"]
+    assert evidence.frames_heard.sum() == result.frames["copies_heard"]
+    error = np.hypot(*np.moveaxis(evidence.estimated[..., :2] - evidence.true[..., :2], -1, 0))
     assert np.nanmax(error) < 0.01, "its odometry is exact"
 
 
-def test_places_change_hands_in_the_doorway(evidence: RunEvidence) -> None:
+def test_places_change_hands_in_the_doorway(evidence: RunData) -> None:
     assert {deed.robot for deed in evidence.taken_over} == {"r1", "r2"}
     assert all(deed.robot != deed.place.owner for deed in evidence.taken_over)
     first = evidence.taken_over[0]
@@ -62,14 +64,14 @@ def test_places_change_hands_in_the_doorway(evidence: RunEvidence) -> None:
     assert apart < 1.5, "the chapter's distance for an adoption"
 
 
-def test_spells_are_without_gaps_and_overlap(evidence: RunEvidence) -> None:
+def test_spells_are_without_gaps_and_overlap(evidence: RunData) -> None:
     for robot in evidence.robots:
         own = [one for one in spells(evidence) if one.robot == robot]
         assert own[0].begin == 0.0 and own[-1].end == pytest.approx(evidence.end)
         assert all(a.end == b.begin and a.cause != b.cause for a, b in pairwise(own))
 
 
-def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunEvidence) -> None:
+def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunData) -> None:
     lasted: defaultdict[tuple[str, str], float] = defaultdict(float)
     for one in spells(evidence):
         lasted[one.robot, one.cause.value] += one.end - one.begin
@@ -78,7 +80,7 @@ def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunEvidenc
 
 
 @pytest.mark.parametrize("cause", [Cause.OFF, Cause.FROZEN], ids=str)
-def test_who_takes_no_part_is_off_or_frozen(evidence: RunEvidence, cause: Cause) -> None:
+def test_who_takes_no_part_is_off_or_frozen(evidence: RunData, cause: Cause) -> None:
     stepping, powered = evidence.stepping.copy(), evidence.powered.copy()
     stepping[500:, 0] = False
     powered[500:, 0] = cause is Cause.FROZEN
@@ -87,19 +89,16 @@ def test_who_takes_no_part_is_off_or_frozen(evidence: RunEvidence, cause: Cause)
     assert last.cause is cause and last.begin == pytest.approx(50.0)
 
 
-def test_who_stands_alone_stands_before_nobody(evidence: RunEvidence) -> None:
+def test_who_stands_alone_stands_before_nobody(evidence: RunData) -> None:
     alone = replace(
         evidence,
-        robots=("r1",),
-        **{
-            name: getattr(evidence, name)[:, :1]
-            for name in ("true", "held", "wished", "powered", "stepping", "left", "sent", "heard")
-        },
+        description=replace(evidence.description, robots=("r1",)),
+        **{column.name: getattr(evidence, column.name)[:, :1] for column in STEP_COLUMNS},
     )
     assert not {one.cause for one in spells(alone)} & {*BY_ROBOTS}
 
 
-def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunEvidence) -> None:
+def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunData) -> None:
     found = meetings(spells(evidence))
     assert found, "they block each other"
     for x, y, lasted in found:
@@ -113,13 +112,13 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
     part = tmp_path / "part"
     shutil.copytree(folder / "r1", part / "r1")
     with pytest.raises(
-        EvidenceError, match=r"no recording of the world; it should be the folder of a simulated"
+        RunDataError, match=r"no recording of the world; it should be the folder of a simulated"
     ):
         read_run(part)
     wrong = tmp_path / "wrong"
     shutil.copytree(folder, wrong)
     (wrong / "run.json").write_text("{}")
-    with pytest.raises(EvidenceError, match=r"run\.json: is no run's result"):
+    with pytest.raises(RunDataError, match=r"run\.json: is no run's result"):
         read_run(wrong)
 
 
@@ -133,7 +132,7 @@ def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest
         return told
 
     monkeypatch.setattr(Recorded, "message", fickle)
-    with pytest.raises(EvidenceError, match=r"radio\.mcap: its robots change; they should be the same"):
+    with pytest.raises(RunDataError, match=r"radio\.mcap: its robots change; they should be the same"):
         read_run(folder)
 
 
@@ -154,38 +153,41 @@ SPANS = [("closed door", 2.0, 10.0), ("obstacle", 3.0, 16.0), ("jammer", 4.0, 9.
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunEvidence:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     out = tmp_path_factory.mktemp("things") / "run"
     record(out, EVENTS + HEAD_ON.read_text(), duration=16.0)
     return read_run(out)
 
 
 @pytest.fixture(scope="module")
-def ordered_run(recorded: RunEvidence) -> RunEvidence:
+def ordered_run(recorded: RunData) -> RunData:
     """The same with a wall, which people alone can order."""
     wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
-    return replace(recorded, orders=tuple(sorted((*recorded.orders, wall), key=lambda one: one.step)))
+    orders = tuple(sorted((*recorded.orders, wall), key=lambda one: one.step))
+    floor = FloorHistory(recorded.grid, recorded.description.radius, recorded.step_us)
+    changes = floor.extend(orders, recorded.jams, recorded.seconds, recorded.true, recorded.end)
+    return replace(recorded, orders=orders, floor=tuple(changes))
 
 
-def test_each_thing_was_there_from_when_to_when(ordered_run: RunEvidence) -> None:
-    assert [(one.thing.kind, one.begin, one.end) for one in spans(ordered_run)] == SPANS
-    door = spans(ordered_run)[0].thing
+def test_each_thing_was_there_from_when_to_when(ordered_run: RunData) -> None:
+    found = floor_intervals(ordered_run.floor, ordered_run.end)
+    assert [(one.object.kind, one.begin, one.end) for one in found] == SPANS
+    door = found[0].object
     (x, y), (to_x, to_y) = door.points
     assert math.dist((x, y), (to_x, to_y)) == pytest.approx(0.85, abs=0.1), "across the passage"
 
 
-def test_a_run_in_pieces_tells_the_same(recorded: RunEvidence) -> None:
-    whole = list(ThingsOverTime().extend(recorded))
-    things = ThingsOverTime()
-    pieces: list[tuple[float, tuple[FloorThing, ...]]] = []
+def test_a_run_in_pieces_tells_the_same(recorded: RunData) -> None:
+    whole = list(recorded.floor)
+    pieces: list[tuple[float, tuple[FloorObject, ...]]] = []
     with RunReader(recorded.out) as reader:
         while (piece := reader.poll(last=bool(pieces))) is not None:
-            pieces += list(things.extend(piece))
+            pieces += piece.floor
     assert pieces == whole and len(whole) == 5
 
 
-def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunEvidence) -> None:
-    assert [(one.second, one.robot, one.words) for one in ordered(ordered_run)] == [
+def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunData) -> None:
+    assert [(one.second, one.robot, one.words) for one in ordered_changes(ordered_run)] == [
         (2.0, "", "the door at (17.2, 9.4) is to close"),
         (3.0, "", "a thing of 0.6 m is put at (9.0, 11.5)"),
         (4.0, "", "a jammer of 2 m at (20.0, 11.5) for 5 s"),
@@ -196,13 +198,13 @@ def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: R
     ]
 
 
-def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunEvidence) -> None:
+def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunData) -> None:
     found = [(one.robot, one.cause, one.begin) for one in spells(ordered_run)]
     assert ("r1", Cause.FROZEN, 6.0) in found and ("r2", Cause.OFF, 13.0) in found
     assert not any(cause in (Cause.NO_PROGRESS, Cause.OPEN_FLOOR) for _, cause, _ in found)
 
 
-def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, tmp_path: Path) -> None:
+def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunData, tmp_path: Path) -> None:
     with style.applied(style.LOOK):
         figure = run_page.draw(ordered_run)
         style.save(figure, tmp_path / "run.png")
@@ -216,14 +218,14 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunEvidence, 
     assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
 
 
-def test_the_page_of_a_run_lists_it(ordered_run: RunEvidence) -> None:
+def test_the_page_of_a_run_lists_it(ordered_run: RunData) -> None:
     page = run_html.html(ordered_run, b"")
     rows = re.findall(r"<tr><td[^>]*>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td></tr>", page)
     assert ("5.0", "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)") in rows
     assert ("6.0", "r1", "is frozen until 8 s") in rows and ("13.0", "r2", "is off until 16 s") in rows
 
 
-def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunEvidence, tmp_path: Path) -> None:
+def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunData, tmp_path: Path) -> None:
     moving.write(ordered_run, tmp_path / "m.gif", 10.0)
     with Image.open(tmp_path / "m.gif") as film:
         seen = []
@@ -255,9 +257,9 @@ def test_a_door_closes_once_nobody_stands_in_it_and_an_opened_one_never() -> Non
     steps[:, 0, 1] = 3.0
     steps[6:, 0, 0] = 2.0
     orders = [GivenOrder(1, CloseDoor(5.0, 3.0))]
-    assert [step for step, _ in FloorThings(grid(), 0.177).changes(orders, steps)] == [6]
+    assert [step for step, _ in FloorOrders(grid(), 0.177).changes(orders, steps)] == [6]
     orders.append(GivenOrder(4, OpenDoor(5.0, 3.0)))
-    assert list(FloorThings(grid(), 0.177).changes(orders, steps)) == []
+    assert list(FloorOrders(grid(), 0.177).changes(orders, steps)) == []
 
 
 def test_no_words_lie_on_others_however_near_their_points_are() -> None:
@@ -275,9 +277,7 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
     assert not any(one.overlaps(other) for number, one in enumerate(placed) for other in placed[:number])
 
 
-def test_lanes_of_delayed_robots_come_first(
-    ordered_run: RunEvidence, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: pytest.MonkeyPatch) -> None:
     doing = spells(ordered_run)
     assert lanes.order(ordered_run, doing) == list(ordered_run.robots)
     monkeypatch.setattr(style, "_FEW", 1)
@@ -332,10 +332,10 @@ def test_invalid_orders_are_left_out(short_run: Path, monkeypatch: pytest.Monkey
         StartJam(math.nan, 0.0, 1.0, 1),
     )
     orders = (*hostile, Obstacle(9.0, 11.5, 0.3))
-    told = run_evidence.world_setup
+    told = recorded_contents.world_setup
 
     def setup(world: Path) -> WorldSetup:
         return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))
 
-    monkeypatch.setattr(run_reader, "world_setup", setup)
+    monkeypatch.setattr(simulated, "world_setup", setup)
     assert [one.order for one in read_run(short_run).orders] == [Obstacle(9.0, 11.5, 0.3)]

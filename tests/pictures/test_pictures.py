@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from acrc_testbed.command_line import look as look_commands
-from acrc_testbed.evidence.run_evidence import RunEvidence
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.picture import floor_picture, moving, run_html, run_page, side_by_side, style
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import read_run
 from actors.installation.usage import OptionError
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
@@ -46,7 +46,7 @@ class Page(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def page(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> Page:
+def page(evidence: RunData, tmp_path_factory: pytest.TempPathFactory) -> Page:
     folder = tmp_path_factory.mktemp("page")
     with style.applied(style.LOOK):
         figure = run_page.draw(evidence)
@@ -55,7 +55,7 @@ def page(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> Pag
     return Page(figure, *((folder / f"run.{kind}").read_bytes() for kind in ("png", "svg")))
 
 
-def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunEvidence, page: Page) -> None:
+def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunData, page: Page) -> None:
     seen = colours(io.BytesIO(page.png))
     causes = [hexadecimal(glyph.colour) for glyph in SEEN_STATES.values()]
     wanted = [style.WALL, style.UNKNOWN, style.colour(0), style.colour(1), *causes]
@@ -67,7 +67,7 @@ def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunEvi
     assert page.figure.axes[2].get_ylabel() == "radio frames/s"
 
 
-def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunEvidence) -> None:
+def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> None:
     figure = side_by_side.draw([evidence, evidence])
     floors, lanes = figure.axes[::2], figure.axes[1::2]
     assert {axes.get_xlim() for axes in lanes} == {(0.0, evidence.end)}
@@ -82,7 +82,7 @@ def test_robots_beyond_the_palette_have_a_colour_too() -> None:
     assert len({mark.get_label() for mark in floor_picture.legend(MARKS)}) == len(MARKS)
 
 
-def test_view_draws_page_and_movie(evidence: RunEvidence, page: Page, folder: Path, tmp_path: Path) -> None:
+def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "copy"
     shutil.copytree(folder, out)
     done = acrc("view", out, "--png", "--svg", "--html", "--movie", tmp_path / "m.gif", "--speed", 100)
@@ -146,7 +146,7 @@ def test_runs_too_short_to_judge_are_drawn_beside_one_another_with_a_warning(sho
     assert refused.stderr == "acrc: --beside: cannot be combined with --html, --movie or --why\n"
 
 
-def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunEvidence) -> None:
+def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunData) -> None:
     assert evidence.result is not None
     origin = msgspec.structs.replace(evidence.result.origin, strategy="<script>alert(1)</script>")
     result = msgspec.structs.replace(evidence.result, origin=origin)
@@ -184,7 +184,7 @@ def test_a_run_without_a_result_was_cut_off_or_goes_on(short_run_copy: Path) -> 
 
 
 @pytest.mark.nightly
-def test_a_page_on_a_dark_screen_is_dark(evidence: RunEvidence, browser: "Browser", tmp_path: Path) -> None:
+def test_a_page_on_a_dark_screen_is_dark(evidence: RunData, browser: "Browser", tmp_path: Path) -> None:
     run_html.write(evidence, tmp_path / "run.html")
     bright = {}
     for scheme in ("light", "dark"):
@@ -219,7 +219,7 @@ def test_a_movie_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_ffmpeg_is_given_pictures_of_even_sides(
-    evidence: RunEvidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    evidence: RunData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / "ffmpeg"
     program.write_text(f'#!/bin/sh\necho "$@" >{tmp_path}/words\n/usr/bin/wc -c >{tmp_path}/bytes\n')

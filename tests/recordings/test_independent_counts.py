@@ -17,7 +17,6 @@ import pytest
 
 from acrc_testbed.accounting.account import account
 from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.evidence.run_evidence import outcomes, taken, world_setup
 from acrc_testbed.experiments.comparison.metrics import judged, named
 from acrc_testbed.experiments.report import quantities
 from acrc_testbed.experiments.report.cases import Case
@@ -25,6 +24,7 @@ from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.export import rows
 from acrc_testbed.export.parquet_files import TABLES
 from acrc_testbed.results.result import RunResult
+from acrc_testbed.run_model.recorded import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
 from actors.robot.behaviour.foreign import Permit
@@ -87,17 +87,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
     found = rows.tables(out, permit=Permit((REPOSITORY,)), isolate=False)
     return Counted(
         own={
-            name: msgspec.json.decode(outcomes(path)["counted"], type=dict[str, int])
+            name: msgspec.json.decode(final_outcomes(path)["counted"], type=dict[str, int])
             for name, path in robots.items()
         },
         result=result,
         time=account(out),
-        truths=[truth for _, truth in taken(out / "radio" / "radio.mcap", TRUTH) if not truth.halt],
-        drives=list(taken(out / "world" / "world.mcap", DRIVE)),
+        truths=[truth for _, truth in messages_on(out / "radio" / "radio.mcap", TRUTH) if not truth.halt],
+        drives=list(messages_on(out / "world" / "world.mcap", DRIVE)),
         received=[
             (path.parent.name, event)
             for path in robots.values()
-            for _, message in taken(path, RECEIVED)
+            for _, message in messages_on(path, RECEIVED)
             for event in message.events
         ],
         places=places,

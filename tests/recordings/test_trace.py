@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from acrc_testbed.evidence.run_evidence import taken
 from acrc_testbed.replay.sandboxed import Call, ask
+from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.trace import traces as keeping
 from acrc_testbed.trace import traces as tracing
 from acrc_testbed.trace.frame_fates import frame_fates, replayed
@@ -52,7 +52,7 @@ def test_an_adoption_names_its_replica_and_frame(recorded_run: Path, trace: Trac
     assert adoption.decision is not None and adoption.decision.words == "takes over r1/0"
     frames = {
         (received.step, event.instant, event.sender, event.rssi_dbm, event.lqi)
-        for _, received in taken(recorded_run / "r2" / "r2.mcap", RECEIVED)
+        for _, received in messages_on(recorded_run / "r2" / "r2.mcap", RECEIVED)
         for event in received.events
         if isinstance(event, Heard)
     }

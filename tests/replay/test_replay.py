@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.command_line import replaying
-from acrc_testbed.evidence.run_evidence import world_setup
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay import record_replay
 from acrc_testbed.replay.recheck import RecheckError, recheck
 from acrc_testbed.replay.record_replay import Onlook, replay_actor
 from acrc_testbed.replay.run_recordings import code_folders, recordings, setup_of
+from acrc_testbed.run_model.recorded import world_setup
+from acrc_testbed.run_model.simulated import read_run
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.assembly import RobotSetup

@@ -13,13 +13,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from acrc_testbed.command_line.exporting import export
-from acrc_testbed.evidence.run_evidence import RunEvidence, taken
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.robot_logs import robot_entries, ros2_log
 from acrc_testbed.robot_logs.logging_run import LogReport, log_run
 from acrc_testbed.robot_logs.robot_entries import occupancy
 from acrc_testbed.robot_logs.ros2_log import TYPES, LogEntry
-from acrc_testbed.view.story import Source, Track
+from acrc_testbed.run_model.data import RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.simulated import read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
 from actors.installation.usage import OptionError
@@ -64,7 +64,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def evidence(out: Path) -> RunEvidence:
+def evidence(out: Path) -> RunData:
     return read_run(out)
 
 
@@ -152,7 +152,7 @@ def test_a_player_of_bags_finds_what_it_needs_in_the_file(ros2_file: Path) -> No
 
 
 def test_commanded_velocities_are_those_that_the_world_received(ros2: Log, out: Path) -> None:
-    sent = [(robot, drive.vx, drive.omega) for robot, drive in taken(out / "world" / "world.mcap", DRIVE)]
+    sent = [(robot, drive.vx, drive.omega) for robot, drive in messages_on(out / "world/world.mcap", DRIVE)]
     for robot in ("r1", "r2"):
         told = [(message.linear.x, message.angular.z) for _, message in ros2[f"/{robot}/cmd_vel"]]
         assert told == [tuple(velocity) for one, *velocity in sent if one == robot]
@@ -160,21 +160,21 @@ def test_commanded_velocities_are_those_that_the_world_received(ros2: Log, out: 
     assert [at for at, _ in ros2["/r2/cmd_vel"]] == [at for at, _ in ros2["/r2/odom"]]
 
 
-def test_true_and_estimated_poses_are_those_of_every_step(ros2: Log, evidence: RunEvidence) -> None:
+def test_true_and_estimated_poses_are_those_of_every_step(ros2: Log, evidence: RunData) -> None:
     for index, robot in enumerate(evidence.robots):
         true = ros2[f"/{robot}/truth"]
         assert [logged for logged, _ in true] == [round(second * 1e6) * 1000 for second in evidence.seconds]
         for (logged, message), wanted in zip(true, evidence.true[:, index].tolist(), strict=True):
             assert stamp(message.header.stamp) == logged and message.header.frame_id == "map"
             assert near(pose(message.pose), Pose(*wanted))
-        held = evidence.held[:, index]
+        held = evidence.estimated[:, index]
         told = [message for _, message in ros2[f"/{robot}/pose"]]
         wanted_poses = held[~np.isnan(held[:, 0])].tolist()
         assert len(told) == len(wanted_poses) > 70
         assert all(near(pose(m.pose), Pose(*w)) for m, w in zip(told, wanted_poses, strict=True))
 
 
-def test_frames_lead_from_the_map_to_the_estimate_and_to_the_truth(ros2: Log, evidence: RunEvidence) -> None:
+def test_frames_lead_from_the_map_to_the_estimate_and_to_the_truth(ros2: Log, evidence: RunData) -> None:
     frames: dict[tuple[int, str], tuple[str, Pose]] = {}
     for logged, message in ros2["/tf"]:
         for one in message.transforms:
@@ -204,7 +204,7 @@ def test_scans_are_as_recorded_and_infinite_where_nothing_was(ros2: Log, out: Pa
     recorded = [
         scan
         for path in (out / "r1" / "r1.mcap", out / "r1" / "r1.1.mcap")
-        for _, senses in taken(path, SENSES)
+        for _, senses in messages_on(path, SENSES)
         if not senses.halt
         for scan in (*senses.earlier_scans, *([senses.scan] if senses.scan else []))
     ]
@@ -224,7 +224,7 @@ def test_scans_are_as_recorded_and_infinite_where_nothing_was(ros2: Log, out: Pa
     assert seen > 1000 and infinite > 1000
 
 
-def test_the_map_is_the_robots_map(ros2: Log, evidence: RunEvidence) -> None:
+def test_the_map_is_the_robots_map(ros2: Log, evidence: RunData) -> None:
     ((_, told),) = ros2["/map"]
     grid = evidence.grid
     assert (told.info.height, told.info.width) == grid.cells.shape
@@ -279,9 +279,9 @@ def test_orders_put_things_there_and_take_them_away(ros2: Log) -> None:
     assert math.dist(middle, (12.5, 9.4)) < 0.6
 
 
-def test_places_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, evidence: RunEvidence) -> None:
+def test_places_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, evidence: RunData) -> None:
     places = shapes(ros2, "/places")[0.0]
-    wanted = [place for body in evidence.setup.robots for place in body.places]
+    wanted = [place for places in evidence.description.own_places.values() for place in places]
     assert [(one.pose.position.x, one.pose.position.y) for one in places] == wanted
     assert [one.ns for one in places] == ["r1"] * 3 + ["r2"] * 3
     red, orange = places[0].color, places[-1].color
@@ -300,13 +300,13 @@ def test_a_frozen_robot_logs_nothing(ros2: Log) -> None:
     assert not ((logged > 4.0) & (logged < 5.9)).any() and (logged > 6.0).any()
 
 
-def test_who_heard_whom_is_a_line_between_them(ros2: Log, evidence: RunEvidence) -> None:
+def test_who_heard_whom_is_a_line_between_them(ros2: Log, evidence: RunData) -> None:
     links = shapes(ros2, "/links")
     second, (line,) = next((second, found) for second, found in links.items() if found)
     step = round(second / 0.1)
     ends = [(one.x, one.y) for one in line.points]
     assert ends == [tuple(one) for one in evidence.true[step, :, :2].tolist()]
-    assert any(second - 1 <= copy.second <= second for copy in evidence.receptions)
+    assert ((second - 1 <= evidence.heard[:, 0]) & (evidence.heard[:, 0] <= second)).any()
 
 
 def test_the_command_never_overwrites(out: Path, ros2_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -366,8 +366,8 @@ def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEnt
     """Return the log entries of a robot that reports no pose, and the counts of rejected messages."""
     left_out = Counter[str]()
     monkeypatch.setattr(robot_entries, "taken", lambda path, topic: (("r1", one) for one in told))
-    source = Source("r1", "r1", lambda instants: instants / 1e6)
-    track = Track(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), ())
+    source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
+    track = Trajectory(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), ())
     found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
     return list(found), +left_out
 

@@ -26,13 +26,13 @@ from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
 from actors.runtime.recording.form import LARGE
 
-Deed = Callable[[], object]
+PlaceEvent = Callable[[], object]
 LEFT_KB = {"robot": (300, 2752), "replay": (300,)}
 """The distance to the limit decides in which call the last byte goes."""
 PLENTY = 1 << 40
 
 
-def in_child(work: Deed) -> int:
+def in_child(work: PlaceEvent) -> int:
     """Return the exit code of a forked child that does the work; 70 after an exception."""
     pid = os.fork()
     if pid:
@@ -47,7 +47,7 @@ def in_child(work: Deed) -> int:
     os._exit(code)
 
 
-def hoard_of(piece: Deed) -> Deed:
+def hoard_of(piece: PlaceEvent) -> PlaceEvent:
     def take() -> None:
         hoard = []
         while True:
@@ -74,7 +74,7 @@ def hoard_frames() -> None:
     down()
 
 
-HOARDS: dict[str, Deed] = {
+HOARDS: dict[str, PlaceEvent] = {
     "64 KB": hoard_of(lambda: bytearray(1 << 16)),
     "all sizes": hoard_all,
     "frames": hoard_frames,
@@ -88,7 +88,7 @@ def hoarding(left_kb: int, name: str) -> None:
     HOARDS[name]()
 
 
-def robot(folder: Path, deed: Deed) -> None:
+def robot(folder: Path, deed: PlaceEvent) -> None:
     with Recorder(folder / "r2.mcap", 100_000) as recorder:
         failure.hold(folder)
         try:
@@ -98,7 +98,7 @@ def robot(folder: Path, deed: Deed) -> None:
             tell(recorder, "r2", 20, error)
 
 
-def replay(folder: Path, deed: Deed) -> None:
+def replay(folder: Path, deed: PlaceEvent) -> None:
     failure.hold(folder)
     try:
         deed()
@@ -171,7 +171,7 @@ def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_r
     assert in_child(ends_well) == 0
 
 
-def fill(folder: Path, limit: Deed) -> None:
+def fill(folder: Path, limit: PlaceEvent) -> None:
     """Record until the disk or the limit refuses more; report the failure."""
     recorder = Recorder(folder / "r2.mcap", 100_000)
     failure.hold(folder)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.evidence.run_reader import read_run
 from acrc_testbed.replay.recheck import recheck
+from acrc_testbed.run_model.simulated import read_run
 from tests.recorded_runs import record
 
 STORY = """
@@ -46,7 +46,7 @@ OPENED_S = 40.0
 @pytest.mark.parametrize("strategy", ["none", "auction"])
 def test_a_place_that_comes_is_visited_once_the_door_is_open(strategy: str, tmp_path: Path) -> None:
     result = record(tmp_path / "run", STORY, strategy=strategy)
-    places = {(place.owner, place.place): place for place in read_run(tmp_path / "run").places}
+    places = {(place.owner, place.place): place for place in read_run(tmp_path / "run").outcomes}
     inside, outside = places["r1", 1], places["r1", 2]
     assert (inside.given_at, outside.given_at) == (10_000_000, 10_000_000)
     assert result.places_done == result.places_total == 4

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from acrc_testbed.evidence.run_evidence import RunEvidence
-from acrc_testbed.evidence.run_reader import read_run
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import read_run
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.trace.traces import Traced, traces
 from actors.robot.behaviour.foreign import INSTALLED
@@ -47,12 +47,12 @@ def strict() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def evidence(folder: Path) -> RunEvidence:
+def evidence(folder: Path) -> RunData:
     return read_run(folder)
 
 
 @pytest.fixture(scope="session")
-def traced(folder: Path, evidence: RunEvidence) -> list[Traced]:
+def traced(folder: Path, evidence: RunData) -> list[Traced]:
     """World and robots, each in a sandbox where the machine has one."""
     isolate = sandbox.available() is None
     return list(traces(folder, ["world", *evidence.robots], permit=INSTALLED, isolate=isolate))

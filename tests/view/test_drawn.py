@@ -14,13 +14,14 @@ from rerun.chunk import RrdReader
 from acrc_testbed.accounting.account import spells
 from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import look
-from acrc_testbed.evidence.run_evidence import RunEvidence
 from acrc_testbed.explanation.explain import Explainer
+from acrc_testbed.run_model.collected import whole_run
+from acrc_testbed.run_model.data import RunData
 from acrc_testbed.trace.frame_fates import by_outcome, read_fates
 from acrc_testbed.trace.rows import Trace, in_words
 from acrc_testbed.trace.traces import Traced
 from acrc_testbed.view import beside, drawn
-from acrc_testbed.view.drawn import Wishes, draw, place, read_story
+from acrc_testbed.view.drawn import Wishes, draw, place
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
 from actors.observer.drawing.layout import APPLICATION
@@ -55,7 +56,7 @@ def view(
     traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
-        draw(read_story(folder), path, Wishes(why=True), send_to=None, say=said.append)
+        draw(whole_run(folder), path, Wishes(why=True), send_to=None, say=said.append)
     assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
     return View(rows(path), said)
 
@@ -77,7 +78,7 @@ def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
 
 
 def test_everything_that_a_person_looks_at_is_in_the_file(
-    folder: Path, evidence: RunEvidence, insides: dict[str, Trace], view: View
+    folder: Path, evidence: RunData, insides: dict[str, Trace], view: View
 ) -> None:
     found, said = view
     assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
@@ -125,7 +126,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
 
 def test_layout_and_chosen_robots(folder: Path, computed: None, tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    draw(read_story(folder), path, Wishes(robots=("r2",)), send_to=None, say=lambda sentence: None)
+    draw(whole_run(folder), path, Wishes(robots=("r2",)), send_to=None, say=lambda sentence: None)
     (blueprint,) = RrdReader(str(path)).blueprints()
     assert blueprint.application_id == APPLICATION
     found = rows(path)
@@ -155,26 +156,24 @@ def test_a_robot_without_replay_is_drawn_from_outside(
     traced = [Traced("r1", fault="r1: not to be trusted"), Traced("r2", fault="r2: neither")]
     monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
     said: list[str] = []
-    draw(read_story(folder), tmp_path / "run.rrd", Wishes(), send_to=None, say=said.append)
+    draw(whole_run(folder), tmp_path / "run.rrd", Wishes(), send_to=None, say=said.append)
     assert said[1:3] == ["r1: not to be trusted", "r2: neither"]
     found = rows(tmp_path / "run.rrd")
     assert {state[0] for _, state in of(found, "/r1", "StateChange:state")} & {"driving", "standing"}
     assert "/inside/r1/scan" not in found
 
 
-def test_recordings_of_robots_alone(
-    folder: Path, evidence: RunEvidence, computed: None, tmp_path: Path
-) -> None:
+def test_recordings_of_robots_alone(folder: Path, evidence: RunData, computed: None, tmp_path: Path) -> None:
     for robot in ("r1", "r2"):
         copytree(folder / robot, tmp_path / "trial" / robot)
-    story = read_story(tmp_path / "trial")
-    assert not story.true and story.robots == ("r1", "r2")
-    assert len(story.heard) == len(evidence.receptions) > 0
-    assert [deed.place for deed in story.reported] == [deed.place for deed in evidence.reported]
-    held = evidence.held[:, 0]
-    known = np.isfinite(story.tracks["r1"].poses[:, 0])
-    np.testing.assert_allclose(story.tracks["r1"].poses[known], held[np.isfinite(held[:, 0])])
-    draw(story, tmp_path / "trial.rrd", Wishes(), send_to=None, say=lambda sentence: None)
+    run = whole_run(tmp_path / "trial")
+    assert not run.description.has_truth and run.robots == ("r1", "r2")
+    assert len(run.heard) == len(evidence.heard) > 0
+    assert [deed.place for deed in run.reported] == [deed.place for deed in evidence.reported]
+    held = evidence.estimated[:, 0]
+    known = np.isfinite(run.trajectories["r1"].poses[:, 0])
+    np.testing.assert_allclose(run.trajectories["r1"].poses[known], held[np.isfinite(held[:, 0])])
+    draw(run, tmp_path / "trial.rrd", Wishes(), send_to=None, say=lambda sentence: None)
     found = rows(tmp_path / "trial.rrd")
     assert "/inside/r1/scan" in found and "/plots/error/r1" not in found
     assert "/plots/copies/heard" not in found
@@ -203,7 +202,7 @@ SHOWN = {
 @pytest.mark.nightly
 def test_the_viewer_shows_everything(folder: Path, computed: None, tmp_path: Path) -> None:
     view = tmp_path / "view.rrd"
-    draw(read_story(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
+    draw(whole_run(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
     try:
         shot = viewer.take(view, 20.0, 1200, 800)
     except viewer.ScreenshotError as error:
@@ -222,7 +221,7 @@ def test_the_viewer_shows_everything(folder: Path, computed: None, tmp_path: Pat
     assert (lanes.max(axis=2) - lanes.min(axis=2) > 40).sum() > 2000, "no lane is coloured"
 
 
-def test_fates_of_frames_are_those_the_radio_counted(folder: Path, evidence: RunEvidence) -> None:
+def test_fates_of_frames_are_those_the_radio_counted(folder: Path, evidence: RunData) -> None:
     fates = read_fates(folder, evidence.robots)
     assert evidence.result is not None
     counted = evidence.result.frames
@@ -233,7 +232,7 @@ def test_fates_of_frames_are_those_the_radio_counted(folder: Path, evidence: Run
     assert counts.sum() == counted["frames_sent"] * (len(evidence.robots) - 1) > 0
     assert (fates.senders != fates.receivers).all()
     heard = fates.outcomes == Outcome.HEARD
-    told = sorted((one.second, evidence.robots.index(one.receiver)) for one in evidence.receptions)
+    told = sorted((second, int(receiver)) for second, _, receiver, _ in evidence.heard.tolist())
     mine = sorted(zip(fates.seconds[heard].tolist(), fates.receivers[heard].tolist(), strict=True))
     assert mine == told
     table = by_outcome(fates, 0.0, 6, 5.0)

@@ -11,11 +11,12 @@ import pytest
 
 from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.replay.record_replay import GrowingBus, made_again
+from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.trace.frame_fates import frame_fates, replayed
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.trace.traces import Traced, own_files, traces
 from acrc_testbed.view import drawn
-from acrc_testbed.view.drawn import Wishes, draw, read_story
+from acrc_testbed.view.drawn import Wishes, draw
 from acrc_testbed.view.live import Following
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -57,8 +58,8 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
 ) -> None:
     traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
     monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
-    monkeypatch.setattr(drawn, "deadlocks", lambda story: {})  # which is known once a run has ended
-    draw(read_story(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
+    monkeypatch.setattr(drawn, "deadlocks", lambda run: {})  # which is known once a run has ended
+    draw(whole_run(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
     growing.grow(0.31)
     with (
         Following(growing.out, (), permit=INSTALLED, isolate=False) as following,

@@ -13,21 +13,23 @@ import pytest
 from coloraide import Color
 
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.evidence.run_evidence import Deed, Route
-from acrc_testbed.evidence.things_over_time import FloorThing, OrderedChange
+from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
+from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.trace.rows import ACTIVITIES
 from acrc_testbed.view import __main__ as program
 from acrc_testbed.view import live
 from acrc_testbed.view.drawn import SEEN_FROM_OUTSIDE
 from acrc_testbed.view.painting import Painting
-from acrc_testbed.view.story import Story, Track
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.glyphs import Colour
+from actors.orders import Wall
 from actors.task.task import PlaceKey
+from tests.run_data import run_data
 from tests.view.conftest import Rows, rows
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -46,31 +48,33 @@ def packed(colour: tuple[int, int, int]) -> int:
     return int.from_bytes((*colour, 0xFF), "big")
 
 
-def track(steps: range, acts: tuple[tuple[float, str], ...] = ((0.0, ""),), *, still: bool = False) -> Track:
+def track(
+    steps: range, acts: tuple[tuple[float, str], ...] = ((0.0, ""),), *, still: bool = False
+) -> Trajectory:
     """Ten steps a second; it drives east by 0.1 m each, and holds itself to be 0.5 m farther."""
     seconds = np.array(steps, np.float64) / 10
     x = np.full(len(steps), 3.0) if still else np.array(steps) / 10
     poses = np.column_stack((x, np.full(len(steps), 4.0), np.full(len(steps), np.pi / 2)))
     held = poses + np.array([0.3, 0.4, 0.0])
-    return Track(seconds, poses, held, tuple(one for one in acts if one[0] in seconds))
+    return Trajectory(seconds, poses, held, tuple(one for one in acts if one[0] in seconds))
 
 
-def story(steps: range, acts: dict[str, tuple[tuple[float, str], ...]] | None = None, **more: Any) -> Story:
+def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = None, **more: Any) -> RunData:
     """A piece of a run of two robots, the second of which stands."""
-    told = acts or {}
-    tracks = {
+    told = states or {}
+    trajectories = {
         "r1": track(steps, told.get("r1", ((0.0, ""),))),
         "r2": track(steps, told.get("r2", ((0.0, ""),)), still=True),
     }
-    heard = np.zeros((0, 4))
-    given: dict[str, Any] = {"reported": (), "taken_over": (), "given_up": (), "routes": (), **more}
-    return Story(
-        "a run", Path(), GRID, tracks, given.pop("places", PLACES), {"r1": 2, "r2": 1}, heard=heard,
-        end=steps[-1] / 10, true=True, sources=(), since=max(0, steps[0] - 1) / 10, **given,
-    )  # fmt: skip
+    true = np.stack([one.poses for one in trajectories.values()], axis=1)
+    piece = run_data(("r1", "r2"), 100_000, GRID, true=true)
+    since = max(0, steps[0] - 1) / 10
+    description = replace(piece.description, own_places=PLACES)
+    return replace(piece, **{"description": description, "trajectories": trajectories, "places": PLACES,
+                             "end": steps[-1] / 10, "since": since, **more})  # fmt: skip
 
 
-def painted(path: Path, *pieces: Story) -> Rows:
+def painted(path: Path, *pieces: RunData) -> Rows:
     """What the pieces come to, drawn one after the other."""
     with Sheet(path, Arrangement(GRID, ("r1", "r2")), name="a run") as sheet:
         painting = Painting(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
@@ -80,20 +84,20 @@ def painted(path: Path, *pieces: Story) -> Rows:
 
 
 def test_a_robot_put_elsewhere_leaves_no_trail_to_there(tmp_path: Path) -> None:
-    near, far = story(range(11)), story(range(60, 66))  # by 0.1 m a step: 5 m from one piece to the next
+    near, far = run(range(11)), run(range(60, 66))  # by 0.1 m a step: 5 m from one piece to the next
     found = painted(tmp_path / "view.rrd", near, far)
     pieces = [row for row in found["/world/history/r1"] if "sim_time" in row]
     np.testing.assert_allclose(times(pieces), [0.5, 1.0, 6.5], atol=1e-6)
 
 
 def test_places_show_what_became_of_them_and_who_holds_them_piece_by_piece(tmp_path: Path) -> None:
-    done = story(range(3), reported=(Deed("r2", 0.2, PlaceKey("r1", 1)),))
-    gone = story(range(3, 5), given_up=(Deed("r2", 0.4, PlaceKey("r2", 0)),))
+    done = run(range(3), reported=(PlaceEvent("r2", 0.2, PlaceKey("r1", 1)),))
+    gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, PlaceKey("r2", 0)),))
     taken = PlaceKey("r1", 0)
-    route = story(
+    route = run(
         range(5, 7),
         routes=(Route("r2", 0.5, (taken, PlaceKey("r2", 0))),),
-        taken_over=(Deed("r2", 0.5, taken),),
+        taken_over=(PlaceEvent("r2", 0.5, taken),),
     )
     found = painted(tmp_path / "view.rrd", done, gone, route)
     own, other = (packed(colour) for colour in glyphs.ROBOTS[:2])
@@ -111,7 +115,7 @@ def test_places_show_what_became_of_them_and_who_holds_them_piece_by_piece(tmp_p
 
 
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
-    (row,) = painted(tmp_path / "view.rrd", story(range(2)))["/world/map"]
+    (row,) = painted(tmp_path / "view.rrd", run(range(2)))["/world/map"]
     around, free, wall = glyphs.GROUND, glyphs.FLOOR, glyphs.WALL
     cells = [around, free, wall, wall, free, free]
     assert bytes(row["GridMap:data"][0]) == bytes(part for cell in cells for part in (cell,) * 3)
@@ -121,7 +125,7 @@ def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> No
 
 def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
     acts = {"r1": ((0.0, "frozen"), (0.3, "")), "r2": ((0.0, "off"),)}
-    found = painted(tmp_path / "view.rrd", story(range(3), acts), story(range(3, 5), acts))
+    found = painted(tmp_path / "view.rrd", run(range(3), acts), run(range(3, 5), acts))
     names = [[row["Points3D:labels"][0] for row in found[f"/world/robots/{r}/name"]] for r in ("r1", "r2")]
     assert names == [["r1 (frozen)", "r1"], ["r2 (off)"]]
     lanes = [
@@ -134,16 +138,18 @@ def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
 
 
 def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> None:
-    wall = FloorThing("wall", ((0.0, 4.0), (1.0, 4.0)))
-    jammer = FloorThing("jammer", ((2.0, 5.0),), 1.0)
-    put = replace(story(range(5)), things=((0.1, (wall, jammer)), (0.3, (wall,))))
-    told = replace(put, ordered=(OrderedChange(0.1, "", "a wall is put"),))
+    wall = FloorObject("wall", ((0.0, 4.0), (1.0, 4.0)))
+    jammer = FloorObject("jammer", ((2.0, 5.0),), 1.0)
+    orders = (GivenOrder(1, Wall(0.0, 4.0, 1.0, 4.0)),)
+    told = run(range(5), floor=((0.1, (wall, jammer)), (0.3, (wall,))), orders=orders)
     found = painted(tmp_path / "view.rrd", told)
     assert [row["Points3D:labels"] for row in found["/world/put/names"]] == [["wall", "jammer"], ["wall"]]
     assert times(found["/world/put"]) == [0.1, 0.3]
     widths = [row["LineStrips3D:strips"] for row in found["/world/put"]]
     assert len(widths[0]) == 1 + 12 and len(widths[1]) == 1, "a ring of dashes"
-    assert [row["TextLog:text"][0] for row in found["/events/run/recorded"]] == ["a wall is put"]
+    assert [row["TextLog:text"][0] for row in found["/events/run/recorded"]] == [
+        "a wall is put from (0.0, 4.0) to (1.0, 4.0)"
+    ]
 
 
 def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(

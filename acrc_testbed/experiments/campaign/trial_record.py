@@ -10,10 +10,10 @@ from typing import Any, Final
 import msgspec
 
 from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.evidence.run_evidence import taken
 from acrc_testbed.experiments.study.study import Study, Trial
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results.result import RunResult
+from acrc_testbed.run_model.recorded import messages_on
 from actors.messages import TRUTH
 from actors.runtime import typed_json
 from actors.runtime.recording import RecordingError
@@ -30,7 +30,7 @@ def trace(out: Path) -> str:
     Raises RecordingError for a damaged one.
     """
     seconds: list[str] = []
-    for _, truth in taken(recordings(out)["radio"], TRUTH):
+    for _, truth in messages_on(recordings(out)["radio"], TRUTH):
         if truth.halt or truth.instant < len(seconds) * 1_000_000:
             continue
         poses = [value for robot in truth.robots for value in (robot.x, robot.y, robot.heading)]

@@ -1,4 +1,4 @@
-"""True poses of robots step by step, and what each robot reported of its goals and pauses."""
+"""Parameters of the accounting, intervals of steps, and what each robot's last records say of its goals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,61 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.evidence.run_evidence import RunEvidence, adaptation, outcomes
 from acrc_testbed.results.outcome import navigation_report
-from actors.instant import in_seconds
-from actors.messages import Jam
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.recorded import adaptation, final_outcomes
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GivenGoal
-
-
-class TimedJam(NamedTuple):
-    """A jammer, from one instant until another one, µs."""
-
-    begin: int
-    jam: Jam
-
-
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """All robots of one run at the start of each step."""
-
-    robots: tuple[str, ...]
-    step_us: int
-    true: NDArray[np.float64]
-    """(steps, robots, 3): x, y in m and heading in rad, map frame, as the world has it."""
-    held: NDArray[np.float64]
-    """(steps, robots, 3): where the robot holds itself to be; NaN where it has not said so."""
-    wished: NDArray[np.float64]
-    """(steps, robots, 3): the velocity that it asks for from then on, in its own frame: m/s, m/s, rad/s; NaN
-    where it asks for none."""
-    stepping: NDArray[np.bool_]
-    """(steps, robots): False where its process was ended or frozen."""
-    busy: NDArray[np.bool_]
-    """(steps, robots): False where it has said that it means to visit no place any more."""
-    jams: tuple[TimedJam, ...] = ()
-    frozen: NDArray[np.bool_] | None = None
-    """(steps, robots): of those that do not step, whose processes live still; None: none."""
-
-    def index(self, instant: int) -> int:
-        """The step that begins at the instant, or the last one before the end of the run."""
-        return min(instant // self.step_us, len(self.true) - 1)
-
-
-def tracks_of(run: RunEvidence) -> Tracks:
-    """What a run's recordings show of it."""
-    return Tracks(
-        robots=run.robots,
-        step_us=run.setup.step_us,
-        true=run.true,
-        held=run.held,
-        wished=run.wished,
-        stepping=run.stepping,
-        busy=run.left > 0,
-        jams=tuple(TimedJam(round(second * 1e6), jam) for second, jam in run.jams),
-        frozen=run.powered & ~run.stepping,
-    )
-
 
 NO_GOAL: Final = -1
 REACHED: Final = "succeeded"
@@ -100,7 +50,7 @@ def said_by(records: Sequence[Path]) -> Said:
     decisions: list[AdaptationDecision] = []
     left_out = 0
     for record in records:
-        outcome = outcomes(record)
+        outcome = final_outcomes(record)
         if (navigation := navigation_report(record, outcome)) is not None:
             goals = [*(goals or []), *navigation.given]
             planless += navigation.without_plan
@@ -116,33 +66,28 @@ def said_by(records: Sequence[Path]) -> Said:
     return Said(wanted, tuple(planless), tuple(paused), said, tuple(decisions), left_out)
 
 
-def pursued(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.int64]:
+def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
     """(steps,): which of the goals a robot has and has not reached; NO_GOAL: none.
 
     A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
     robot that it need not go there any more.
     """
-    pursuing = np.full(len(tracks.true), NO_GOAL, np.int64)
+    pursuing = np.full(len(run.true), NO_GOAL, np.int64)
     for number, goal in enumerate(goals):
         end = goal.end
         if end is None or goal.how in ABORTED:
             end = goals[number + 1].begin if number + 1 < len(goals) else None
-        last = len(pursuing) if end is None else end // tracks.step_us
-        pursuing[goal.begin // tracks.step_us : last] = number
+        last = len(pursuing) if end is None else end // run.step_us
+        pursuing[goal.begin // run.step_us : last] = number
     return pursuing
 
 
-def during(found: Sequence[tuple[int, int | None]], tracks: Tracks) -> NDArray[np.bool_]:
+def during(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.bool_]:
     """(steps,): True during the spells, from begin to end, µs; None: to the end of the run."""
-    during = np.zeros(len(tracks.true), np.bool_)
+    during = np.zeros(len(run.true), np.bool_)
     for begin, end in found:
-        during[begin // tracks.step_us : None if end is None else -(-end // tracks.step_us)] = True
+        during[begin // run.step_us : None if end is None else -(-end // run.step_us)] = True
     return during
-
-
-def seconds_of(tracks: Tracks, steps: int) -> float:
-    """So many steps, s."""
-    return in_seconds(steps * tracks.step_us)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The run model: every run, from whatever source, as typed columns, places, floor and events."""

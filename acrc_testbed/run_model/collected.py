@@ -1,0 +1,138 @@
+"""Source of the run model for runs on hardware: the robots' own recordings, on one aligned time."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.field_trial.clocks import AlignedClocks
+from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
+from acrc_testbed.field_trial.reported_places import reported_places
+from acrc_testbed.recordings.topics import so_far
+from acrc_testbed.replay.run_recordings import recordings
+from acrc_testbed.run_model.data import (
+    Floats,
+    RecordedProcess,
+    RunData,
+    RunDescription,
+)
+from acrc_testbed.run_model.model import RunModel, with_instants
+from acrc_testbed.run_model.simulated import recorded_run
+from actors.floor.grid import FREE, OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.geometry import Point
+from actors.messages import DRIVE, RECEIVED, Heard, Received
+from actors.topic import Message
+
+_MARGIN: Final = 2.0
+"""Around the robots' estimates on a floor without a map, m."""
+_CELL: Final = 0.1
+
+
+def whole_run(out: Path) -> RunData:
+    """Return a run as far as it was recorded, simulated or collected from robots. Raises an AcrcError."""
+    if "world" not in recordings(out):
+        return collected_run(out)
+    run = recorded_run(out)
+    if (out / "run.json").is_file():
+        return run
+    title = f"{run.description.title}, {so_far(out, run.end)}"
+    return replace(run, description=replace(run.description, title=title))
+
+
+def collected_run(out: Path) -> RunData:
+    """Read a folder with the robots' folders. Raises FieldTrialError if they do not make up one trial."""
+    trial = read_field_trial([out])
+    clocks = AlignedClocks(trial)
+    times = {id(log): _Times(log, clocks) for log in trial.all_logs()}
+    grid, missing = _grid(trial)
+    model = RunModel(
+        RunDescription(
+            out=out,
+            title=f"{len(trial.logs)} robots, from their own recordings",
+            robots=tuple(trial.logs),
+            grid=grid,
+            step_us=next(trial.all_logs()).identity.step_us,
+            own_places={robot: logs[0].identity.places or () for robot, logs in trial.logs.items()},
+            addresses={log.identity.address: log.identity.id for log in trial.all_logs()},
+            has_truth=False,
+        )
+    )
+    for second, key, message in sorted(_messages(trial, times), key=lambda one: one[0]):
+        model.extend(key, message, second)
+    for robot, second, state in _states(trial, times):
+        model.set_state(robot, second, state)
+    for sentence in (*trial.notes, *clocks.notes, *reported_places(trial, clocks).notes, *missing):
+        model.note(sentence)
+    processes = [
+        RecordedProcess(log.path.stem, log.identity.id, times[id(log)].seconds) for log in trial.all_logs()
+    ]
+    return model.observed(clocks.span / 1e6, processes)
+
+
+class _Times:
+    """Conversion of one recording's instants to the seconds of the trial."""
+
+    def __init__(self, log: RobotLog, clocks: AlignedClocks) -> None:
+        self._own = np.array([tick.instant for tick in log.ticks], np.int64)
+        begin = clocks.begin
+        aligned = [clocks.instant(log, Moment(k, tick.instant)) - begin for k, tick in enumerate(log.ticks)]
+        self.ticks: Floats = np.array(aligned, np.float64) / 1e6
+
+    def seconds(self, instants: NDArray[np.int64]) -> Floats:
+        """Convert instants; between two steps linearly."""
+        if not len(self._own):
+            return np.zeros(len(instants))
+        shift: Floats = np.interp(instants, self._own, self.ticks - self._own / 1e6)
+        return instants / 1e6 + shift
+
+    def instant(self, instant: int) -> int:
+        """Convert one instant to µs of the trial."""
+        return round(float(self.seconds(np.array([instant], np.int64))[0]) * 1e6)
+
+
+class TimedMessage(NamedTuple):
+    """A message, and when its step began by the run's clock, s."""
+
+    second: float
+    key: str
+    message: Message
+
+
+def _messages(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[TimedMessage]:
+    """Yield the robots' messages with all instants by the trial's clock."""
+    for log in trial.all_logs():
+        robot, own = log.identity.id, times[id(log)]
+        for tick, drive in log.drives:
+            yield TimedMessage(float(own.ticks[tick]), DRIVE.key(robot), with_instants(drive, own.instant))
+        for heard in log.heard:
+            instant = own.instant(heard.heard.instant)
+            event = Heard(instant, heard.sender, heard.rssi_dbm, 0, heard.data)
+            yield TimedMessage(instant / 1e6, RECEIVED.key(robot), Received(0, (event,)))
+
+
+def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[str, float, str]]:
+    """Yield each robot's starts and ends, by time."""
+    for robot, logs in trial.logs.items():
+        spans = [ticks for log in logs if len(ticks := times[id(log)].ticks)]
+        changes = [change for ticks in spans for change in ((float(ticks[0]), ""), (float(ticks[-1]), "off"))]
+        for second, state in sorted(changes) or [(0.0, "off")]:
+            yield robot, second, state
+
+
+def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
+    """Return the map beside a recording; else bare floor around the robots' estimates, and a note."""
+    for log in trial.all_logs():
+        for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):
+            if path.is_file():
+                return load_map(path), ()
+    poses = [drive.pose[:2] for log in trial.all_logs() for _, drive in log.drives if drive.pose is not None]
+    known = np.array(poses, np.float64).reshape(-1, 2)
+    low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), np.ones(2))
+    columns, rows = np.ceil((high - low + 2 * _MARGIN) / _CELL).astype(np.int64).tolist()
+    bare = np.full((rows, columns), FREE, np.uint8)
+    corner = Point(*(low - _MARGIN).tolist())
+    return OccupancyGrid(bare, _CELL, corner), ("no map lies beside the recordings: the floor is drawn bare",)

@@ -1,0 +1,230 @@
+"""Columns, events and description of a run, whole or in parts, and the schema of the columns.
+
+One form for runs that have ended, were cut or are going on, simulated or on hardware. Nothing is replayed, so
+no code of a strategy runs.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.run_model.floor import FloorState
+from actors.floor.grid import OccupancyGrid
+from actors.instant import Instant, in_seconds
+from actors.messages import Jam
+from actors.runtime.errors import AcrcError
+from actors.task.referee import PlaceOutcome
+from actors.task.task import PlaceKey
+
+Floats = NDArray[np.float64]
+Points = tuple[tuple[float, float], ...]
+Clock = Callable[[NDArray[np.int64]], Floats]
+"""From a process's own instants, µs, to the run's seconds."""
+
+
+class RunDataError(AcrcError):
+    """A folder or a stream of messages that does not describe one run."""
+
+
+class Column(NamedTuple):
+    """One quantity per step and robot."""
+
+    name: str
+    dtype: Any
+    unit: str
+    meaning: str
+    width: int = 1
+    """Values per step and robot."""
+    missing: float = 0
+    """What stands where nothing was recorded."""
+
+
+STEP_COLUMNS: Final = (
+    Column("true", np.float64, "m, m, rad", "true pose at the start of the step, map frame", 3),
+    Column("estimated", np.float64, "m, m, rad", "the robot's own estimate; NaN: not reported", 3, np.nan),
+    Column("commanded", np.float64, "m/s, m/s, rad/s", "commanded velocity, robot's frame; NaN: none",
+           3, np.nan),
+    Column("powered", np.bool_, "", "the robot's process is alive"),
+    Column("stepping", np.bool_, "", "the robot takes part in the step: it is neither frozen nor off"),
+    Column("places_left", np.int64, "", "places that the robot still intends to visit"),
+    Column("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
+    Column("frames_heard", np.int64, "", "frames that the robot received in the step"),
+)  # fmt: skip
+"""The table by step and robot: of a column `c` of `RunData` the shape is (steps, robots) or (steps, robots,
+`width`)."""
+
+
+def step_columns(steps: int, robots: int) -> dict[str, NDArray[Any]]:
+    """Return the columns of the table by step and robot, filled with what stands for a missing value."""
+    return {
+        one.name: np.full((steps, robots) if one.width == 1 else (steps, robots, one.width), one.missing,
+                          one.dtype)
+        for one in STEP_COLUMNS
+    }  # fmt: skip
+
+
+class PlaceEvent(NamedTuple):
+    """A robot's report about one place: cleaned, adopted or given up."""
+
+    robot: str
+    second: float
+    place: PlaceKey
+
+
+class Route(NamedTuple):
+    """The places that a robot intends to visit from an instant on."""
+
+    robot: str
+    second: float
+    places: tuple[PlaceKey, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One robot over time, at its own n instants."""
+
+    seconds: Floats
+    """(n,)"""
+    poses: Floats
+    """(n, 3): x, y, m, and heading, rad: true poses; without ground truth estimated ones."""
+    estimated: Floats
+    """(n, 3): the robot's own estimates; NaN where it reported none."""
+    states: tuple[tuple[float, str], ...]
+    """State changes: "" (active), "frozen", "off" or "not heard", and from when on, s."""
+
+
+class RecordedProcess(NamedTuple):
+    """A recording of one process of a robot."""
+
+    actor: str
+    robot: str
+    clock: Clock
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunDescription:
+    """What does not change during a run."""
+
+    out: Path
+    """The run's folder."""
+    title: str
+    robots: tuple[str, ...]
+    grid: OccupancyGrid
+    """The robots' map."""
+    step_us: int
+    own_places: Mapping[str, Points]
+    """By robot the places that it has at the start, m."""
+    addresses: Mapping[int, str] = field(default_factory=dict)
+    """Robots by short address."""
+    radius: float = 0.0
+    """Of the largest robot, m."""
+    has_truth: bool = True
+    """False: nobody recorded where the robots were; poses are estimates."""
+    seed: int | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunData:
+    """A run, or the next part of one that grows: what was recorded from `since` to `end`.
+
+    The columns by step and robot are STEP_COLUMNS; they have no rows where there is no ground truth.
+    """
+
+    description: RunDescription
+    since: float = 0.0
+    """Begin of the part, s."""
+    end: float
+    """End of the part, s; of a run that goes on, the beginning of its last complete step."""
+    seconds: Floats
+    """(steps,): when each step began, s."""
+    true: Floats
+    estimated: Floats
+    commanded: Floats
+    powered: NDArray[np.bool_]
+    stepping: NDArray[np.bool_]
+    places_left: NDArray[np.int64]
+    frames_sent: NDArray[np.int64]
+    frames_heard: NDArray[np.int64]
+    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+    """By robot, in their order."""
+    heard: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    """(k, 4): s, index of sender and of receiver, RSSI, dBm, of all frames received from known senders, by
+    instant."""
+    places: Mapping[str, Points] = field(default_factory=dict)
+    """By owner, m: its own places, then those that it was given meanwhile."""
+    reported: tuple[PlaceEvent, ...] = ()
+    """Places that robots reported as cleaned, in order of the instants."""
+    taken_over: tuple[PlaceEvent, ...] = ()
+    """Places of other owners that robots added to their routes."""
+    given_up: tuple[PlaceEvent, ...] = ()
+    routes: tuple[Route, ...] = ()
+    """In order of the instants; before its first route each robot intends to visit its own places."""
+    jams: tuple[tuple[float, Jam], ...] = ()
+    """Jammers, and when each was switched on, s."""
+    orders: tuple[GivenOrder, ...] = ()
+    """Orders of the scenario and of people, by step; refused ones are among them."""
+    floor: tuple[tuple[float, FloorState], ...] = ()
+    """Changes of the floor: from when on, s, these objects were on it beside the map."""
+    processes: tuple[RecordedProcess, ...] = ()
+    """Of the robots, as far as their recordings have begun."""
+    notes: tuple[str, ...] = ()
+    """Missing or unknown data, a sentence each."""
+    outcomes: tuple[PlaceOutcome, ...] = ()
+    """Of each place, as judged by the referee; only of a whole run."""
+    result: RunResult | None = None
+    """None where the run did not end as planned, and of a part."""
+
+    @property
+    def out(self) -> Path:
+        """The run's folder."""
+        return self.description.out
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """In their order."""
+        return self.description.robots
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The robots' map."""
+        return self.description.grid
+
+    @property
+    def step_us(self) -> int:
+        """Length of a step, µs."""
+        return self.description.step_us
+
+    @property
+    def busy(self) -> NDArray[np.bool_]:
+        """(steps, robots): False from when on a robot intends to visit no place any more."""
+        return self.places_left > 0
+
+    @property
+    def frozen(self) -> NDArray[np.bool_]:
+        """(steps, robots): the process is alive and does not step."""
+        return self.powered & ~self.stepping
+
+    def index(self, instant: int) -> int:
+        """Return the row of the step that begins at an instant, µs, or of the last one."""
+        return min(instant // self.step_us, len(self.true) - 1)
+
+    def duration(self, steps: int) -> float:
+        """Return the length of so many steps, s."""
+        return in_seconds(steps * self.step_us)
+
+
+def seconds_of(instants: NDArray[np.int64]) -> Floats:
+    """Return instants of the simulation, µs, in s: the clock of simulated processes."""
+    seconds: Floats = instants / 1e6
+    return seconds
+
+
+def step_start(step: int, step_us: int) -> Instant:
+    """Return when a step begins, µs."""
+    return Instant(step * step_us)

@@ -1,0 +1,256 @@
+"""The run model: folds the messages of a run, from any source, into columns, places, floor and events."""
+
+from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.run_model.data import (
+    Points,
+    RecordedProcess,
+    RunData,
+    RunDataError,
+    RunDescription,
+    Trajectory,
+    step_columns,
+    step_start,
+)
+from acrc_testbed.run_model.floor import FloorHistory
+from acrc_testbed.run_model.places import PlaceReports
+from actors.instant import in_seconds
+from actors.message_limits import OrderLimits, fault
+from actors.messages import Aired, Control, Drive, Heard, Ready, Received, Senses, Truth
+from actors.topic import Message
+
+T = TypeVar("T", bound=Any)
+
+
+def robot_of(key: str) -> str:
+    """Return the robot of a key such as `swarm/up/ID/drive`; "" for a key of no robot."""
+    parts = key.split("/")
+    return parts[2] if len(parts) == 4 and parts[1] in ("up", "down") else ""
+
+
+def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
+    """Return a robot's message with the instants of its reports and radio events on another clock, µs."""
+
+    def converted(parts: Sequence[T]) -> tuple[T, ...]:
+        return tuple(msgspec.structs.replace(one, instant=convert(one.instant)) for one in parts)
+
+    match message:
+        case Drive():
+            reports, given_up = converted(message.reports), converted(message.given_up)
+            return msgspec.structs.replace(message, reports=reports, given_up=given_up)
+        case Received():
+            return msgspec.structs.replace(message, events=converted(message.events))
+    return message
+
+
+class RunModel:
+    """One run; messages are folded by `extend`, and what is new is taken out by `advance` or `observed`.
+
+    With ground truth a row is complete once the Truth of its step and all messages that belong to it are
+    there, which the source knows. Without ground truth each report of a robot is a row of its own.
+    """
+
+    def __init__(self, description: RunDescription, scheduled: Sequence[GivenOrder] = ()) -> None:
+        """`scheduled`: orders of the scenario."""
+        self.description = description
+        self._index = {robot: number for number, robot in enumerate(description.robots)}
+        self._reports = PlaceReports(description.own_places)
+        self._left = np.array([self._reports.left(robot) for robot in description.robots], np.int64)
+        self._floor = FloorHistory(description.grid, description.radius, description.step_us)
+        self._truths: list[Truth] = []
+        self._drives: list[tuple[str, Drive]] = []
+        self._poses: dict[str, list[tuple[float, ...]]] = {}
+        """Without ground truth: s, x, y, heading, by robot."""
+        self._heard: list[tuple[int, float, int, int, float]] = []
+        """Step, and a row of `RunData.heard`; the sender's index is -1 if unknown."""
+        self._given: dict[str, Points] = {}
+        self._orders = [one for one in scheduled if fault(one.order, OrderLimits()) is None]
+        """Not taken out yet; without those that the world refuses for their numbers."""
+        self._boundary = 0
+        """The step at which the world takes the next order from outside."""
+        self._states: dict[str, str] = {}
+        self._changes: dict[str, list[tuple[float, str]]] = {}
+        self._notes: list[str] = []
+        self.since = 0.0
+        """Up to this instant everything has been taken out, s."""
+        self.step = -1
+        """The last step that was taken out."""
+
+    @property
+    def truths(self) -> Sequence[Truth]:
+        """Steps with ground truth that were not taken out yet."""
+        return self._truths
+
+    def extend(self, key: str, message: Message, second: float | None = None) -> None:
+        """Fold one message; `second`: when its step began, where that does not follow from the step's number.
+
+        Raises RunDataError where the robots change.
+        """
+        robot = robot_of(key)
+        match message:
+            case Truth():
+                self._truth(message)
+            case Drive() if robot in self._index:
+                if second is None:
+                    self._drives.append((robot, message))
+                else:
+                    self._reported(robot, message, second)
+            case Received() if robot in self._index:
+                self._receive(robot, message)
+            case Senses() if robot in self._index and message.places:
+                self._given[robot] = (*self._given.get(robot, ()), *message.places)
+            case Ready() if robot in self._index:  # a new process is given all places once more
+                self._given[robot] = ()
+            case Aired():
+                self._boundary = message.step + 1
+            case Control():
+                valid = (order for order in message.orders if fault(order, OrderLimits()) is None)
+                self._orders += [GivenOrder(self._boundary, order) for order in valid]
+
+    def set_state(self, robot: str, second: float, state: str) -> None:
+        """Note a robot's state from an instant on, if it is another one: a value of `Trajectory.states`."""
+        if self._states.get(robot) != state:
+            self._states[robot] = state
+            self._changes.setdefault(robot, []).append((second, state))
+
+    def note(self, sentence: str) -> None:
+        """Note missing or unknown data."""
+        self._notes.append(sentence)
+
+    def advance(
+        self, until: int, *, last: bool = False, processes: Sequence[RecordedProcess] = ()
+    ) -> RunData:
+        """Take out the steps up to `until`; `last`: nothing will follow."""
+        truths = [one for one in self._truths if one.step <= until]
+        self._truths = self._truths[len(truths) :]
+        seconds = np.array([in_seconds(one.instant) for one in truths], np.float64)
+        if truths:
+            self.step = truths[-1].step
+        end = float(seconds[-1]) if truths else self.since
+        end += in_seconds(self.description.step_us) if last else 0.0
+        columns = self._columns(truths, last=last)
+        robots = self.description.robots
+        for row, second in enumerate(seconds.tolist()):
+            for number, robot in enumerate(robots):
+                powered, stepping = columns["powered"][row, number], columns["stepping"][row, number]
+                self.set_state(robot, second, "off" if not powered else "" if stepping else "frozen")
+        true, estimated = columns["true"], columns["estimated"]
+        jams = tuple((in_seconds(one.instant), jam) for one in truths for jam in one.jams)
+        orders = self._ordered()
+        return self._data(
+            end,
+            seconds,
+            columns,
+            {
+                robot: Trajectory(seconds, true[:, number], estimated[:, number], self._changed(robot))
+                for number, robot in enumerate(robots)
+            },
+            heard=self._links(None if last else self.step),
+            jams=jams,
+            orders=orders,
+            floor=tuple(self._floor.extend(orders, jams, seconds, true, end)),
+            processes=tuple(processes),
+        )
+
+    def observed(self, end: float, processes: Sequence[RecordedProcess] = ()) -> RunData:
+        """Take out what robots reported up to `end`, s, where there is no ground truth."""
+        trajectories = {}
+        for robot in self.description.robots:
+            table = np.array(self._poses.pop(robot, []), np.float64).reshape(-1, 4)
+            trajectories[robot] = Trajectory(table[:, 0], table[:, 1:], table[:, 1:], self._changed(robot))
+        columns = step_columns(0, len(trajectories))
+        return self._data(
+            end, np.zeros(0), columns, trajectories, heard=self._links(None), processes=tuple(processes)
+        )
+
+    def _data(
+        self, end: float, seconds: Any, columns: dict[str, Any], robots: Mapping[str, Trajectory], **more: Any
+    ) -> RunData:
+        reports, own = self._reports, self.description.own_places
+        data = RunData(
+            description=self.description,
+            since=self.since,
+            end=end,
+            seconds=seconds,
+            trajectories=robots,
+            places={robot: (*own.get(robot, ()), *self._given.get(robot, ())) for robot in robots},
+            reported=tuple(reports.reported),
+            taken_over=tuple(reports.taken_over),
+            given_up=tuple(reports.given_up),
+            routes=tuple(reports.routes),
+            notes=tuple(self._notes),
+            **columns,
+            **more,
+        )
+        reports.clear()
+        self._notes = []
+        self.since = end
+        return data
+
+    def _truth(self, truth: Truth) -> None:
+        if truth.halt or not truth.robots:
+            return
+        if tuple(robot.id for robot in truth.robots) != self.description.robots:
+            raise RunDataError("its robots change; they should be the same in all steps")
+        self._truths.append(truth)
+
+    def _reported(self, robot: str, drive: Drive, second: float) -> None:
+        self._reports.extend(robot, drive, second)
+        self._poses.setdefault(robot, []).append((second, *(drive.pose or (np.nan,) * 3)))
+
+    def _receive(self, robot: str, received: Received) -> None:
+        addresses, own = self.description.addresses, self._index[robot]
+        for event in received.events:
+            if isinstance(event, Heard):
+                sender = self._index.get(addresses.get(event.sender, ""), -1)
+                row = (received.step, in_seconds(event.instant), sender, own, event.rssi_dbm)
+                self._heard.append(row)
+
+    def _changed(self, robot: str) -> tuple[tuple[float, str], ...]:
+        return tuple(self._changes.pop(robot, ()))
+
+    def _links(self, until: int | None) -> Any:
+        """Take out the frames received up to a step; None: all."""
+        now = [one for one in self._heard if until is None or one[0] <= until]
+        self._heard = [] if until is None else [one for one in self._heard if one[0] > until]
+        return np.array(sorted(one[1:] for one in now if one[2] >= 0), np.float64).reshape(-1, 4)
+
+    def _ordered(self) -> tuple[GivenOrder, ...]:
+        """Take out the orders up to the current step; at one boundary the scenario's come first."""
+        now = sorted((one for one in self._orders if one.step <= self.step), key=attrgetter("step"))
+        self._orders = [one for one in self._orders if one.step > self.step]
+        return tuple(now)
+
+    def _columns(self, truths: Sequence[Truth], *, last: bool) -> dict[str, Any]:
+        columns = step_columns(len(truths), len(self._index))
+        first, until = (truths[0].step, truths[-1].step) if truths else (0, -1)
+        for row, truth in enumerate(truths):
+            columns["true"][row] = [(one.x, one.y, one.heading) for one in truth.robots]
+            columns["powered"][row] = [one.powered for one in truth.robots]
+            columns["stepping"][row] = [one.stepping for one in truth.robots]
+        columns["places_left"][:] = self._left
+        for robot, drive in self._drives:
+            if drive.step <= until:
+                self._answer(columns, self._index[robot], robot, drive, drive.step - first)
+        self._drives = [(robot, drive) for robot, drive in self._drives if drive.step > until]
+        for step, _, _, receiver, _ in self._heard:
+            if (last or step <= self.step) and 0 <= step - first < len(truths):
+                columns["frames_heard"][step - first, receiver] += 1
+        return columns
+
+    def _answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
+        """Fold a robot's answer to the senses of a step."""
+        self._reports.extend(robot, drive, in_seconds(step_start(drive.step, self.description.step_us)))
+        if drive.route is not None:
+            self._left[index] = self._reports.left(robot)
+            columns["places_left"][max(row, 0) :, index] = self._left[index]
+        if row >= 0:
+            columns["estimated"][row, index] = (np.nan,) * 3 if drive.pose is None else drive.pose
+            columns["commanded"][row, index] = (drive.vx, drive.vy, drive.omega)
+            columns["frames_sent"][row, index] = drive.transmits

@@ -1,0 +1,147 @@
+"""Reports of robots about places: one fold of them, and the table of all places over time."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from acrc_testbed.run_model.data import PlaceEvent, Points, Route, RunData
+from actors.instant import in_seconds
+from actors.messages import Drive
+from actors.task.task import PlaceKey
+
+
+class PlaceReports:
+    """Folds what robots report about places.
+
+    Without a new route a robot keeps the last one, and before its first route it has its own places.
+    """
+
+    def __init__(self, places: Mapping[str, Points]) -> None:
+        """`places`: that each robot has at the start."""
+        self._routes = {robot: {PlaceKey(robot, n) for n in range(len(own))} for robot, own in places.items()}
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin new lists; the robots keep their routes."""
+        self.reported: list[PlaceEvent] = []
+        self.taken_over: list[PlaceEvent] = []
+        self.given_up: list[PlaceEvent] = []
+        self.routes: list[Route] = []
+
+    def left(self, robot: str) -> int:
+        """Return how many places a robot intends to visit."""
+        return len(self._routes.get(robot, ()))
+
+    def extend(self, robot: str, drive: Drive, second: float) -> None:
+        """Fold the reports of one step, which began at `second`."""
+        for done in drive.reports:
+            key = PlaceKey(done.owner, done.place)
+            self.reported.append(PlaceEvent(robot, in_seconds(done.instant), key))
+        for gone in drive.given_up:
+            key = PlaceKey(gone.owner, gone.place)
+            self.given_up.append(PlaceEvent(robot, in_seconds(gone.instant), key))
+        if drive.route is not None:
+            before = self._routes.get(robot, set())
+            self.routes.append(Route(robot, second, drive.route))
+            self.taken_over += [
+                PlaceEvent(robot, second, key)
+                for key in drive.route
+                if key not in before and key.owner != robot
+            ]
+            self._routes[robot] = set(drive.route)
+
+
+def first_reports(events: Sequence[PlaceEvent], known: set[PlaceKey]) -> list[PlaceEvent]:
+    """Return the first report of each place that is not `known`; their places are added to those."""
+    found = []
+    for one in events:
+        if one.place not in known:
+            known.add(one.place)
+            found.append(one)
+    return found
+
+
+class PlaceState(NamedTuple):
+    """The state of one place."""
+
+    x: float
+    """m, map frame."""
+    y: float
+    done: bool = False
+    """A robot has reported it as cleaned."""
+    given_up: bool = False
+    holders: tuple[str, ...] = ()
+    """Robots that intend to visit it."""
+
+
+class PlaceChange(NamedTuple):
+    """New states of places."""
+
+    second: float
+    states: dict[PlaceKey, PlaceState]
+
+
+class _Report(NamedTuple):
+    second: float
+    kind: str
+    """done, given_up or route: in this order at one instant."""
+    robot: str
+    places: tuple[PlaceKey, ...]
+
+
+class PlaceTable:
+    """All places of a run with their states, part by part.
+
+    A place that came during the run is listed from the first report about it on.
+    """
+
+    def __init__(self) -> None:
+        self.states: dict[PlaceKey, PlaceState] = {}
+        self._routes: dict[str, frozenset[PlaceKey]] = {}
+
+    def extend(self, run: RunData) -> Iterator[PlaceChange]:
+        """Fold a run, or its next part, and yield the changes in order of time."""
+        if not self.states:
+            own = {
+                PlaceKey(owner, number): PlaceState(x, y, holders=(owner,))
+                for owner, points in run.description.own_places.items()
+                for number, (x, y) in enumerate(points)
+            }
+            self.states |= own
+            for robot in run.robots:
+                self._routes[robot] = frozenset(key for key in own if key.owner == robot)
+            yield PlaceChange(0.0, dict(own))
+        for report in _reports(run):
+            changed = {
+                key: state for key in self._touched(report) if (state := self._after(run, key, report))
+            }
+            changed = {key: state for key, state in changed.items() if state != self.states.get(key)}
+            if changed:
+                self.states |= changed
+                yield PlaceChange(report.second, changed)
+
+    def _touched(self, report: _Report) -> list[PlaceKey]:
+        if report.kind != "route":
+            return list(report.places)
+        now = frozenset(report.places)
+        before, self._routes[report.robot] = self._routes.get(report.robot, frozenset()), now
+        return sorted(now ^ before, key=lambda key: (key.owner, key.place))
+
+    def _after(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceState | None:
+        """Return the state after a report; None for a place that does not exist."""
+        points = run.places.get(key.owner, ())
+        if not 0 <= key.place < len(points):
+            return None
+        state = self.states.get(key) or PlaceState(*points[key.place], holders=(key.owner,))
+        if report.kind == "done":
+            return state._replace(done=True)
+        if report.kind == "given_up":
+            return state._replace(given_up=True)
+        return state._replace(holders=tuple(one for one in run.robots if key in self._routes.get(one, ())))
+
+
+def _reports(run: RunData) -> list[_Report]:
+    """Return all reports in order of time, at one instant what became of places before the routes."""
+    found = [_Report(one.second, "done", one.robot, (one.place,)) for one in run.reported]
+    found += [_Report(one.second, "given_up", one.robot, (one.place,)) for one in run.given_up]
+    found += [_Report(one.second, "route", one.robot, one.places) for one in run.routes]
+    return sorted(found, key=lambda one: (one.second, one.kind))

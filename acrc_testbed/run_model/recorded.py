@@ -1,0 +1,106 @@
+"""Contents of single recordings of a run: messages of a topic, set-ups, last records; the run's result."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final, TypeVar, cast
+
+import msgspec
+
+from acrc_testbed.replay.run_recordings import recordings, setup_of
+from acrc_testbed.results.outcome import told
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.run_model.data import RunData, RunDataError
+from actors.robot.behaviour.decisions import AdaptationReport
+from actors.robot_model import load_model
+from actors.runtime import regular_file, typed_json
+from actors.runtime.codec import decode
+from actors.runtime.process import FinalNote
+from actors.runtime.recording import Direction, Note, decoded, read_notes, read_recording
+from actors.task.referee import PlaceOutcome
+from actors.task.task import PlaceKey
+from actors.topic import M, Message, Topic
+from actors.world.world_setup import WorldSetup
+
+T = TypeVar("T")
+_MOST_BYTES: Final = 64 * 1024 * 1024
+"""Of a result; one of 1000 robots has less than 1 MB."""
+
+
+def messages_on(path: Path, topic: Topic[M], direction: Direction = "in") -> Iterator[tuple[str, M]]:
+    """Yield the messages of a topic that the process received, each with the robot in its key, or "".
+
+    `direction`: "out" for the messages that it sent.
+
+    Raises RecordingError for a damaged file, WireError for a message that is none of the topic.
+    """
+    prefix, hole, suffix = topic.pattern.partition("{id}")
+    for item in read_recording(path):
+        if isinstance(item, Note) or item.direction != direction or item.payload is None:
+            continue
+        if item.key.startswith(prefix) and item.key.endswith(suffix):
+            message = decode(cast(Topic[Message], topic), item.key, item.payload)
+            assert isinstance(message, topic.kind)
+            yield item.key[len(prefix) : len(item.key) - len(suffix)] if hole else "", message
+
+
+def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
+    """Return the process's last record by subject; empty if it left none. Raises RecordingError."""
+    text = read_notes(path).get("final")
+    return {} if text is None else decoded(path, "final", text, FinalNote).outcome
+
+
+def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | None:
+    """Return one subject of the last record; None if it is absent. Raises OutcomeError, too."""
+    return told(path, final_outcomes(path), subject, kind, whose)
+
+
+def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> AdaptationReport | None:
+    """Return the adaptation's part of a process's last record; None if it has none. Raises OutcomeError."""
+    return told(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
+
+
+def world_setup(path: Path) -> WorldSetup:
+    """Return the set-up of a world, with its files as they lie now. Raises RecordingError."""
+    return setup_of(path, WorldSetup, "a world").located(path.parent)
+
+
+def largest_radius(setup: WorldSetup) -> float:
+    """Return the radius of the largest robot, m."""
+    return max(load_model(robot.model).footprint.circumradius for robot in setup.robots)
+
+
+def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
+    """Return what became of each place, as the referee judged; of a run that was cut, as robots reported."""
+    judged = final_outcome(recordings(run.out)["world"], "places", tuple[PlaceOutcome, ...], "a world")
+    if judged is not None:
+        return judged
+    first = {one.place: (round(one.second * 1e6), one.robot) for one in reversed(run.reported)}
+    return tuple(
+        _unjudged(owner, index, point, *first.get(PlaceKey(owner, index), (None, None)))
+        for owner, points in run.description.own_places.items()
+        for index, point in enumerate(points)
+    )
+
+
+def _unjudged(
+    owner: str, index: int, point: tuple[float, float], at: int | None, by: str | None
+) -> PlaceOutcome:
+    """Return a place of a run without a referee's record."""
+    return PlaceOutcome(
+        owner=owner, place=index, x=point[0], y=point[1], reached_at=at, reached_by=by, reported_at=at,
+        reported_by=by, given_up_at=None, given_up_by=None, reason=None,
+        in_route_of=(owner,) if at is None else (),
+    )  # fmt: skip
+
+
+def run_result(out: Path) -> RunResult | None:
+    """Return the run's result; None where there is none."""
+    path = out / "run.json"
+    if not path.is_file():
+        return None
+    if path.stat().st_size > _MOST_BYTES:
+        raise RunDataError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
+    try:
+        return typed_json.decode(regular_file.content(path), RunResult)
+    except ValueError as error:
+        raise RunDataError(f"{path}: is no run's result: {error}") from error

@@ -1,0 +1,180 @@
+"""Source of the run model for simulated runs: the recordings in a run's folder, finished, cut or growing."""
+
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, Self
+
+from acrc_testbed.recordings.topics import Growing, Recorded
+from acrc_testbed.replay.run_recordings import GivenOrder, recordings, setup_of
+from acrc_testbed.run_model.data import (
+    RecordedProcess,
+    RunData,
+    RunDataError,
+    RunDescription,
+    seconds_of,
+)
+from acrc_testbed.run_model.model import RunModel
+from acrc_testbed.run_model.recorded import largest_radius, place_outcomes, run_result, world_setup
+from actors.floor.map_file import load_map
+from actors.instant import in_seconds
+from actors.messages import AIRED, CONTROL, DRIVE, READY, RECEIVED, SENSES, TRUTH
+from actors.radio.radio_model import RadioSetup
+
+_PATIENCE_S: Final = 1.0
+"""How long the robots' recordings of a step are waited for, s."""
+_TOPICS: Final[dict[str, frozenset[str]]] = {
+    "radio": frozenset({TRUTH.pattern}),
+    "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
+}
+_OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
+"""The received messages that are folded, by the actor whose recording they are taken from."""
+
+
+class RunReader:
+    """Reads a run's folder piece by piece; a context manager that closes the files."""
+
+    def __init__(self, out: Path) -> None:
+        """RecordingError or RunDataError where there is no run that has begun, or a damaged one."""
+        files = recordings(out)
+        for actor in ("world", "radio"):
+            if actor not in files:
+                raise RunDataError(
+                    f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
+                )
+        setup = world_setup(files["world"])
+        radio = setup_of(files["radio"], RadioSetup, "a radio")
+        self.description = RunDescription(
+            out=out,
+            title=f"{len(setup.robots)} robots, seed {setup.seed}",
+            robots=tuple(body.id for body in setup.robots),
+            grid=load_map(setup.map),
+            step_us=setup.step_us,
+            own_places={body.id: body.places for body in setup.robots},
+            addresses={address: robot for robot, address in radio.robots},
+            radius=largest_radius(setup),
+            seed=setup.seed,
+        )
+        scheduled = [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events]
+        self.model = RunModel(self.description, scheduled)
+        self._stack, self._files = ExitStack(), dict[str, Growing]()
+        self._sensed: dict[str, int] = {}
+        """By robot the last step of which its senses were read."""
+        self._closed = -1
+        """The last step that the world has closed."""
+        self._moved = time.monotonic()
+        self._over = False
+        """The last part has been taken out."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """In the order of the scenario."""
+        return self.description.robots
+
+    @property
+    def behind(self) -> int:
+        """Steps that were read and not taken out."""
+        return len(self.model.truths)
+
+    def unread(self) -> int:
+        """Read what the radio recorded by now, and return how many steps were not taken out."""
+        self._take("radio", "", self._opened("radio", recordings(self.description.out)["radio"]))
+        return self.behind
+
+    def recorded_s(self, actor: str) -> float:
+        """Return until when the actor's recording was read, s."""
+        return in_seconds((self._files[actor].reading.step or 0) * self.description.step_us)
+
+    def beginning(self) -> RunData:
+        """Return the run before its first step."""
+        return self.model.advance(-1)
+
+    def poll(self, *, last: bool = False) -> RunData | None:
+        """Return what has come since the last call; None: nothing. `last`: nothing will follow, so all of it.
+
+        Raises RecordingError for damaged files, RunDataError where the robots change.
+        """
+        for actor, path in recordings(self.description.out).items():
+            self._take(actor, path.parent.name, self._opened(actor, path))
+        truths = self.model.truths
+        until = truths[-1].step if last and truths else self._complete()
+        ready = bool(truths) and truths[0].step <= until
+        if self._over or not (ready or last):
+            return None
+        self._over = last
+        if ready:
+            self._moved = time.monotonic()
+        return self.model.advance(until, last=last, processes=self._processes())
+
+    def _processes(self) -> list[RecordedProcess]:
+        return [
+            RecordedProcess(actor, robot, seconds_of)
+            for actor, growing in self._files.items()
+            if growing.run is not None and (robot := growing.reading.path.parent.name) in self.robots
+        ]
+
+    def _opened(self, actor: str, path: Path) -> Growing:
+        if actor not in self._files:
+            self._files[actor] = self._stack.enter_context(Growing(path))
+        return self._files[actor]
+
+    def _take(self, actor: str, robot: str, growing: Growing) -> None:
+        """Fold the messages of a recording; each kind is taken from the one process that keeps it in full."""
+        wanted = _TOPICS.get(actor, _OF_ROBOTS if robot in self.robots else frozenset())
+        for one in growing.poll():
+            if actor == "world" and one.key == TRUTH.pattern:
+                self._closed = max(self._closed, one.step - 1)
+            elif (one.direction == "in" and one.topic.pattern in wanted) or (
+                robot in self.robots and one.topic is READY
+            ):
+                self._fold(growing.reading.path, robot, one)
+
+    def _fold(self, path: Path, robot: str, one: Recorded) -> None:
+        message = one.message()
+        if message is None:
+            return
+        try:
+            self.model.extend(one.key, message)
+        except RunDataError as error:
+            raise RunDataError(f"{path}: {error}") from None
+        if one.topic is SENSES:
+            self._sensed[robot] = one.step
+
+    def _complete(self) -> int:
+        """Return the last step of which everything is there that was recorded."""
+        truths = self.model.truths
+        if not truths:
+            return -1
+        until = min(truths[-1].step, self._closed)
+        if time.monotonic() <= self._moved + _PATIENCE_S:
+            acting = [robot.id for robot in truths[-1].robots if robot.stepping]
+            until = min([until, *(self._sensed.get(robot, -1) for robot in acting)])
+        return until
+
+
+def recorded_run(out: Path) -> RunData:
+    """Return a simulated run as far as its recordings go.
+
+    Raises RecordingError for damaged files, RunDataError where there is no simulated run.
+    """
+    with RunReader(out) as reader:
+        run = reader.poll(last=True)
+    if run is None or not len(run.seconds):
+        raise RunDataError(f"{out}: the run ended before its first step")
+    return run
+
+
+def read_run(out: Path) -> RunData:
+    """Return the same with what became of each place, and the result.
+
+    Raises RunDataError for a damaged result, too.
+    """
+    run = recorded_run(out)
+    return replace(run, outcomes=place_outcomes(run), result=run_result(out))
