@@ -365,7 +365,7 @@ def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_pa
 def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEntry], Counter[str]]:
     """Return the log entries of a robot that reports no pose, and the counts of rejected messages."""
     left_out = Counter[str]()
-    monkeypatch.setattr(robot_entries, "taken", lambda path, topic: (("r1", one) for one in told))
+    monkeypatch.setattr(robot_entries, "messages_on", lambda path, topic: (("r1", one) for one in told))
     source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
     track = Trajectory(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), ())
     found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
