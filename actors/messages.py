@@ -17,6 +17,8 @@ from actors.topic import Message, MessagePart, Topic
 MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = PSDU_LIMIT - MAC_OCTETS
 """Data bytes of one radio frame, 118: what MAC header and FCS leave of a PSDU."""
+TOO_WEAK: Final = -(2**15)
+"""The strength of a copy, int16, that arrived too weakly to be followed."""
 NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
 
@@ -300,12 +302,60 @@ class Board(Message, frozen=True):
 # --- recorded only -----------------------------------------------------------------------------------------
 
 
+class FrameOutcome(MessagePart, frozen=True):
+    """What became of one frame, and of its copies at the other transceivers.
+
+    Robots are numbers: their places in the radio's set-up. A transceiver that is not listed was on, and the
+    frame arrived too weakly to be followed.
+    """
+
+    sender: int
+    tag: int
+    """As in Outgoing."""
+    handed: int
+    """When the transceiver was handed the frame."""
+    ended: int
+    """When it had left the antenna, or was given up."""
+    size: int
+    """Bytes of its data."""
+    end: str
+    """`sent`, `access_failure` or `overflow`."""
+    receivers: bytes
+    """uint16 little-endian, one per listed transceiver; none of a frame that was not sent."""
+    outcomes: bytes
+    """uint8, one per listed transceiver: `actors.radio.medium.state.Outcome`."""
+    strengths: bytes
+    """int16 little-endian, one per listed transceiver: how strongly it arrived, 0.1 dBm, or TOO_WEAK."""
+
+
 class FrameOutcomes(Message, frozen=True):
-    """What became of frames, by the radio."""
+    """The frames that ended in the step, in order of time."""
+
+    frames: tuple[FrameOutcome, ...]
+
+
+class FloorThing(MessagePart, frozen=True):
+    """Something on the floor beside its map, with the extent that bodies and rays meet."""
+
+    number: int
+    """Counts all things of a run, from 0."""
+    kind: str
+    """`wall`, `obstacle`, `closed door`, or `closing door`: it waits until no robot stands in it."""
+    points: tuple[tuple[float, float], ...]
+    """m: the middle of what is round, both ends of what is straight."""
+    radius: float
+    """m; of what is straight, half of its thickness."""
 
 
 class FloorChanged(Message, frozen=True):
-    """What was put on the floor or taken from it, by the world."""
+    """What was put on the floor at the step's start and what is gone.
+
+    There is one in step 0, even if nothing has changed.
+    """
+
+    put: tuple[FloorThing, ...] = ()
+    gone: tuple[int, ...] = ()
+    """Numbers of things."""
 
 
 READY: Final = Topic("swarm/up/{id}/ready", Ready)

@@ -169,7 +169,7 @@ class FrameWatch:
         )
 
     def _copies(self, number: int) -> Iterator[CopyFate]:
-        outcomes, powers_mw = self._medium.fates(number)
+        outcomes, powers_mw = self._medium.frame_outcomes(number)
         for other, (outcome, power) in enumerate(zip(outcomes.tolist(), powers_mw.tolist(), strict=True)):
             if outcome != Outcome.NOT_COUNTED:
                 strength = 10.0 * math.log10(power) if power > 0.0 else -math.inf

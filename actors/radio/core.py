@@ -5,11 +5,13 @@ from collections.abc import Mapping, Sequence
 from actors.message_limits import transmit_fault, truth_fault
 from actors.messages import (
     AIRED,
+    FRAME_OUTCOMES,
     RECEIVED,
     TRANSMIT,
     TRUTH,
     Aired,
     EventCount,
+    FrameOutcomes,
     Outgoing,
     RadioEvent,
     Received,
@@ -19,7 +21,7 @@ from actors.messages import (
 )
 from actors.radio.frame import size_fault
 from actors.radio.radio_model import DirectReach, RadioModel
-from actors.radio.robot_medium import FrameOutcomes, Handed, RobotMedium, TransceiverTruth
+from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, TransceiverTruth
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 
@@ -27,7 +29,7 @@ from actors.runtime.errors import AcrcError
 class Host:
     """Holds up to `buffer` events for a robot that does not step; what comes later is dropped and counted."""
 
-    def __init__(self, buffer: int, outcomes: FrameOutcomes) -> None:
+    def __init__(self, buffer: int, outcomes: FrameCounters) -> None:
         self._buffer = buffer
         self._outcomes = outcomes
         self.held: list[RadioEvent] = []
@@ -69,12 +71,22 @@ class RadioCore:
     events lie before the step's end.
     """
 
-    def __init__(self, robots: Sequence[tuple[str, int]], step_us: int, model: RadioModel, seed: int) -> None:
+    def __init__(
+        self,
+        robots: Sequence[tuple[str, int]],
+        step_us: int,
+        model: RadioModel,
+        seed: int,
+        *,
+        records_outcomes: bool = False,
+    ) -> None:
+        """`records_outcomes`: give FrameOutcomes(k) too, in steps in which a frame has ended."""
         self._step = 0
         self._step_us = step_us
         self._finished = False
-        self._outcomes = FrameOutcomes(len(robots))
-        self._medium = RobotMedium([address for _, address in robots], model, seed)
+        self._outcomes = FrameCounters(len(robots))
+        addresses = [address for _, address in robots]
+        self._medium = RobotMedium(addresses, model, seed, keeps_outcomes=records_outcomes)
         self._reach = DirectReach(model.parameters, model.propagation)
         self._number = {robot: number for number, (robot, _) in enumerate(robots)}
         self._ids = [robot for robot, _ in robots]
@@ -121,6 +133,8 @@ class RadioCore:
         outputs = [
             to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
         ]
+        if outcomes := self._medium.take_outcomes():
+            outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes)))
         counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
         outputs.append(to(AIRED, Aired(self._step, counts)))
         self._step += 1
@@ -144,7 +158,7 @@ class RadioCore:
         return given
 
     def counters(self) -> dict[str, int]:
-        """What became of all frames and events (`FrameOutcomes.counters`).
+        """What became of all frames and events (`FrameCounters.counters`).
 
         `frames_pending` are still under way. And how many pairs of robots were in direct reach
         (`DirectReach.counters`).
@@ -155,7 +169,7 @@ class RadioCore:
         return counters | self._reach.counters()
 
     def counters_by_robot(self) -> dict[str, dict[str, int]]:
-        """What became of each robot's frames, and of the others' at it (`FrameOutcomes.by_robot`)."""
+        """What became of each robot's frames, and of the others' at it (`FrameCounters.by_robot`)."""
         return self._outcomes.by_robot(self._ids, self._medium.medium.counters())
 
     def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:

@@ -42,7 +42,8 @@ def build(setup: RadioSetup) -> RadioCore:
             raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
         owners[address] = robot
         names.add(robot)
-    return RadioCore(setup.robots, setup.step_us, model, setup.seed)
+    records = setup.detail == "full"
+    return RadioCore(setup.robots, setup.step_us, model, setup.seed, records_outcomes=records)
 
 
 def load_setup(path: Path) -> RadioProgram:

@@ -7,7 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.kernels import njit
-from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, RobotTruth, Sent
+from actors.messages import (
+    TOO_WEAK,
+    AccessFailure,
+    FrameOutcome,
+    Heard,
+    Jam,
+    Overflow,
+    RadioEvent,
+    RobotTruth,
+    Sent,
+)
 from actors.portable import arrays, exp10
 from actors.portable.compiled import cos, sin
 from actors.radio.frame import link_qualities, octets, rssi_codes, strengths_dbm
@@ -35,8 +45,8 @@ COPIES: Final = {
 """Robots broadcast, so that nothing is filtered."""
 
 
-class FrameOutcomes:
-    """Counts of what never gets as far as the medium."""
+class FrameCounters:
+    """Counters of frames, copies and events: those of the medium, and of what never got as far."""
 
     def __init__(self, transceivers: int) -> None:
         self.refused = 0
@@ -145,8 +155,11 @@ def fingerprint() -> bytes:
 
 
 _HEARD: Final = int(Kind.HEARD)
-_SENT: Final = int(Kind.SENT)
-_NEVER_CLEAR: Final = int(Kind.ACCESS_FAILURE)
+_ENDS: Final = {
+    int(Kind.SENT): (Sent, "sent"),
+    int(Kind.ACCESS_FAILURE): (AccessFailure, "access_failure"),
+    int(Kind.OVERFLOW): (Overflow, "overflow"),
+}
 
 
 class Handed(NamedTuple):
@@ -160,6 +173,25 @@ class Handed(NamedTuple):
     data: bytes
 
 
+def _copies(
+    sent: Sequence[tuple[NDArray[np.uint8], NDArray[np.float64]]], senders: Sequence[int]
+) -> list[tuple[bytes, bytes, bytes]]:
+    """The last three fields of FrameOutcome for frames that were sent, each with its row of outcomes."""
+    if not sent:
+        return []
+    outcomes = np.array([row for row, _ in sent])
+    powers_mw = np.array([row for _, row in sent])
+    listed = (outcomes != Outcome.BELOW_SENSITIVITY) | (powers_mw > 0.0)
+    listed[np.arange(len(sent)), senders] = False
+    powers = powers_mw[listed]
+    tenths = np.full(powers.shape, TOO_WEAK, "<i2")
+    tenths[powers > 0.0] = np.rint(100.0 * arrays.log10(powers[powers > 0.0]))
+    rows, receivers = np.nonzero(listed)
+    bounds = np.searchsorted(rows, np.arange(1, len(sent)))
+    parts = (np.split(one, bounds) for one in (receivers.astype("<u2"), outcomes[listed], tenths))
+    return [(*(one.tobytes() for one in row),) for row in zip(*parts, strict=True)]
+
+
 Notices = list[list[RadioEvent]]
 """By a transceiver's number: what it has to say to its robot, in order of time."""
 
@@ -167,7 +199,10 @@ Notices = list[list[RadioEvent]]
 class RobotMedium:
     """All transceivers and the frames between them; it keeps the frames' data, the medium their sizes."""
 
-    def __init__(self, addresses: Sequence[int], model: RadioModel, seed: int) -> None:
+    def __init__(
+        self, addresses: Sequence[int], model: RadioModel, seed: int, *, keeps_outcomes: bool = False
+    ) -> None:
+        """`keeps_outcomes`: `take_outcomes` gives what became of frames."""
         parameters = model.parameters
         self._addresses = tuple(addresses)
         self._noise_mw = exp10(parameters.phy.noise_dbm / 10.0)
@@ -178,7 +213,11 @@ class RobotMedium:
             parameters.phy,
             seed=seed,
             interferers=model.interferers,
+            keeps_outcomes=keeps_outcomes,
         )
+        self._keeps_outcomes = keeps_outcomes
+        self._ended: list[tuple[Handed, int, str]] = []
+        """Frames that have ended, when, µs, and how, as far as nobody has taken their outcomes."""
         self._powered = (True,) * len(self._addresses)
         self._epochs: tuple[int, ...] | None = None
         self.discarded = 0
@@ -214,6 +253,20 @@ class RobotMedium:
     def handed(self, transceiver: int, serial: int) -> Handed:
         """A frame of which the medium has not said yet what became of it; `serial` is its tag there."""
         return self._frames[transceiver][serial]
+
+    def take_outcomes(self) -> tuple[FrameOutcome, ...]:
+        """Return the outcome of each frame that has ended since the last call, in order of time."""
+        ended, self._ended = self._ended, []
+        senders = [frame.transceiver for frame, _, end in ended if end == "sent"]
+        copies = iter(_copies(self.medium.sent_outcomes, senders))
+        self.medium.sent_outcomes.clear()
+        return tuple(
+            FrameOutcome(
+                frame.transceiver, frame.tag, frame.instant, instant, len(frame.data), end,
+                *(next(copies) if end == "sent" else (b"", b"", b"")),
+            )
+            for frame, instant, end in ended
+        )  # fmt: skip
 
     def _request(self, frame: Handed) -> Request:
         self._serial += 1
@@ -258,8 +311,11 @@ class RobotMedium:
                 data = frames[sender][serial].data
                 notices[number] += (Heard(instant, addresses[sender], strength, quality, data),)
             else:
-                says = Sent if kind == _SENT else AccessFailure if kind == _NEVER_CLEAR else Overflow
-                notices[number] += (says(instant, frames[number].pop(serial).tag),)
+                says, end = _ENDS[kind]
+                frame = frames[number].pop(serial)
+                notices[number] += (says(instant, frame.tag),)
+                if self._keeps_outcomes:
+                    self._ended.append((frame, instant, end))
 
     def _quality(
         self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]

@@ -16,7 +16,7 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.messages import Drive, Scan, Senses
+from actors.messages import Drive, FloorChanged, FloorThing, Scan, Senses
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
@@ -47,8 +47,8 @@ class Doors:
         self._closing: dict[int, _Leaf] = {}
         """Doors that wait until nobody stands in the way."""
 
-    def close(self, point: Point) -> None:
-        """Let the door at a point close with the next `settle` at which it can.
+    def close(self, point: Point) -> int:
+        """Let the door at a point close with the next `settle` at which it can; its index.
 
         Raises DoorError where there is none, or it is closed or closing.
         """
@@ -58,25 +58,32 @@ class Doors:
         cells = self._doorways.closed(door)
         alone = replace(self._solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
         self._closing[door.index] = _Leaf(cells, outline(alone, beyond=False))
+        return door.index
 
-    def open(self, point: Point, arena: Arena, sensors: RangeSensors) -> None:
-        """Open the door at a point, or let it be if it was yet to close. Raises DoorError if it is open."""
+    def open(self, point: Point, arena: Arena, sensors: RangeSensors) -> int:
+        """Open the door at a point, or call off its closing; its index. Raises DoorError if it is open."""
         door = self._doorways.at(point).index
         if self._closing.pop(door, None) is not None:
-            return
+            return door
         if self._closed.pop(door, None) is None:
             raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is open already")
         arena.open_door(door)
         sensors.look_at(self._seen)
+        return door
 
-    def settle(self, arena: Arena, sensors: RangeSensors) -> None:
-        """Close every door that is to be closed and in which no robot stands."""
+    def settle(self, arena: Arena, sensors: RangeSensors) -> list[int]:
+        """Close every door that is to be closed and in which no robot stands; return their indices."""
         free = [door for door, leaf in self._closing.items() if not arena.in_the_way(leaf.segments)]
         for door in free:
             self._closed[door] = self._closing.pop(door)
             arena.close_door(door, self._closed[door].segments)
         if free:
             sensors.look_at(self._seen)
+        return free
+
+    def ends(self, door: int) -> tuple[Point, Point]:
+        """Both ends of a door that is closed or closing."""
+        return self._doorways.leaf((self._closing | self._closed)[door].cells)
 
     @property
     def _seen(self) -> OccupancyGrid:
@@ -94,6 +101,39 @@ _POST_SPACING: Final = 0.075
 Places = tuple[tuple[float, float], ...]
 
 
+class FloorRecord:
+    """What has been put on the floor and what is gone, as far as nobody has taken it."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._put: list[FloorThing] = []
+        self._gone: list[int] = []
+        self._doors: dict[int, int] = {}
+        """Numbers of doors that are closed or closing, by index."""
+
+    def put(self, kind: str, points: Sequence[Point], radius: float) -> None:
+        """Add a thing."""
+        ends = tuple((point.x, point.y) for point in points)
+        self._put.append(FloorThing(self._count, kind, ends, radius))
+        self._count += 1
+
+    def turn(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
+        """A door is of another kind now, or open: without ends. It is as thick as a wall."""
+        if door in self._doors:
+            self._gone.append(self._doors.pop(door))
+        if ends:
+            self._doors[door] = self._count
+            self.put(kind, ends, POST_RADIUS)
+
+    def take(self, step: int) -> FloorChanged | None:
+        """What has changed since the last call; None: nothing."""
+        if not self._put and not self._gone:
+            return None
+        changed = FloorChanged(step, tuple(self._put), tuple(self._gone))
+        self._put, self._gone = [], []
+        return changed
+
+
 class Bodies:
     """Physics, range sensors and odometry of all robots on one map."""
 
@@ -103,6 +143,7 @@ class Bodies:
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         grid, visible = real_floor(setup, self._models)
         self._grid = grid
+        self.floor_record = FloorRecord()
         stage, kobuki = drifting(setup.uncertainty)
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
@@ -182,7 +223,8 @@ class Bodies:
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
-        self._doors.settle(self._arena, self._sensors)
+        for door in self._doors.settle(self._arena, self._sensors):
+            self.floor_record.turn(door, "closed door", self._doors.ends(door))
         end = instant + duration_us
         now: int = instant
         while now < end:
@@ -208,6 +250,7 @@ class Bodies:
     def add_obstacle(self, x: float, y: float, radius: float) -> None:
         """Put something round on the floor."""
         self._arena.add_obstacle(Point(x, y), radius)
+        self.floor_record.put("obstacle", [Point(x, y)], radius)
 
     def add_wall(self, start: Point, end: Point) -> int:
         """Put a wall on the floor: a row of posts that neither a body nor a ray gets through; how many.
@@ -219,15 +262,17 @@ class Bodies:
             self._arena.check_obstacle(post, POST_RADIUS)
         for post in posts:
             self._arena.add_obstacle(post, POST_RADIUS)
+        self.floor_record.put("wall", [start, end], POST_RADIUS)
         return len(posts)
 
     def close_door(self, x: float, y: float) -> None:
         """Close the door at a point once nobody stands in it, at the beginning of a step."""
-        self._doors.close(Point(x, y))
+        door = self._doors.close(Point(x, y))
+        self.floor_record.turn(door, "closing door", self._doors.ends(door))
 
     def open_door(self, x: float, y: float) -> None:
         """Open it again."""
-        self._doors.open(Point(x, y), self._arena, self._sensors)
+        self.floor_record.turn(self._doors.open(Point(x, y), self._arena, self._sensors))
 
     def check_places(self, places: Places) -> None:
         """Raise PlacementError for a place that is not on free floor."""

@@ -19,6 +19,7 @@ from actors.messages import (
     ANSWERED,
     CONTROL,
     DRIVE,
+    FLOOR_CHANGED,
     PROGRESS,
     RADIO_READY,
     READY,
@@ -28,6 +29,7 @@ from actors.messages import (
     Answered,
     Control,
     Drive,
+    FloorChanged,
     Progress,
     Ready,
     RobotTruth,
@@ -183,7 +185,7 @@ class WorldCore:
             return self._send_senses()
         self._phase = WorldPhase.OPEN
         self._task.watch(self.instant, self._bodies.positions)
-        return ()
+        return [to(FLOOR_CHANGED, FloorChanged(self._step))]
 
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
@@ -210,7 +212,7 @@ class WorldCore:
             self._effects = self._orders.due(self.instant)
             if self._pause_at == self._step:
                 self._effects = replace(self._effects, paused=True, steps=0)
-        outputs = self._take_orders(inputs)
+        outputs = self._take_orders(inputs) + self._floor_changes()
         self._heed(self._effects)
         for start in self._effects.starts:
             self._task.restart(start.robot)
@@ -329,11 +331,16 @@ class WorldCore:
 
     def _move(self) -> Sequence[Output]:
         self._bodies.move(self.instant, self._setup.step_us)
+        outputs = self._floor_changes()
         self._step += 1
         self._phase = WorldPhase.OPEN
         self._task.watch(self.instant, self._bodies.positions)
         whole = self.instant % 1_000_000 < self._setup.step_us
-        return (to(PROGRESS, self._progress()),) if whole else ()
+        return [*outputs, to(PROGRESS, self._progress())] if whole else outputs
+
+    def _floor_changes(self) -> list[Output]:
+        changed = self._bodies.floor_record.take(self._step)
+        return [] if changed is None else [to(FLOOR_CHANGED, changed)]
 
     def _progress(self) -> Progress:
         left, done = self._task.progress(self._participants.present)

@@ -15,7 +15,7 @@ from actors.instant import START, Instant
 from actors.messages import Heard, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
-from actors.radio.robot_medium import FrameOutcomes, Handed, RobotMedium, TransceiverTruth
+from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, TransceiverTruth
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
 
 USUAL_DBM: Final = BoardSettings(0).power_dbm
@@ -154,7 +154,7 @@ class EmulatedAir:
         total = Counter({"frames_pending": 0})
         for channel in self._channels.values():
             medium = channel.robots.medium
-            total.update(FrameOutcomes(len(self._addresses)).counters(medium.counters()))
+            total.update(FrameCounters(len(self._addresses)).counters(medium.counters()))
             total["frames_pending"] += medium.pending
         return dict(total)
 
@@ -163,7 +163,7 @@ class EmulatedAir:
         total = {robot: Counter[str]() for robot in robots}
         for channel in self._channels.values():
             counters = channel.robots.medium.counters()
-            for robot, own in FrameOutcomes(len(robots)).by_robot(robots, counters).items():
+            for robot, own in FrameCounters(len(robots)).by_robot(robots, counters).items():
                 total[robot].update(own)
         return {robot: dict(counts) for robot, counts in total.items()}
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from actors.messages import AIRED, DRIVE, Aired, Drive, EventCount
-from actors.orders import CloseDoor, Move, OpenDoor
+from actors.orders import CloseDoor, Move, Obstacle, OpenDoor, Wall
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
@@ -21,7 +21,7 @@ EAST = 24.0
 """Robot r3 starts at (20, 11) and drives east, through the neck between cabinets at this x."""
 
 
-def eastward(seconds: float, *events: tuple[float, CloseDoor | OpenDoor | Move]) -> Theatre:
+def eastward(seconds: float, *events: tuple[float, CloseDoor | OpenDoor | Move | Wall | Obstacle]) -> Theatre:
     return Theatre(seconds, list(events), robots=("r3",), drive=lambda senses: (0.5, 0.0)).run()
 
 
@@ -43,6 +43,18 @@ def test_a_closed_door_stops_a_robot_and_its_sensor_sees_it() -> None:
     assert play.digest == eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1))).digest
 
 
+def test_what_is_put_on_the_floor_is_recorded_with_its_extent() -> None:
+    play = eastward(1.0, (0.2, Wall(2.0, 11.5, 2.0, 12.5)), (0.2, Obstacle(4.0, 12.0, 0.3)))
+    put = [
+        (told.step, one.number, one.kind, one.points, one.radius)
+        for told in play.floor.changes
+        for one in told.put
+    ]
+    assert put == [
+        (2, 0, "wall", ((2.0, 11.5), (2.0, 12.5)), 0.05), (2, 1, "obstacle", ((4.0, 12.0),), 0.3),
+    ]  # fmt: skip
+
+
 def test_a_door_closes_once_nobody_stands_in_it() -> None:
     through = eastward(9.0)
     inside = next(truth.instant for truth in through.truths if truth.robots[0].x > EAST - 0.1) / 1e6
@@ -50,6 +62,14 @@ def test_a_door_closes_once_nobody_stands_in_it() -> None:
     assert end(play) > EAST + 0.5
     with pytest.raises(AcrcError, match="it would overlap a wall"):
         eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, Move("r3", EAST, 11.1, 0.0)))
+    first, asked, closed, opened = play.floor.changes
+    assert (first.step, first.put, first.gone) == (0, (), ())
+    (waits,), (shut,) = asked.put, closed.put
+    assert (waits.kind, shut.kind, shut.points) == ("closing door", "closed door", waits.points)
+    assert asked.step == math.ceil(inside * 10) and (closed.gone, opened.gone) == ((0,), (1,))
+    gaps = [truth.robots[0].x - EAST for truth in play.truths[asked.step : closed.step + 1]]
+    assert len(gaps) > 2 and gaps[-1] > 0.177 > gaps[-3], "it has closed as soon as the robot was out of it"
+    assert opened.step == 110
     never = eastward(9.0, (inside, CloseDoor(EAST, 11.1)), (inside + 0.1, OpenDoor(EAST, 11.1)))
     assert end(never) == end(through)
 

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 from actors.messages import (
     DRIVE,
+    FLOOR_CHANGED,
     PROGRESS,
     RADIO_READY,
     READY,
@@ -15,6 +16,7 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
     Drive,
+    FloorChanged,
     Outgoing,
     Progress,
     Ready,
@@ -91,6 +93,19 @@ class Scripted:
         return [*outputs, to(DRIVE, drive, self._robot)]
 
 
+class FloorJournal(Unrecorded):
+    """Keeps what the world records of its floor."""
+
+    def __init__(self) -> None:
+        self.changes: list[FloorChanged] = []
+
+    def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        if key == FLOOR_CHANGED.key():
+            message = decode(at(FLOOR_CHANGED).topic, key, payload)
+            assert isinstance(message, FloorChanged) and message.step == step
+            self.changes.append(message)
+
+
 class Theatre:
     def __init__(
         self,
@@ -105,6 +120,7 @@ class Theatre:
     ) -> None:
         setup = self.setup_of(robots, seconds, events, places)
         self.bus = MemoryBus()
+        self.floor = FloorJournal()
         self.bodies = Bodies(setup)
         self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
         self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
@@ -179,7 +195,7 @@ class Theatre:
         name: str,
         open_to: Callable[[], Sequence[Address]] = tuple,
     ) -> Shell:
-        shell = Shell(core, self.bus, Unrecorded(), actor=name, open_to=open_to)
+        shell = Shell(core, self.bus, self.floor, actor=name, open_to=open_to)
         for address in listens:
             self.bus.listen(address, shell.deliver)
         return shell

@@ -10,6 +10,7 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
     Aired,
+    FrameOutcomes,
     Jam,
     Loss,
     Outgoing,
@@ -85,10 +86,14 @@ class Swarm:
     model: RadioModel = field(default_factory=around)
     given: dict[str, list[RadioEvent]] = field(default_factory=dict)
     steps: list[dict[str, list[RadioEvent]]] = field(default_factory=list)
+    records_outcomes: bool = False
+    recorded: list[FrameOutcomes] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         addresses = [(robot, 100 + number) for number, robot in enumerate(self.robots)]
-        self.core = RadioCore(addresses, self.step_us, self.model, seed=1)
+        self.core = RadioCore(
+            addresses, self.step_us, self.model, seed=1, records_outcomes=self.records_outcomes
+        )
 
     def change(self, robot: str, **changes: Any) -> None:
         self.robots[robot] = replace(self.robots[robot], **changes)
@@ -122,6 +127,9 @@ class Swarm:
         events: dict[str, list[RadioEvent]] = {}
         for output in outputs[:-1]:
             address, message = output.address, output.message
+            if isinstance(message, FrameOutcomes):
+                self.recorded.append(message)
+                continue
             assert address.topic is RECEIVED and isinstance(message, Received) and message.step == step + 1
             events[address.robot] = list(message.events)
         assert [(c.id, c.events) for c in aired.counts] == [(i, len(e)) for i, e in events.items()]

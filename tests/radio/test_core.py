@@ -1,10 +1,12 @@
 """Short stories of a few robots: who hears what, and what each is told."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from actors.messages import (
@@ -24,7 +26,7 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.core import RadioCore
-from actors.radio.medium.state import Cca
+from actors.radio.medium.state import Cca, Outcome
 from actors.radio.program import build
 from actors.radio.radio_model import RadioSetup
 from actors.radio.robot_medium import TransceiverTruth
@@ -64,6 +66,30 @@ def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_
     again = swarm.run([Frame(2 * STEP + 5, "a", 3)])
     assert [event.sender for event in again["c"] if isinstance(event, Heard)] == [100]
     assert swarm.core.counters()["copies_lost_withheld"] == 1, "far never hears a, and so loses nothing"
+
+
+def test_what_became_of_each_copy_is_recorded_and_adds_up_to_the_counters() -> None:
+    robots = {"a": Robot(0.0), "b": Robot(1.0), "off": Robot(2.0), "c": Robot(8.0), "far": Robot(4000.0)}
+    swarm = Swarm(robots, records_outcomes=True)
+    swarm.change("off", powered=False)
+    swarm.run([Frame(5, "a", 1), Frame(6, "b", 2), Frame(30_000, "a", 3)], losses=[Loss("c", "a")])
+    (told,) = swarm.recorded
+    counted = Counter[str]()
+    for frame in told.frames:
+        assert (frame.end, frame.size, frame.ended - frame.handed >= 832) == ("sent", 11, True)
+        listed = dict(zip(np.frombuffer(frame.receivers, "<u2").tolist(), frame.outcomes, strict=True))
+        assert listed.pop(2) == Outcome.NOT_COUNTED and frame.sender not in listed and 4 not in listed
+        assert len(frame.strengths) == 2 * len(frame.outcomes)
+        counted.update(
+            f"copies_{'' if one == 0 else 'lost_'}{Outcome(one).name.lower()}" for one in listed.values()
+        )
+        counted["copies_lost_below_sensitivity"] += 1
+    assert [frame.tag for frame in told.frames if frame.sender == 0] == [1, 3]
+    counters = swarm.core.counters()
+    assert counted["copies_lost_withheld"] == 1
+    assert counted == {
+        name: count for name, count in counters.items() if count and name.startswith("copies_")
+    }
 
 
 def test_a_receiver_is_deaf_while_its_buffer_is_read() -> None:

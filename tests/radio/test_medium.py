@@ -209,7 +209,7 @@ def test_what_is_not_followed_of_all_frames_in_the_air_is_a_hundredth_of_a_decib
     medium, powers_mw = far_apart(noise_dbm, moving), 10.0 ** (-LINE_OF_SIGHT.loss_db(FAR, FAR) / 10.0)
     left_out_mw = np.zeros(12)
     for sender in range(12):
-        outcomes, found_mw = medium.fates(sender)
+        outcomes, found_mw = medium.frame_outcomes(sender)
         others = np.arange(12) != sender
         far = found_mw == 0.0
         np.testing.assert_allclose(found_mw[~far & others], powers_mw[sender][~far & others], rtol=1e-12)
@@ -231,7 +231,7 @@ def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
     medium.switch(2, True)
     medium.run(SECOND)
     became = [Outcome.NOT_COUNTED, Outcome.POWERED_OFF, Outcome.NOT_COUNTED, Outcome.BELOW_SENSITIVITY]
-    assert medium.fates(0)[0].tolist() == became
+    assert medium.frame_outcomes(0)[0].tolist() == became
     assert [counts.tolist() for counts in medium.outcomes()] == np.eye(len(Outcome), dtype=int)[
         became
     ].tolist()

@@ -305,6 +305,8 @@ def _finish(st: MediumState, number: int, kind: int) -> None:
     traffic, mac = transceiver.traffic, transceiver.mac
     frame = st.queue[number, mac.head]
     say(st, kind, number, frame.to, frame.octets, frame.number, frame.tag, frame.asked_ns)
+    if kind == Kind.SENT.value:
+        st.medium.sent_by = number
     mac.head = (mac.head + 1) % st.queue.shape[1]
     mac.queued -= 1
     mac.tries = 0

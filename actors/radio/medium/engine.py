@@ -10,7 +10,7 @@ from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.csma import pop
 from actors.radio.medium.reception import change_outside, count, free_share, leave, let_go
-from actors.radio.medium.state import NEVER, Due, MacState, MediumState, OfferKind, Outcome, Outside
+from actors.radio.medium.state import NEVER, NOBODY, Due, MacState, MediumState, OfferKind, Outcome, Outside
 
 DONE: Final = 0
 """All that was due has happened."""
@@ -18,6 +18,8 @@ ROW: Final = 1
 """The frame that is first on the agenda needs the losses from its sender, `medium.sender`."""
 FULL: Final = 2
 """The events must be taken away first."""
+SENT: Final = 3
+"""A frame of `medium.sent_by` has been sent, and `medium.pauses`."""
 
 _KINDS: Final = 1 << 32
 
@@ -35,6 +37,7 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: 
     medium = st.medium
     if loss_db.size > 0:
         _take_row(st, loss_db)
+    medium.sent_by = NOBODY
     while st.events.size - medium.events > st.transceivers.size + 8:
         at = st.agenda[0].instant_ns if medium.due > 0 else NEVER
         switched = _next_switch(st, outside)
@@ -50,6 +53,8 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: 
             if _needs_row(st):
                 return ROW
             _dispatch(st)
+            if medium.pauses and medium.sent_by != NOBODY:
+                return SENT
         else:
             request = outside.requests[medium.next_request]
             medium.next_request += 1

@@ -204,10 +204,16 @@ class Medium:
         seed: int = 0,
         interferers: Sequence[Interferer] = (),
         watched: Sequence[int] | None = None,
+        keeps_outcomes: bool = False,
     ) -> None:
-        """`watched`: those for which `run` gives what they hear; all by default. The counters know of all."""
+        """`watched`: those for which `run` gives what they hear; all by default. The counters know of all.
+
+        `keeps_outcomes`: append to `sent_outcomes`.
+        """
         self._propagation = propagation
-        self._state = initial_state(transceivers, phy or PhyParameters(), seed)
+        self._state = initial_state(transceivers, phy or PhyParameters(), seed, pauses=keeps_outcomes)
+        self.sent_outcomes: list[tuple[NDArray[np.uint8], NDArray[np.float64]]] = []
+        """`frame_outcomes` of each frame that was sent, in the order of the events; the caller clears it."""
         none = np.zeros((0, len(transceivers)))
         self._outside = Outside(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
         self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
@@ -319,7 +325,7 @@ class Medium:
         """(n, outcomes): what became of others' frames at each transceiver, by Outcome; a copy."""
         return self.counters()["outcomes"]
 
-    def fates(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    def frame_outcomes(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """Of the last frame that the sender has sent, until its next one begins, at every transceiver: (n,)
         what became of it there, by Outcome, and (n,) how strongly it came there, mW, 0 where it was not
         followed to; copies."""
@@ -350,6 +356,9 @@ class Medium:
                 )[0]
                 continue
             loss_db = _NOT_ASKED
+            if code == engine.SENT:
+                self.sent_outcomes.append(self.frame_outcomes(int(medium["sent_by"])))
+                continue
             if medium["events"]:
                 parts.append(state.events[: medium["events"]].copy())
                 medium["events"] = 0

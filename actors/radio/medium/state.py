@@ -197,12 +197,13 @@ MEDIUM: Final = _dtype(
     peak_cca="b1", dead_ns="i8", dead_octet_ns="i8", dead_octets="i8", faintest_dbm="f8",
     now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", off="i8", events="i8",
     next_request="i8", next_switch="i8", busy_since_ns="i8", busy_ns="i8", ended="i8",
-    share="i8", sender="i8", most_db="f8",
+    share="i8", sender="i8", most_db="f8", pauses="b1", sent_by="i8",
 )  # fmt: skip
 """What is no single transceiver's: parameters of the PHY (up to `dead_octets`), how weak all that is left
 out of the air may be together (`faintest_dbm`), and where we are. `ended`: frames, without acknowledgements.
 Of the frame that begins next: its `share` of what may be left out, see `reception.free_share`, its `sender`,
-and the loss from which on it is left out, `most_db`."""
+and the loss from which on it is left out, `most_db`. `pauses`: kernels return after each frame that has been
+sent; `sent_by`: the sender of the last one since they were called, or NOBODY."""
 
 
 class MediumState(NamedTuple):
@@ -314,11 +315,15 @@ def milliwatts(dbm: Any) -> Any:
     return arrays.exp10(np.asarray(dbm, dtype=np.float64) / 10.0)
 
 
-def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> MediumState:
-    """All transceivers on, silent and listening."""
+def initial_state(
+    transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int, *, pauses: bool = False
+) -> MediumState:
+    """All transceivers on, silent and listening; `pauses`: as in MEDIUM."""
     n = len(transceivers)
+    medium = _medium(transceivers, phy, seed)
+    medium["pauses"] = pauses
     return MediumState(
-        medium=_medium(transceivers, phy, seed)[0],
+        medium=medium[0],
         transceivers=_transceivers(transceivers, phy),
         queue=np.zeros((n, max((t.queue for t in transceivers), default=1)), FRAME),
         agenda=np.zeros(_DUE_EACH * n + 1, AGENDA),
