@@ -11,11 +11,8 @@ from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
 from acrc_testbed.field_trial.reported_places import ReportedPlaces
 from acrc_testbed.results.outcome import (
-    OutcomeError,
     counted,
-    deeco_result,
     nearest_rank,
-    node_report,
     robot_places,
 )
 from acrc_testbed.results.result import (
@@ -24,35 +21,24 @@ from acrc_testbed.results.result import (
     RobotResult,
     RunResult,
     rate,
+    robot_reports,
     without_unknown,
 )
 from actors.instant import Duration, in_seconds
 from actors.radio.frame import octets
-from actors.robot.behaviour.decisions import NodeReport
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
-
-
-def _nodes(trial: FieldTrial) -> tuple[list[NodeReport], list[str]]:
-    """Return the reports of all nodes, and a sentence for each that is missing or malformed."""
-    nodes, notes = list[NodeReport](), list[str]()
-    for log in trial.all_logs():
-        if log.final is None:
-            notes.append(f"{log.path}: has no last record, so what its node did is not known")
-            continue
-        try:
-            nodes += filter(None, (node_report(log.path, log.final.outcome),))
-        except OutcomeError as error:
-            notes.append(str(error))
-    return nodes, notes
 
 
 def trial_result(
     trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
 ) -> RunResult:
     """Compute the result of the robots' recordings."""
-    nodes, missing = _nodes(trial)
+    ended = [(log.identity.id, log.path, log.final) for log in trial.all_logs() if log.final is not None]
+    missing = [log.path for log in trial.all_logs() if log.final is None]
+    unknown = (f"{path}: has no last record, so what its node did is not known" for path in missing)
+    reports = robot_reports(ended)
     frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
     whole = Counter[str]()
     for part in frames.values():
@@ -68,9 +54,9 @@ def trial_result(
         contacts=told.contacts,
         frames=dict(whole),
         radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
-        deeco=deeco_result(nodes),
+        deeco=reports.deeco,
         reference=clocks.reference,
-        notes=(*trial.notes, *clocks.notes, *told.notes, *missing),
+        notes=(*trial.notes, *clocks.notes, *told.notes, *unknown, *reports.refused),
         out=None if out is None else str(out),
     )
 
