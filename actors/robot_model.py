@@ -10,8 +10,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from actors import settings, wording
-from actors.floor import convex
+from actors import geometry, settings, wording
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
@@ -55,9 +54,9 @@ class Footprint(Settings, frozen=True):
                 f"hold either radius or vertices, but has {'none' if self.radius is None else 'both'}"
             )
         if self.vertices is not None:
-            if fault := convex.fault(self.vertices):
+            if fault := geometry.polygon_fault(self.vertices):
                 raise RuleError(f"hold the vertices of a convex polygon round (0, 0), but {fault}")
-            msgspec.structs.force_setattr(self, "vertices", convex.counter_clockwise(self.vertices))
+            msgspec.structs.force_setattr(self, "vertices", geometry.counter_clockwise(self.vertices))
 
     @property
     def circumradius(self) -> float:
@@ -72,7 +71,7 @@ class Footprint(Settings, frozen=True):
         if self.radius is not None:
             return self.radius
         assert self.vertices is not None
-        return convex.distance_to_border(self.vertices)
+        return geometry.distance_to_border(self.vertices)
 
 
 class DriveParameters(Settings, frozen=True):

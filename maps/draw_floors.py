@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 
 from actors.floor import offices
-from actors.floor.drawing import Box, DrawnFloor, draw, header
+from actors.floor.offices import Box, DrawnFloor, draw, header
 
 
 def ring(west: float, south: float, east: float, north: float) -> tuple[Box, ...]:

@@ -12,7 +12,7 @@ import pytest
 
 from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.modules import look_in
+from actors.robot.behaviour.loading import look_in
 
 
 def acrc(

@@ -118,7 +118,7 @@ def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: b
 
 def _strategy(strategy: Any) -> Row:
     """Return the row of a strategy; a broken one has an `error`."""
-    from actors.robot.behaviour.entry import entry_function
+    from actors.robot.behaviour.loading import entry_function
     from actors.runtime.errors import AcrcError
 
     summary = error = ""

@@ -133,7 +133,7 @@ def _one(
     from acrc_testbed.replay.record_replay import Onlook, replay_actor
     from acrc_testbed.replay.sandboxed import check_trust
     from actors.robot.behaviour.foreign import admitted, permit_of
-    from actors.robot.behaviour.modules import look_in
+    from actors.robot.behaviour.loading import look_in
     from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry

@@ -20,7 +20,7 @@ from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.plan import GoalStatus
+from actors.robot.behaviour.ports import GoalStatus
 from deeco.replication.fragments import HEADER
 
 _TOGETHER_US: Final = 2_000_000

@@ -22,7 +22,7 @@ from acrc_testbed.replay.record_check import check
 from acrc_testbed.replay.record_replay import replay_actor
 from acrc_testbed.replay.run_recordings import all_recordings
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.modules import look_in
+from actors.robot.behaviour.loading import look_in
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.linux import die_with_parent

@@ -18,7 +18,7 @@ from actors.instant import Instant, seconds
 from actors.radio.program import part as radio_part
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.modules import RecordedModules, expect
+from actors.robot.behaviour.loading import RecordedModules, expect
 from actors.robot.program import part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay, topic_of
 from actors.runtime.core import Core, Inputs, Output

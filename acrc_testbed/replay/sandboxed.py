@@ -34,7 +34,7 @@ from actors.processes.robot_logs import said, show
 from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.modules import look_in
+from actors.robot.behaviour.loading import look_in
 from actors.runtime import prints
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError, printable

@@ -27,8 +27,7 @@ from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.robot.behaviour.decisions import Deciding
 from actors.robot.behaviour.node_host import ensembles_of
-from actors.robot.behaviour.plan import Goal, GoalOrder
-from actors.robot.behaviour.ports import Behaviour, Decision, View
+from actors.robot.behaviour.ports import Behaviour, Decision, Goal, GoalOrder, View
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core, Inputs
 from deeco.explain.anatomy import ensemble_type, method_flow, methods

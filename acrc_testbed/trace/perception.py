@@ -27,7 +27,7 @@ from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Drive
 from actors.portable import arrays
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.node_host import node_of
-from actors.robot.behaviour.plan import Goal, GoalPhase, GoalStatus, Plan
+from actors.robot.behaviour.ports import Goal, GoalPhase, GoalStatus, Plan
 from actors.robot.core import RobotCore
 from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
 from actors.robot.localisation import Estimate

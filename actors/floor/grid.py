@@ -2,9 +2,11 @@
 
 import hashlib
 import math
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,27 @@ from numpy.typing import NDArray
 from actors.floor import distance, flood
 from actors.geometry import Point
 from deeco.knowledge import made
+
+V = TypeVar("V")
+
+
+class Shared(Generic[V]):
+    """Values that never change, by all that they follow from; each only for as long as somebody holds it.
+
+    So a process that asks once pays for nothing it does not keep, and one that starts many robots has only to
+    hold what the first of them needed: the others, and those that it forks, find that.
+    """
+
+    def __init__(self) -> None:
+        self._known: WeakValueDictionary[Hashable, V] = WeakValueDictionary()
+
+    def get(self, content: Hashable, make: Callable[[], V]) -> V:
+        """The value that follows from `content`: a living one, or a new one by `make`."""
+        value = self._known.get(content)
+        if value is None:
+            value = self._known[content] = make()
+        return value
+
 
 FREE: Final = 0
 UNKNOWN: Final = 1

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from actors.floor import offices
-from actors.floor.drawing import RESOLUTION
-from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.floor.sharing import Shared
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Shared
+from actors.floor.offices import RESOLUTION
 from actors.geometry import GREATEST_COORDINATE, Point
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError

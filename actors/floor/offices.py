@@ -1,9 +1,4 @@
-"""Office floors drawn from a seed: a corridor with offices on one or both sides, each behind a door.
-
-A floor is named by what it follows from, such as "offices:7" or "offices:7,count=8,door_width=1.0". All draws
-are of whole numbers, so a name gives the same cells on every processor. Doors and furniture that a name fixes
-change nothing else: floors of one seed with other doors have the same rooms.
-"""
+"""Drawn floors: boxes and discs as the image of a map, and generated office floors."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,11 +10,66 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor.drawing import BLACK, RESOLUTION, Box, DrawnFloor, draw, header
 from actors.floor.placement import Area
 from actors.geometry import Point
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
+
+RESOLUTION: Final = 0.05
+BLACK: Final = 0
+WHITE: Final = 254
+"""Occupied and free, the brightnesses that ROS map_saver writes."""
+
+Box = tuple[float, float, float, float]
+"""x0, y0, x1, y1: west, south, east and north edge, m, multiples of RESOLUTION."""
+Disc = tuple[float, float, float]
+"""x, y, radius, m."""
+
+
+@dataclass(frozen=True)
+class DrawnFloor:
+    """What stands on a rectangle; its border is a wall."""
+
+    width: float
+    height: float
+    walls: tuple[Box, ...]
+    doors: tuple[Box, ...]
+    """Openings in the walls."""
+    furniture: tuple[Box, ...] = ()
+    pillars: tuple[Disc, ...] = ()
+
+
+def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
+    """The map's brightnesses, row 0 north."""
+    rows, columns = round(floor.height / RESOLUTION), round(floor.width / RESOLUTION)
+    pixels = np.full((rows, columns), WHITE, dtype=np.uint8)
+    for wall in floor.walls:
+        _fill(pixels, wall, BLACK)
+    for door in floor.doors:
+        _fill(pixels, door, WHITE)
+    for box in floor.furniture:
+        _fill(pixels, box, BLACK)
+    x = (np.arange(columns) + 0.5) * RESOLUTION
+    y = (np.arange(rows)[:, None] + 0.5) * RESOLUTION
+    for px, py, radius in floor.pillars:
+        dx, dy = x - px, y - py
+        pixels[dx * dx + dy * dy <= radius * radius] = BLACK
+    return np.flipud(pixels)
+
+
+def header(image: str, drawn_by: str) -> str:
+    """The map's YAML."""
+    return (
+        f"# drawn by {drawn_by}\nimage: {image}\nresolution: {RESOLUTION}\n"
+        "origin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+def _fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
+    """Paint a box; row 0 of `pixels` is south."""
+    x0, y0, x1, y1 = (round(edge / RESOLUTION) for edge in box)
+    pixels[y0:y1, x0:x1] = brightness
+
 
 PREFIX: Final = "offices:"
 _MOST_SEED: Final = 2**63 - 1
@@ -62,7 +112,7 @@ navigation, above 1.3 m two robots get by each other; a corridor of 1.8 m is a w
 _BORDER: Final = 2
 _WALL: Final = 8
 """Thickness of the inner walls, cells. Own choice: through a door 1.3 m wide in a wall of 6 cells the two
-sides would be one region (`actors.floor.regions`)."""
+sides would be one region (`actors.floor.doors`)."""
 _DEPTH: Final = (70, 110)
 _WIDTH: Final = (54, 110)
 """Of offices; where a side is stretched to the corridor's length, they become wider."""

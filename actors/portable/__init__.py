@@ -8,9 +8,23 @@ For plain Python from here, for kernels from `portable.compiled`, for arrays fro
 source, the same bits. `portable.draws` makes normal and exponential draws of a generator's uniform ones.
 """
 
-from actors.portable.directions import acos, asin, atan, atan2, hypot
-from actors.portable.logarithm import exp, exp10, expm1, log, log1p, log10
-from actors.portable.trigonometry import cos, cos_sin, sin, tan
+from actors.portable.elementary import (
+    acos,
+    asin,
+    atan,
+    atan2,
+    cos,
+    cos_sin,
+    exp,
+    exp10,
+    expm1,
+    hypot,
+    log,
+    log1p,
+    log10,
+    sin,
+    tan,
+)
 
 __all__ = [
     "acos",

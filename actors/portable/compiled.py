@@ -14,7 +14,7 @@ from numba.extending import intrinsic, overload, register_jitable
 
 from actors import portable
 from actors.portable import *  # noqa: F403
-from actors.portable import directions, logarithm, trigonometry
+from actors.portable import elementary
 
 __all__ = portable.__all__
 
@@ -41,12 +41,12 @@ def _float_of(typing: Any, value: Any) -> Any:
     return signature(types.float64, types.int64), generate
 
 
-@overload(logarithm.two_to, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
+@overload(elementary.two_to, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
 def _two_to(k: Any) -> Any:
     return lambda k: _float_of((k + 1023) << 52)
 
 
-@overload(logarithm.halved, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
+@overload(elementary.halved, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
 def _halved(x: Any) -> Any:
     def on_bits(x: float) -> tuple[float, int]:
         bits = _bits_of(x)
@@ -55,7 +55,6 @@ def _halved(x: Any) -> Any:
     return on_bits
 
 
-for _module in (logarithm, trigonometry, logarithm, logarithm, directions, logarithm):
-    for _name, _function in list(vars(_module).items()):
-        if getattr(_function, "__module__", "") == _module.__name__ and _name not in {"two_to", "halved"}:
-            register_jitable(**_IEEE)(_function)
+for _name, _function in list(vars(elementary).items()):
+    if getattr(_function, "__module__", "") == elementary.__name__ and _name not in {"two_to", "halved"}:
+        register_jitable(**_IEEE)(_function)

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.kernels import njit
-from actors.portable import logarithm
+from actors.portable import elementary
 from actors.portable.compiled import log
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -52,7 +52,7 @@ def uniforms(generator: Generator, low: float, high: float, count: int) -> Float
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _to_normals(draws: Floats) -> None:
     for i in range(draws.size):
-        draws[i] = logarithm.normal_quantile(draws[i])
+        draws[i] = elementary.normal_quantile(draws[i])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -23,8 +23,7 @@ from actors.portable.compiled import cos, sin
 from actors.radio.frame import link_qualities, octets, rssi_codes, strengths_dbm
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Kind, Outcome
-from actors.radio.propagation.interferers import Jammer
-from actors.radio.radio_model import RadioModel, needed_dbm
+from actors.radio.radio_model import Jammer, RadioModel, needed_dbm
 
 FRAMES: Final = {
     "frames_sent": "sent",

@@ -17,16 +17,16 @@ from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps import cost_map, ray_tracing
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning import disc_dwa, dwa, local_plan, map_grid
+from actors.robot.local_planning import disc_dwa, dwa, local_planner, map_grid
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
 from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
 from actors.robot.navigation import potential
-from actors.robot.navigation.floor_plan import ReachableFloor
 from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, ground
+from actors.robot.navigation.routes import ReachableFloor
 from actors.robot.stack import Adaptation, Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotDescription, RobotModel
@@ -36,7 +36,7 @@ from actors.runtime.recording import scans
 from actors.settings import Count
 
 KERNELS: Final = (
-    *(foundations, arrays, draws, distance, flood, potential, ray_tracing, cost_map, map_grid, local_plan),
+    *(foundations, arrays, draws, distance, flood, potential, ray_tracing, cost_map, map_grid, local_planner),
     *(dwa, disc_dwa, *localisation.KERNELS),
 )
 

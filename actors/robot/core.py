@@ -25,7 +25,7 @@ from actors.messages import (
     Transmit,
 )
 from actors.robot.behaviour.decisions import RobotLimits, fault, outcome_fault
-from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.localisation import Localisation
 from actors.robot.navigation.navigator import Navigator

@@ -7,7 +7,7 @@ import msgspec
 from actors.floor.map_file import load_map
 from actors.messages import READY, Ready
 from actors.robot.assembly import CommonGround, RobotSetup, common_ground, kernels, robot
-from actors.robot.behaviour import modules
+from actors.robot.behaviour import loading
 from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
@@ -64,7 +64,7 @@ def share(map_file: str, model: str, sensor: str, stack: str) -> CommonGround:
 def part(told: RobotProgram, folder: Path) -> ActorProcess:
     """The robot of a set-up in `folder`, with its connections. Raises an AcrcError if anything is wrong."""
     process = told.process
-    modules.look_in([folder / path for path in process.code])
+    loading.look_in([folder / path for path in process.code])
     return part_of(told.actor, folder, Path(process.record).stem, process.commit)
 
 
@@ -72,7 +72,7 @@ def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorPro
     """As `part`, with a recording of that name; its code is looked for where this process looks."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
-    run = msgspec.structs.replace(run, code=modules.FOLDERS.hashes() or None)
+    run = msgspec.structs.replace(run, code=loading.FOLDERS.hashes() or None)
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
     return ActorProcess(
         core=core,
@@ -80,5 +80,5 @@ def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorPro
         run=run,
         ready=ready,
         outcome=core.outcome,
-        code=modules.FOLDERS.hashes,
+        code=loading.FOLDERS.hashes,
     )

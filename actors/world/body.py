@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.doorway import DoorError, Doorways
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose

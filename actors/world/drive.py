@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import convex
+from actors import geometry
 from actors.instant import seconds
 from actors.kernels import njit
 from actors.portable import arrays
@@ -41,7 +41,7 @@ def moment_of_inertia(model: RobotModel) -> float:
     if model.footprint.radius is not None:
         return model.mass * (model.footprint.radius * model.footprint.radius) / 2
     assert model.footprint.vertices is not None
-    return convex.moment(model.footprint.vertices, model.mass)
+    return geometry.moment(model.footprint.vertices, model.mass)
 
 
 def _turn_grip(model: RobotModel) -> float:

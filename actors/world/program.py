@@ -17,13 +17,13 @@ from actors.runtime.processor import fingerprints
 from actors.runtime.shell import Shell, run_shell
 from actors.task import visits
 from actors.task.referee import Referee
-from actors.world import drive, odometry_kernel, physics, rays
+from actors.world import drive, odometry, physics, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.sensing import WorldReport
 from actors.world.world_setup import WorldProgram, WorldSetup
 
-KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, rays, visits, distance, flood)
+KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, distance, flood)
 """Modules with numeric kernels that a world computes with."""
 
 

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from actors.robot.behaviour import succession
-from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.loading import BehaviourError
 from actors.runtime.errors import AcrcError
 
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(

@@ -12,7 +12,7 @@ from acrc_testbed.replay.sandboxed import say_unhashed
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.modules import RecordedModules
+from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, first_difference, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.recording import Direction, Note, read_recording

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from actors.floor.doorway import DoorError, Doorways
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, OWN_STATES, WHITE, Colour, Mark, contrast, hexadecimal

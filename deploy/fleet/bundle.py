@@ -15,7 +15,7 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.installation.version import COMMIT, MINORS, requirements, software
 from actors.processes.launch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
-from actors.robot.behaviour.modules import FOLDERS
+from actors.robot.behaviour.loading import FOLDERS
 from actors.runtime import regular_file
 from actors.runtime.access.credentials import PRIVATE_KEY_FILE
 from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE

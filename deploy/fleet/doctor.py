@@ -31,7 +31,7 @@ from actors.installation.usage import OptionError
 from actors.kernels import cache_folder
 from actors.robot import assembly
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from actors.robot.behaviour.modules import look_in
+from actors.robot.behaviour.loading import look_in
 from actors.robot_model import load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.silence import Timeout
-from actors.robot.behaviour.modules import RecordedModules
+from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run import out_folder
 

@@ -31,7 +31,7 @@ from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.silence import HoldUp, ResourceWatch, Timeout
 from actors.processes.warden import warded
 from actors.robot import assembly
-from actors.robot.behaviour.modules import expect, look_in
+from actors.robot.behaviour.loading import expect, look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
 from actors.runtime.access import rules

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from msgspec.structs import asdict, replace
 
-from actors.floor.doorway import DoorError, Doorways
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose, draw_points

@@ -17,7 +17,7 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, typed, wrong_value
 from actors.robot.behaviour import succession
 from actors.robot.behaviour.foreign import is_installed
-from actors.robot.behaviour.modules import located
+from actors.robot.behaviour.loading import located
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor import flood
-from actors.floor.doorway import Doorways
+from actors.floor.doors import Doorways, Regions, regions
 from actors.floor.grid import (
     OCCUPIED,
     UNKNOWN,
@@ -24,12 +24,11 @@ from actors.floor.grid import (
     reachable,
 )
 from actors.floor.map_file import load_map, map_warnings
-from actors.floor.regions import Regions, regions
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
 from actors.radio.radio_model import needed_dbm, radio_model, reach
 from actors.robot.assembly import common_ground, navigator
-from actors.robot.behaviour.plan import GoalStatus
+from actors.robot.behaviour.ports import GoalStatus
 from actors.robot.cost_maps.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
 from actors.robot.navigation.planning import ground, narrowest_door

@@ -28,7 +28,7 @@ from actors.runtime.lifecycle.linux import die_with_parent
 from actors.runtime.process_setup import ArgumentError, ArgumentParser
 from actors.runtime.processor import fingerprints
 from actors.task import visits
-from actors.world import drive, odometry_kernel, rays
+from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL
@@ -182,7 +182,7 @@ def _base(base: EmulatedKobuki) -> dict[str, int]:
     return {"frames": base.reception.frames, "skipped": base.reception.skipped}
 
 
-_KERNELS: Final = (odometry_kernel, drive, rays, visits, *RADIO_KERNELS)
+_KERNELS: Final = (odometry, drive, rays, visits, *RADIO_KERNELS)
 
 
 def main(argv: Sequence[str]) -> int:

@@ -10,7 +10,7 @@ from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
 from actors.orders import Freeze, Kill, Pause, Resume, Thaw
 from actors.robot.behaviour import succession
-from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.succession import Turn
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at

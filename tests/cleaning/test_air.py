@@ -29,7 +29,7 @@ from actors.robot.behaviour import (
     TaskList,
     View,
 )
-from actors.robot.behaviour.plan import AbortReason, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.ports import AbortReason, GoalOrder, GoalPhase, GoalStatus
 from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption

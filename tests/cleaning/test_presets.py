@@ -16,7 +16,7 @@ from actors.messages import Heard
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View, host
 from actors.robot.behaviour.decisions import AdaptationDecision, DecisionLog
-from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.loading import load_behaviour
 from actors.runtime.errors import AcrcError
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State

@@ -13,8 +13,7 @@ from actors.installation.repository import SHIPPED
 from actors.instant import Instant, seconds
 from actors.randomness import generator
 from actors.robot.behaviour import Behaviour, Start
-from actors.robot.behaviour.plan import GoalOrder
-from actors.robot.behaviour.ports import Decision, View
+from actors.robot.behaviour.ports import Decision, GoalOrder, View
 from cleaning.strategies import none
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario, document

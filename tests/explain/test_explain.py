@@ -11,7 +11,7 @@ import pytest
 from actors.geometry import Point, Pose
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour import Start
-from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.loading import load_behaviour
 from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
 from deeco.explain.anatomy import ComponentPart, meeting, processes

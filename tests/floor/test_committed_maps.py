@@ -11,7 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from actors.floor import flood
-from actors.floor.doorway import DoorError, Doorways
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, Cell, OccupancyGrid, largest_region, outline, passable
 from actors.floor.map_file import load_map
 from actors.geometry import Point

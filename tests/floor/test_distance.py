@@ -14,9 +14,8 @@ from scipy import ndimage
 
 from actors.floor import distance
 from actors.floor.flood import bearing_to, half_width, window
-from actors.floor.grid import Cell, OccupancyGrid
+from actors.floor.grid import Cell, OccupancyGrid, Shared
 from actors.floor.map_file import load_map
-from actors.floor.sharing import Shared
 from actors.floor.traversal import equal_squares, free_squares
 from actors.geometry import Point
 from actors.robot.localisation import likelihood_field

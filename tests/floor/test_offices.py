@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from actors.floor import offices
-from actors.floor.door import Door
-from actors.floor.doorway import Doorways
+from actors.floor.doors import Doorways
 from actors.floor.grid import OccupancyGrid, largest_region, outline, passable
 from actors.floor.map_file import load_map
 from actors.floor.placement import Area
-from actors.geometry import Point
+from actors.geometry import Door, Point
 from tests.refusals import refused
 
 RADIUS = 0.177

@@ -25,9 +25,8 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.program import build
-from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
-from actors.radio.radio_model import RadioSetup, radio_model
+from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink

@@ -18,7 +18,7 @@ from acrc_testbed.export import rows
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
-from actors.robot.behaviour.modules import look_in
+from actors.robot.behaviour.loading import look_in
 from tests import in_process
 from tests.documentation.markdown import MarkdownPage
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.geometry import Covariance, Pose
-from actors.robot.localisation import LikelihoodField, likelihood_field, lost
+from actors.robot.localisation import LikelihoodField, likelihood_field, search
 from actors.robot.localisation.confidence import AGREES, Confidence, sharpened
-from actors.robot.localisation.lost import LostProbability, odds_of_lost
+from actors.robot.localisation.search import LostProbability, odds_of_lost
 from tests.localisation.scenes import BEAMS, FIELD, ROOM, TURTLEBOT, apartment, ends, room, scan
 
 HERE = Pose(3.2, 4.0, 0.4)
@@ -126,7 +126,7 @@ def likelihood(passing: float, agreeing: float, agreed: int, passed: int) -> flo
 
 @given(beams, beams)
 def test_the_odds_are_the_root_of_the_ratio_of_two_beta_binomials(agreed: int, passed: int) -> None:
-    ratio = likelihood(*lost._LOST, agreed, passed) - likelihood(*lost._TRACKING, agreed, passed)
+    ratio = likelihood(*search._LOST, agreed, passed) - likelihood(*search._TRACKING, agreed, passed)
     assert odds_of_lost(agreed, passed) == pytest.approx(math.exp(0.5 * ratio), rel=1e-9)
 
 

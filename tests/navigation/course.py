@@ -11,9 +11,8 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
-from actors.robot.local_planning.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import BaseLocalPlanner, Steering
+from actors.robot.local_planning.steering import DWA_PRESETS, BaseLocalPlanner, DwaParameters, Steering
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
 from actors.robot_model import DriveParameters

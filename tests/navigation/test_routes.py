@@ -12,9 +12,8 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Point
 from actors.randomness import generator
-from actors.robot.navigation.floor_plan import ReachableFloor
 from actors.robot.navigation.planning import ground
-from actors.robot.navigation.routes import Routes, routes
+from actors.robot.navigation.routes import ReachableFloor, Routes, routes
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from actors import portable
-from actors.portable import arrays, compiled, logarithm
+from actors.portable import arrays, compiled, elementary
 from actors.portable.draws import exponentials, normals, normals_of_each, uniforms
-from actors.portable.logarithm import normal_quantile
+from actors.portable.elementary import normal_quantile
 from actors.randomness import generator
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -198,7 +198,7 @@ def test_cosine_and_sine_together_are_those_alone(x: float) -> None:
 @settings(max_examples=200, deadline=None)
 @given(st.floats(min_value=5e-324, allow_infinity=False))
 def test_a_float_taken_apart_is_put_together_again(x: float) -> None:
-    m, k = logarithm.split(x)
+    m, k = elementary.split(x)
     assert math.sqrt(0.5) <= m < math.sqrt(2) and math.ldexp(m, k) == x
 
 

@@ -10,13 +10,11 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import Drive, Heard, Received, Sent
 from actors.robot.behaviour.decisions import RobotLimits
-from actors.robot.behaviour.plan import GoalOrder, GoalPhase, GoalStatus
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, GoalPhase, GoalStatus, Start, View
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import Steering
+from actors.robot.local_planning.steering import DwaParameters, Steering
 from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
 from actors.robot.navigation.planning import Planner, ground

@@ -26,9 +26,8 @@ from actors.messages import (
     Transmit,
 )
 from actors.robot.behaviour.decisions import RobotLimits
-from actors.robot.behaviour.entry import BehaviourError
-from actors.robot.behaviour.plan import Goal, GoalOrder, GoalPhase, GoalStatus
-from actors.robot.behaviour.ports import Decision, View
+from actors.robot.behaviour.loading import BehaviourError
+from actors.robot.behaviour.ports import Decision, Goal, GoalOrder, GoalPhase, GoalStatus, View
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Output, at, to
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
-from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase
+from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalPhase
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.sweep import Sweep

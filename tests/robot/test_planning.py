@@ -18,7 +18,7 @@ from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour import FARTHEST_BACK, GoalOrder, GoalPhase
-from actors.robot.behaviour.devices import RobotNavigation
+from actors.robot.behaviour.node_host import RobotNavigation
 from actors.robot.navigation.navigator import Navigator, Trail, backward
 from actors.robot.navigation.planning import (
     PLANNER_PRESETS,

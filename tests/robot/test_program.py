@@ -19,8 +19,7 @@ from actors.messages import READY, SENSES, Ready
 from actors.randomness import derived_seed, generator
 from actors.robot import __main__ as robot_program
 from actors.robot.assembly import RobotSetup, kernels
-from actors.robot.behaviour.entry import BehaviourError, load_behaviour
-from actors.robot.behaviour.modules import FOLDERS
+from actors.robot.behaviour.loading import FOLDERS, BehaviourError, load_behaviour
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part

@@ -12,7 +12,7 @@ from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import foreign
 from actors.robot.behaviour.foreign import INSTALLED, Permit, admitted
-from actors.robot.behaviour.modules import FOLDERS, RecordedModules, expect, located, look_in
+from actors.robot.behaviour.loading import FOLDERS, RecordedModules, expect, located, look_in
 from actors.runtime.errors import AcrcError
 
 SOURCE = Path("bold.toml")

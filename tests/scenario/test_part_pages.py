@@ -8,9 +8,8 @@ import pytest
 from msgspec import NODEFAULT, Meta
 
 from actors import robot_model
-from actors.floor.drawing import RESOLUTION
 from actors.floor.map_file import KEYS, MapLimits
-from actors.floor.offices import PARAMETERS
+from actors.floor.offices import PARAMETERS, RESOLUTION
 from actors.installation.repository import REPOSITORY
 from actors.settings import fields_of
 

@@ -14,13 +14,13 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import Area
 from actors.installation.repository import REPOSITORY
 from actors.instant import milliseconds, seconds
-from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
+from actors.radio.radio_model import WifiParameters
 from actors.randomness import generator
 from actors.robot import assembly
 from actors.robot.behaviour.ports import ExchangeSettings
 from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
-from actors.robot.local_planning.dwa_parameters import DWA_PRESETS
+from actors.robot.local_planning.steering import DWA_PRESETS
 from actors.robot.localisation import PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, Twist, wrap
 from actors.messages import Odometry
 from actors.robot_model import RobotModel
-from actors.world import drive, odometry_kernel
+from actors.world import drive, odometry
 from actors.world.odometry import KobukiErrors, Odometers, StageErrors
 from actors.world.physics import SUBSTEP, Arena
 from tests.refusals import refused
@@ -137,9 +137,7 @@ def test_adding_up_scaled_motion_beside_plain_python(
         track.append([pose])
         expected = expected.compose(Pose(forward * factors[0], leftward * factors[1], turn * factors[2]))
     got = np.zeros((1, 3))
-    odometry_kernel.add_scaled(
-        np.array(track), np.array([0]), np.array([[1.0, 2.0, 3.0]]), np.array([factors]), got
-    )
+    odometry.add_scaled(np.array(track), np.array([0]), np.array([[1.0, 2.0, 3.0]]), np.array([factors]), got)
     assert (*got[0, :2], wrap(got[0, 2])) == pytest.approx(expected, abs=1e-9)
 
 
@@ -184,12 +182,12 @@ def test_measuring_motion_beside_plain_python() -> None:
         pose = pose.compose(motion)
         track.append([pose])
         plain.move(motion, normals[k], errors)
-    bases, got, velocities = np.zeros(1, odometry_kernel.BASE), np.zeros((1, 3)), np.zeros((1, 3))
+    bases, got, velocities = np.zeros(1, odometry.BASE), np.zeros((1, 3)), np.zeros((1, 3))
     bases["left_scale"], bases["right_scale"], bases["bias"] = 1.003, 0.998, 1e-3
     degrees = (errors.gyro_noise_deg, errors.gyro_walk_deg, errors.gyro_resolution_deg)
     model = (errors.track, errors.tick_um * 1e-6, errors.slip, *map(math.radians, degrees), 2)
     last = np.array([[1.0, 2.0, 3.0]])
-    odometry_kernel.add_measured(
+    odometry.add_measured(
         np.array(track), np.array([0]), last, normals[None], 0.01, model, bases, got, velocities
     )
     assert got[0] == pytest.approx(plain.estimate, abs=1e-9)

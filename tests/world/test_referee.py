@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.floor import convex
+from actors import geometry
 from actors.instant import Instant
 from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
@@ -239,13 +239,13 @@ def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None
 
 def test_polygons_that_are_not_once_round_the_origin_are_told_apart() -> None:
     star = [(math.cos(k * 0.8 * math.pi), math.sin(k * 0.8 * math.pi)) for k in range(5)]
-    assert convex.fault(star) == "its border goes round more than once"
+    assert geometry.polygon_fault(star) == "its border goes round more than once"
     beside = [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)]
-    assert convex.fault(beside) == "(0, 0) is not inside of the edge from (1, 0) to (2, 0)"
+    assert geometry.polygon_fault(beside) == "(0, 0) is not inside of the edge from (1, 0) to (2, 0)"
     rectangle = [(0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2)]
-    assert convex.moment(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
+    assert geometry.moment(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
     ring = [(math.cos(a), math.sin(a)) for a in np.linspace(0, math.tau, 500, endpoint=False)]
-    assert convex.moment(ring, 2.0) == pytest.approx(1.0, rel=1e-3)
+    assert geometry.moment(ring, 2.0) == pytest.approx(1.0, rel=1e-3)
 
 
 @given(st.lists(st.floats(0.05, 2.0), min_size=3, max_size=20), st.floats(0.1, 2.0))
@@ -253,5 +253,5 @@ def test_polygons_on_a_circle_are_convex_in_either_direction(gaps: list[float], 
     angles = np.cumsum(gaps) / sum(gaps) * math.tau
     ring = [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
     if max(gaps) / sum(gaps) < 0.49:  # otherwise the centre is outside
-        assert convex.fault(ring) == convex.fault(ring[::-1]) == ""
-        assert convex.distance_to_border(ring) <= radius
+        assert geometry.polygon_fault(ring) == geometry.polygon_fault(ring[::-1]) == ""
+        assert geometry.distance_to_border(ring) <= radius

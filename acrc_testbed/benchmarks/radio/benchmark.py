@@ -24,9 +24,16 @@ from actors.radio.medium.medium import Medium, Poisson, Request
 from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Outcome, Transceiver
 from actors.radio.propagation.indoor import IndoorPropagation, ShadowingParameters
-from actors.radio.propagation.interferers import Wifi, WifiParameters
 from actors.radio.propagation.walls import build
-from actors.radio.radio_model import RadioParameters, RadioSetup, needed_dbm, preset, radio_model
+from actors.radio.radio_model import (
+    RadioParameters,
+    RadioSetup,
+    Wifi,
+    WifiParameters,
+    needed_dbm,
+    preset,
+    radio_model,
+)
 
 PER_FLOOR: Final = 20
 """Robots to each copy of the floor plan."""

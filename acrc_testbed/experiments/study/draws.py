@@ -7,7 +7,7 @@ from typing import Any, Final
 from numpy.random import Generator
 
 from acrc_testbed.experiments.study.study import Distribution, Study, Trial, Variant
-from actors.floor.doorway import Doorways
+from actors.floor.doors import Doorways
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.geometry import Point

@@ -3,17 +3,26 @@
 Strategies need these names of a robot, and no others; docs/tutorial.md and docs/deeco.md show them at work.
 """
 
-from actors.floor.door import Door
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
+from actors.geometry import Door
 from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus, Plan
 from actors.robot.behaviour.ports import (
     FARTHEST_BACK,
+    AbortReason,
     Behaviour,
     Decision,
     ExchangeSettings,
+    FloorPlan,
+    Goal,
+    GoalOrder,
+    GoalPhase,
+    GoalStatus,
+    Navigation,
+    PlaceMonitor,
+    Plan,
+    Positioning,
     Setting,
     Start,
+    TaskList,
     View,
 )
 

@@ -13,8 +13,7 @@ import msgspec
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
-from actors.robot.behaviour.plan import GoalOrder
-from actors.robot.behaviour.ports import FARTHEST_BACK, Decision
+from actors.robot.behaviour.ports import FARTHEST_BACK, Decision, GoalOrder
 from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name, Text
 from actors.task.task import words_fault
 from deeco import Knowledge

@@ -16,7 +16,7 @@ from typing import Final
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import succession
-from actors.robot.behaviour.modules import located, own_spec, prefixes
+from actors.robot.behaviour.loading import located, own_spec, prefixes
 from actors.runtime.errors import AcrcError
 
 

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from actors.instant import Instant, seconds
-from actors.robot.behaviour.entry import BehaviourError, entry_function, load_behaviour
+from actors.robot.behaviour.loading import BehaviourError, entry_function, load_behaviour
 from actors.robot.behaviour.node_host import take_over
 from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
 

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.convex import distance_to_border
 from actors.floor.flood import bearing_to, half_width, window
+from actors.geometry import distance_to_border
 from actors.kernels import njit
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays

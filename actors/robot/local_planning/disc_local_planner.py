@@ -12,9 +12,8 @@ from actors.portable import atan2, cos_sin, hypot
 from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.cost_maps.ray_tracing import half_gaps
 from actors.robot.local_planning.disc_dwa import WEIGHTS, Fields, best, squared_at
-from actors.robot.local_planning.dwa_parameters import DwaParameters
 from actors.robot.local_planning.map_grid import bearing, cut, detour, free_goal, wavefront
-from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, Steering, reachable
+from actors.robot.local_planning.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
 
 _PER_STEP: Final = 0.5

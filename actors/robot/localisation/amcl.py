@@ -19,12 +19,11 @@ from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import Confidence, Judgement, judge
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.measurement import Cloud, Measurement, beams, ends
 from actors.robot.localisation.motion import around, move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters, Estimate, Locating
 from actors.robot.localisation.resampling import Cluster, Histogram, heaviest_cluster, histogram, resample
-from actors.robot.localisation.search import Search
+from actors.robot.localisation.search import LostProbability, Search
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 

@@ -10,8 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor import distance
-from actors.floor.grid import OCCUPIED, OccupancyGrid
-from actors.floor.sharing import Shared
+from actors.floor.grid import OCCUPIED, OccupancyGrid, Shared
 from actors.geometry import Covariance
 from actors.runtime.errors import AcrcError
 

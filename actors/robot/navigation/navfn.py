@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid
-from actors.floor.sharing import Shared
+from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, Shared
 from actors.geometry import Point
 from actors.robot.cost_maps import ray_tracing
 from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation

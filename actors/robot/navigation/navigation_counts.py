@@ -6,7 +6,7 @@ import msgspec
 
 from actors.geometry import Point
 from actors.instant import Instant
-from actors.robot.behaviour.plan import AbortReason, GoalPhase, GoalStatus
+from actors.robot.behaviour.ports import AbortReason, GoalPhase, GoalStatus
 from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name
 
 _KEPT: Final = 1000

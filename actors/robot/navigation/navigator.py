@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
-from actors.robot.behaviour.plan import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus, Plan
-from actors.robot.behaviour.ports import FARTHEST_BACK
+from actors.robot.behaviour.ports import (
+    FARTHEST_BACK,
+    AbortReason,
+    Goal,
+    GoalOrder,
+    GoalPhase,
+    GoalStatus,
+    Plan,
+)
 from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts, NavigationReport
 from actors.robot.navigation.planning import GlobalPlanner

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from actors.floor import flood
 from actors.floor.distance import squared_distance
-from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
-from actors.floor.sharing import Shared
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.geometry import Point
 from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
 from actors.robot.cost_maps.ray_tracing import check_reach, inscribed, squared_within
