@@ -12,7 +12,7 @@ import weakref
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from signal import SIGCONT, SIGKILL, SIGTERM, Signals
 from typing import Annotated, Any, Final
@@ -134,8 +134,21 @@ class ProcessList(msgspec.Struct, frozen=True):
     """Numbers of the robots' processes by process id."""
 
 
+class HostEvents(msgspec.Struct, frozen=True):
+    """What happened on a host since the last report."""
+
+    files: tuple[FilePart, ...] = ()
+    ending: tuple[Number, ...] = ()
+    """Processes that have ended; what is left of their output follows."""
+    refused: dict[Number, Text] = {}
+    """Processes that could not be started, and why."""
+    ended: tuple[EndedProcess, ...] = ()
+    more: bool = False
+    """More output can be sent now."""
+
+
 class Report(msgspec.Struct, frozen=True):
-    """Answer of a host: its state now, and events since the last report."""
+    """Answer of a host."""
 
     clock_s: float
     """Its clock, seconds since the epoch."""
@@ -146,15 +159,8 @@ class Report(msgspec.Struct, frozen=True):
     """Its router's connection broke after that."""
     fault: Text
     """Why the run cannot continue; empty: it can."""
-    files: tuple[FilePart, ...]
-    ending: tuple[Number, ...]
-    """Processes that have ended; what is left of their output follows."""
-    refused: dict[Number, Text]
-    """Processes that could not be started, and why."""
-    ended: tuple[EndedProcess, ...]
+    events: HostEvents
     looked: ProcessList | None
-    more: bool
-    """More output can be sent now."""
     done: bool
     """All processes have ended and everything has been sent."""
 
@@ -235,7 +241,6 @@ class _Session:
             self._finishing = self._finishing or orders.finish
             robots = self._robots
             robots.order(orders)
-            looked = robots.looked() if orders.look else None
             events = robots.events(self._rest() if self._delivering and robots.settled else None)
             return Report(
                 clock_s=time.time(),
@@ -243,12 +248,8 @@ class _Session:
                 joined=self._joined,
                 unlinked=self._unlinked,
                 fault=self._fault,
-                files=events.files,
-                ending=events.ending,
-                refused=events.refused,
-                ended=events.ended,
-                looked=looked,
-                more=events.more,
+                events=events,
+                looked=robots.looked() if orders.look else None,
                 done=self._delivering and robots.settled and not events.more,
             )
 
@@ -354,15 +355,6 @@ class _Session:
             self._robots.close()
 
 
-@dataclass(frozen=True)
-class _Events:
-    files: tuple[FilePart, ...]
-    ending: tuple[int, ...]
-    refused: dict[int, str]
-    ended: tuple[EndedProcess, ...]
-    more: bool
-
-
 class RobotProcesses:
     """The processes that were started here for one run, and their output."""
 
@@ -450,7 +442,7 @@ class RobotProcesses:
         )
         return ProcessList(tuple(seen), numbers)
 
-    def events(self, rest: Iterator[FilePart] | None) -> _Events:
+    def events(self, rest: Iterator[FilePart] | None) -> HostEvents:
         """Return what happened since the last call, with output up to _REPORT_BYTES.
 
         `rest`: files to send once everything else has been.
@@ -473,7 +465,7 @@ class RobotProcesses:
             parts.append(part)
             if (room := room - len(part.data)) <= 0:
                 break
-        return _Events(tuple(parts), ending, refused, tuple(ended), room <= 0)
+        return HostEvents(tuple(parts), ending, refused, tuple(ended), room <= 0)
 
     def _running(self) -> list[Child]:
         return [child for child in self._children.values() if child.exit_code is None]

@@ -1,17 +1,13 @@
-"""Allocation of hosts: what each computer of a cluster offers, whether it is fit, who gets which robots.
-
-`python -m deploy.hosts.allocation` prints the offer of this computer as JSON.
-"""
+"""Allocation of hosts: what each computer of a cluster offers, whether it is fit, who gets which robots."""
 
 import os
 import re
 import socket
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import msgspec
 from distributed import Client, Future
@@ -21,16 +17,13 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.version import software
 from actors.processes.kernels import compile_kernels
 from actors.robot import assembly
-from actors.runtime.errors import printable
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import sandbox
 from actors.runtime.processor import few, otherwise
 from deploy.clusters.address import PAGE, own_address
 from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
 
 Text = Annotated[str, msgspec.Meta(max_length=2000)]
-_LAST_OUTPUT: Final = 4000
-_COMPILING_S: Final = 900.0
-"""How long a computer may take to describe itself, kernels compiled."""
 
 
 class HostOffer(msgspec.Struct, frozen=True):
@@ -145,20 +138,12 @@ def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[s
     return found
 
 
-def describe() -> tuple[int, str, str]:
-    """On a worker: return exit code, output and last errors of this module as a program.
-
-    A new process computes the offer; the worker must run the commit that the process finds.
-    """
-    words = [sys.executable, "-P", "-m", "deploy.hosts.allocation", software()]
-    try:
-        done = subprocess.run(
-            words, cwd=REPOSITORY, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            timeout=_COMPILING_S, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return 1, "", f"took longer than {_COMPILING_S:g} s"
-    return done.returncode, done.stdout, done.stderr[-_LAST_OUTPUT:]
+def describe() -> bytes:
+    """On a worker: return its computer's offer as JSON. Raises AcrcError if its software has changed."""
+    now, loaded = software.__wrapped__(), software()
+    if now.removesuffix("+") != loaded.removesuffix("+"):
+        raise AcrcError(f"it runs {loaded}, its clone has {now}; restart the worker")
+    return msgspec.json.encode(offer())
 
 
 def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
@@ -177,29 +162,9 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
 
 def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
     try:
-        code, output, errors = answer(client, address, worker, future)
-        if code == 0:
-            return msgspec.json.decode(output, type=HostOffer)
-        reason = (str(errors).strip() or f"exit code {code}").splitlines()[-1]
+        return msgspec.json.decode(answer(client, address, worker, future), type=HostOffer)
     except ClusterError:
         raise
     except Exception as error:  # raised there, or by the library about a lost worker
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-    raise ClusterError(
-        printable(
-            f"--on {address}: the worker {worker} cannot be a host of this run: {reason[:500]} ({PAGE})"
-        )
-    )
-
-
-def main(argv: Sequence[str]) -> int:
-    """Print the offer; fail if it is not of the commit that the worker runs."""
-    if argv and argv[0].removesuffix("+") != software().removesuffix("+"):
-        sys.stderr.write(f"the worker runs {argv[0]}, its clone has {software()}; restart the worker\n")
-        return 1
-    sys.stdout.write(msgspec.json.encode(offer()).decode() + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+        reason = printable(f"{error}".splitlines()[0][:500])
+    raise ClusterError(f"--on {address}: the worker {worker} cannot be a host of this run: {reason} ({PAGE})")

@@ -164,22 +164,13 @@ _DAYS: Final = 30
 """Longer than any run; nobody accepts the keys of an ended run."""
 
 
-@dataclass(frozen=True)
-class RunKeys:
-    """Keys of every computer of one run."""
-
-    world: PemKeys
-    """Of the computer on which the run was started."""
-    hosts: dict[str, PemKeys]
-
-
-def draw(hosts: Sequence[str], address: str) -> RunKeys:
-    """Return new keys. `hosts`: their common names. `address`: where the first computer is connected to."""
+def draw(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[str, PemKeys]]:
+    """Return new keys for one run: of this computer, connected to at `address`, and of the hosts by name."""
     now = datetime.now(UTC)
     issuer = authority("run", now, _DAYS)
     world = machine(issuer, "world", [SERVER], [address], now, _DAYS)
     made = {name: machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
-    return RunKeys(_pem(issuer, world), {name: _pem(issuer, pair) for name, pair in made.items()})
+    return _pem(issuer, world), {name: _pem(issuer, pair) for name, pair in made.items()}
 
 
 def _pem(issuer: Pair, pair: Pair) -> PemKeys:

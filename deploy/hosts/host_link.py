@@ -17,7 +17,15 @@ from actors.processes.silence import OUT_OF_SIGHT
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
-from deploy.hosts.agent import LeftRecording, Orders, ProcessList, ProcessStatus, Report, StartRobot
+from deploy.hosts.agent import (
+    HostEvents,
+    LeftRecording,
+    Orders,
+    ProcessList,
+    ProcessStatus,
+    Report,
+    StartRobot,
+)
 from deploy.hosts.files import PART, FilePart, FilePartError, IncomingFiles
 
 HIDDEN_S: Final = 3.0
@@ -238,9 +246,10 @@ class HostLink:
             raise AcrcError("it has sent something that is not a report")
         report = msgspec.msgpack.decode(answer, type=Report)
         self._heard_s = time.monotonic()
-        if report.files or report.ended or report.ending:
+        events = report.events
+        if events.files or events.ended or events.ending:
             self._progressed()
-        for part in report.files:
+        for part in events.files:
             try:
                 self._files.take(part)
             except OSError as error:
@@ -250,27 +259,27 @@ class HostLink:
             self.clock_off_s = report.clock_s - time.time()
         if report.unlinked:
             self.unlinked_s = min(self.unlinked_s, time.monotonic())
-        self._end(report)
+        self._end(events)
         if report.looked is not None:
             self._listed = report.looked
             self.meter.answered(report.looked.processes)
             self.queued = {self._pid(one.pid): one.queued_s for one in report.looked.processes}
         self.fault = self.fault or report.fault
-        self._more, self.done = report.more, report.done
+        self._more, self.done = events.more, report.done
         if self.done:
             self._end_all()
 
-    def _end(self, report: Report) -> None:
-        named = (*report.ending, *report.refused, *(one.number for one in report.ended))
+    def _end(self, events: HostEvents) -> None:
+        named = (*events.ending, *events.refused, *(one.number for one in events.ended))
         if unknown := set(named) - set(self._children):
             raise AcrcError(f"it reports process {min(unknown)}, which was not requested")
-        for number in report.ending:
+        for number in events.ending:
             self._children[number].ending = True
-        for number, why in report.refused.items():
+        for number, why in events.refused.items():
             child = self._children[number]
             self.fault = self.fault or f"{child.program.actor} is not started; {why}"
             child.exit_code = 1
-        for one in report.ended:
+        for one in events.ended:
             child = self._children[one.number]
             child.left, child.strays, child.cpu_s = one.left, one.strays, one.cpu_s
             child.exit_code = one.code

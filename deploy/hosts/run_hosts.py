@@ -176,8 +176,8 @@ class RunHosts:
         `robots`: by the names of their hosts. `keys`: new folder for this computer's keys.
         """
         address, port = pool.listen
-        drawn = certificates.draw(list(robots), address)
-        drawn.world.write(keys)
+        own, drawn = certificates.draw(list(robots), address)
+        own.write(keys)
         here = bound(address)
         port = free_port(here, port)
         self.gate = Gate(f"tls/{bracketed(here)}:{port}", keys, robots)
@@ -187,7 +187,7 @@ class RunHosts:
         self._run = secrets.token_hex(8)
         self._futures: list[Future[Any]] = []
         self._links = tuple(
-            self._link(name, place, some, drawn.hosts[name])
+            self._link(name, place, some, drawn[name])
             for place, (name, some) in enumerate(robots.items(), start=1)
         )
 

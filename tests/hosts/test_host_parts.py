@@ -14,7 +14,7 @@ from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
 from deploy.clusters.address import bound, free_port, place_of, plain
 from deploy.hosts import host_link
-from deploy.hosts.agent import Orders, ProcessStatus, Report
+from deploy.hosts.agent import HostEvents, Orders, ProcessStatus, Report
 from deploy.hosts.allocation import HostOffer, shares, unfit
 from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, read_files
 from deploy.hosts.host_link import HostLink, LoadMeter
@@ -182,13 +182,14 @@ def answered(answer: object) -> SimpleNamespace:
 
 
 REPORT = Report(
-    clock_s=0.0, folder="/tmp/acrc-1", joined=True, unlinked=False, fault="", files=(), ending=(),
-    refused={}, ended=(), looked=None, more=True, done=False,
+    clock_s=0.0, folder="/tmp/acrc-1", joined=True, unlinked=False, fault="", events=HostEvents(),
+    looked=None, done=False,
 )  # fmt: skip
 
 
-def packed(**changes: object) -> bytes:
-    return msgspec.msgpack.encode(msgspec.structs.replace(REPORT, **changes))
+def packed(*, done: bool = False, **events: object) -> bytes:
+    happened = msgspec.structs.replace(HostEvents(more=not done), **events)
+    return msgspec.msgpack.encode(msgspec.structs.replace(REPORT, done=done, events=happened))
 
 
 def link_to(host: FakeHost, folder: Path) -> HostLink:
@@ -200,7 +201,7 @@ def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_en
     large, empty = tmp_path / "large", tmp_path / "empty"
     large.write_bytes(bytes(range(256)) * 8000)
     empty.touch()
-    host = FakeHost(packed(), packed(files=[FilePart("r1/log", b"said")], done=True, more=False))
+    host = FakeHost(packed(), packed(files=[FilePart("r1/log", b"said")], done=True))
     link = link_to(host, tmp_path)
     link.begin([(large, "run/r1/large"), (empty, "code/1/empty")])
     for _ in range(8):

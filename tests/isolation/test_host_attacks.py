@@ -32,11 +32,11 @@ SETTLE_S = 0.3
 class AttackedHosts:
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._stack, self._folder, self._marks = stack, folder, 0
-        self._keys = certificates.draw(list(ROBOTS), HERE)
+        self._world_keys, self._keys = certificates.draw(list(ROBOTS), HERE)
         self._endpoint = f"tls/{HERE}:{free_port(HERE)}"
         self._heard: dict[str, list[str]] = {"world": [], "r1": [], "r2": []}
         issued = credentials.issue({}, self._made("world"))
-        gate = Gate(self._endpoint, self._written("keys", self._keys.world), ROBOTS)
+        gate = Gate(self._endpoint, self._written("keys", self._world_keys), ROBOTS)
         with_gate = Credentials(
             issued.robots, issued.others, issued.dictionary, issued.files, issued.sockets, gate
         )
@@ -53,11 +53,11 @@ class AttackedHosts:
             _until(partial(_has_match, down))
 
     def stolen_keys(self) -> Keys:
-        return load_keys(self._written("stolen", self._keys.hosts["h2"]))
+        return load_keys(self._written("stolen", self._keys["h2"]))
 
     def foreign_keys(self) -> Keys:
-        other = certificates.draw(["h1"], HERE).hosts["h1"]
-        mixed = PemKeys(self._keys.world.authority, other.certificate, other.private_key)
+        other = certificates.draw(["h1"], HERE)[1]["h1"]
+        mixed = PemKeys(self._world_keys.authority, other.certificate, other.private_key)
         return load_keys(self._written("foreign", mixed))
 
     def enter(self, keys: Keys | None) -> zenoh.Session:
@@ -86,7 +86,7 @@ class AttackedHosts:
 
     def _robot(self, host: str, robot: str) -> zenoh.Session:
         issued = credentials.issue({robot: self._made(f"{host}-{robot}")}, self._made(host), ())
-        keys = load_keys(self._written(f"{host}-keys", self._keys.hosts[host]))
+        keys = load_keys(self._written(f"{host}-keys", self._keys[host]))
         self._open(tls.host_config(issued, keys, self._endpoint))
         reveal(issued)
         return self._open(client_config(issued.files[robot], issued.endpoint(robot)))
