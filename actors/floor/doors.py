@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import flood
-from actors.floor.distance import squared_distance
+from actors.floor import raster
 from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, passable
+from actors.floor.raster import squared_distance
 from actors.geometry import Door, Point
 from actors.portable import arrays
 from actors.runtime.errors import AcrcError
@@ -42,9 +42,9 @@ def regions(
     wide = passable & (clearance >= room)
     rim = room - float(clearance[passable].min(initial=room)) + grid.resolution
     opened = passable & (squared_distance(wide) <= (rim / grid.resolution) * (rim / grid.resolution))
-    labels = flood.regions(opened)
+    labels = raster.regions(opened)
     count = int(labels.max())
-    narrow = flood.regions(passable & ~opened)
+    narrow = raster.regions(passable & ~opened)
     doors: list[Door] = []
     named = labels.copy()
     for number in range(1, int(narrow.max()) + 1):
@@ -186,7 +186,7 @@ class Doorways:
             return True
         south, west = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
         around = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
-        pieces = flood.regions(left[around])
+        pieces = raster.regions(left[around])
         labels = self.regions.labels[around]
         for number in range(1, int(pieces.max()) + 1):
             if set(door.regions).issubset(touching(labels, pieces == number)):

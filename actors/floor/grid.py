@@ -11,7 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import distance, flood
+from actors.floor import raster
 from actors.geometry import Point
 from deeco.knowledge import made
 
@@ -100,8 +100,8 @@ class OccupancyGrid:
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:
-        """`distance.clearance` of this grid, read-only: computed once, as the cells never change."""
-        clearance = distance.clearance(self.blocking, self.resolution)
+        """`raster.clearance` of this grid, read-only: computed once, as the cells never change."""
+        clearance = raster.clearance(self.blocking, self.resolution)
         clearance.setflags(write=False)
         return clearance
 
@@ -169,12 +169,12 @@ def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDAr
     """
     if not grid.contains(start):
         return np.zeros(grid.cells.shape, dtype=np.bool_)
-    return flood.flood(passable(grid, clearance), *grid.cell(start))
+    return raster.flood(passable(grid, clearance), *grid.cell(start))
 
 
 def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> NDArray[np.bool_]:
     """(rows, columns): the largest set of cells that `reachable` gives for any start."""
-    return flood.largest_region(passable(grid, clearance))
+    return raster.largest_region(passable(grid, clearance))
 
 
 def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:

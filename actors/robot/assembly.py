@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from actors.floor import distance, flood
+from actors.floor import raster
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point, Pose, wrap
 from actors.portable import arrays, draws, foundations
@@ -36,7 +36,7 @@ from actors.runtime.recording import scans
 from actors.settings import Count
 
 KERNELS: Final = (
-    *(foundations, arrays, draws, distance, flood, potential, ray_tracing, cost_map, map_grid, local_planner),
+    *(foundations, arrays, draws, raster, potential, ray_tracing, cost_map, map_grid, local_planner),
     *(dwa, disc_dwa, *localisation.KERNELS),
 )
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from actors.floor import distance, flood
+from actors.floor import raster
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
 from actors.runtime.core import Bus, Pace, ticking, to
@@ -23,7 +23,7 @@ from actors.world.core import WorldCore
 from actors.world.sensing import WorldReport
 from actors.world.world_setup import WorldProgram, WorldSetup
 
-KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, distance, flood)
+KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, raster)
 """Modules with numeric kernels that a world computes with."""
 
 

@@ -6,8 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.flood import bearing_to, half_width, window
-from actors.floor.traversal import Ray, cell_after, free_squares, quadrant, square_at
+from actors.floor.raster import (
+    Ray,
+    bearing_to,
+    cell_after,
+    free_squares,
+    half_width,
+    quadrant,
+    square_at,
+    window,
+)
 from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
-from actors.floor.traversal import free_squares
+from actors.floor.raster import free_squares
 from actors.messages import NO_ECHO_MM, RobotTruth
 from actors.portable import arrays, hypot
 from actors.portable.draws import normals_of_each

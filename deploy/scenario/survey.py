@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import flood
+from actors.floor import raster
 from actors.floor.doors import Doorways, Regions, regions
 from actors.floor.grid import (
     OCCUPIED,
@@ -117,7 +117,7 @@ class _Floor:
         return _RobotFloor(
             clearance,
             max(2 * clearance, narrowest_door(radius, stack.planner, cell)),
-            flood.regions(passable & wide),
+            raster.regions(passable & wide),
         )
 
     def part(self, robot: BodySetup, room: _RobotFloor) -> int:
@@ -231,12 +231,12 @@ def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
     parts = room.parts == floor.starts[robot.id] if floor.starts[robot.id] else None
     start = grid.cell(Point(x, y)) if parts is None else nearest_cell(grid, parts, Point(x, y))
     assert start is not None
-    if not flood.flood(grid.free, *start)[goal]:
+    if not raster.flood(grid.free, *start)[goal]:
         return f"no way leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
     low, high = 0.0, room.clearance
     while high - low > grid.resolution / 8:  # the widest way's least clearance
         middle = (low + high) / 2
-        found = grid.clearance[start] >= middle and flood.flood(grid.clearance >= middle, *start)[goal]
+        found = grid.clearance[start] >= middle and raster.flood(grid.clearance >= middle, *start)[goal]
         low, high = (middle, high) if found else (low, middle)
     costs = (grid.free & (grid.clearance >= low)).astype(np.int32)
     costs.setflags(write=False)  # as a robot's: the kernels are compiled for that

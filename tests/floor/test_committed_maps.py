@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from actors.floor import flood
+from actors.floor import raster
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, Cell, OccupancyGrid, largest_region, outline, passable
 from actors.floor.map_file import load_map
@@ -112,7 +112,7 @@ def test_a_closed_door_parts_what_it_joined(name: str) -> None:
     for door in doors.regions.doors:
         left = floor & ~doors.closed(door)
         inside = doors.regions.labels == doors.regions.count + 1 + door.index
-        pieces = flood.regions(left & np.isin(doors.regions.labels, door.regions) | left & inside)
+        pieces = raster.regions(left & np.isin(doors.regions.labels, door.regions) | left & inside)
         ends = [np.unique(pieces[(doors.regions.labels == one) & (pieces > 0)]) for one in door.regions]
         assert len(set(map(tuple, ends))) > 1, door
 

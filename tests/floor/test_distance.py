@@ -12,11 +12,10 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from actors.floor import distance
-from actors.floor.flood import bearing_to, half_width, window
+from actors.floor import raster
 from actors.floor.grid import Cell, OccupancyGrid, Shared
 from actors.floor.map_file import load_map
-from actors.floor.traversal import equal_squares, free_squares
+from actors.floor.raster import bearing_to, equal_squares, free_squares, half_width, window
 from actors.geometry import Point
 from actors.robot.localisation import likelihood_field
 from actors.robot.navigation.planning import PLANNER_PRESETS, ground
@@ -51,17 +50,17 @@ def test_squared_distance_is_that_of_scipy(seed: int, rows: int, columns: int, s
     mask[0, 0] = True  # scipy has no answer for an empty mask
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
     exact = ((np.indices(mask.shape) - nearest) ** 2).sum(axis=0)
-    assert np.array_equal(distance.squared_distance(mask), exact)
+    assert np.array_equal(raster.squared_distance(mask), exact)
 
 
 def test_without_a_cell_to_measure_to_the_distance_is_infinite() -> None:
-    assert np.isposinf(distance.squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
+    assert np.isposinf(raster.squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
 
 
 @given(st.integers(0, 2**32), st.integers(1, 30), st.integers(1, 30), st.floats(0.0, 0.6))
 def test_clearance_is_that_of_scipy_on_half_cells(seed: int, rows: int, columns: int, share: float) -> None:
     grid = random_plan(seed, rows, columns, share)
-    assert np.array_equal(distance.clearance(grid.blocking, grid.resolution), scipy_clearance(grid))
+    assert np.array_equal(raster.clearance(grid.blocking, grid.resolution), scipy_clearance(grid))
 
 
 @given(st.integers(0, 2**32), st.floats(-3.2, 0.5), st.floats(7.3, 10.0), st.floats(0.01, 2.0))

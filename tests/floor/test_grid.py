@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from actors.floor import distance
+from actors.floor import raster
 from actors.floor.grid import Cell, OccupancyGrid, largest_region, nearest_cell, outline, reachable
 from actors.geometry import Point
 from tests.floor.maps import plan, random_plan
@@ -43,7 +43,7 @@ def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
     cells[0, 0] = 2
     assert grid.is_free(Point(0.5, 0.5))
     assert grid.clearance is grid.clearance
-    assert np.array_equal(grid.clearance, distance.clearance(grid.blocking, grid.resolution))
+    assert np.array_equal(grid.clearance, raster.clearance(grid.blocking, grid.resolution))
     for part in (grid.cells, grid.clearance):
         with pytest.raises(ValueError, match="read-only"):
             part[0, 0] = 2

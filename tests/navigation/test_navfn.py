@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.floor import flood
+from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
@@ -234,7 +234,7 @@ def test_a_wave_reaches_every_connected_cell_and_a_way_leads_down_from_each(
     field = wave(costs, root, 50)
     passable = costs < IMPASSABLE
     passable[root] = True
-    assert np.array_equal(field < UNREACHED, flood.flood(passable, *root))
+    assert np.array_equal(field < UNREACHED, raster.flood(passable, *root))
     for row, column in np.argwhere(field < UNREACHED):
         if (row, column) == root:
             continue

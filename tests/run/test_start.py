@@ -15,7 +15,7 @@ from rich.console import Console
 
 from acrc_testbed.command_line.experiments import campaigns
 from acrc_testbed.experiments.campaign.campaign import CampaignProgress
-from actors.floor import distance
+from actors.floor import raster
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import Progress
@@ -184,13 +184,13 @@ def test_robots_in_memory_compute_the_walls_distances_once(
     own = msgspec.structs.replace(scenario, map=str(maps / "corridor.yaml"))
     planned = plan(own, RunOptions(tmp_path / "out", bus="memory"))
     shapes: list[tuple[int, ...]] = []
-    compute = distance.squared_distance
+    compute = raster.squared_distance
 
     def counted(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
         shapes.append(mask.shape)
         return compute(mask)
 
-    monkeypatch.setattr(distance, "squared_distance", counted)
+    monkeypatch.setattr(raster, "squared_distance", counted)
     run_in_memory(planned, lambda progress: None)
     assert len(in_common(planned)) == 1
     assert shapes.count(before.shape) == 1  # the others are the fingerprint's

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.floor import distance
+from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, largest_region, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError
-from actors.floor.traversal import free_squares
+from actors.floor.raster import free_squares
 from actors.geometry import Point, Pose
 from actors.installation.repository import REPOSITORY
 from actors.messages import NO_ECHO_MM
@@ -248,7 +248,7 @@ def test_a_floor_follows_from_dose_and_seed() -> None:
 def test_walls_are_about_so_far_off_and_have_no_gaps(error: float, seed: int) -> None:
     solid, visible = made(Uncertainty(map_error=error), seed)
     assert solid.cells.tobytes() == visible.cells.tobytes()
-    apart = np.sqrt(distance.squared_distance(walls(CORRIDOR))) * CORRIDOR.resolution
+    apart = np.sqrt(raster.squared_distance(walls(CORRIDOR))) * CORRIDOR.resolution
     off = apart[walls(solid)]
     assert 0.2 * error < np.sqrt(np.mean(np.square(off))) < 1.5 * error  # along a wall nothing is seen of it
     assert off.max() < 5 * error

@@ -16,7 +16,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
-from actors.floor.traversal import Ray, cell_after, equal_squares, ray, square_at
+from actors.floor.raster import Ray, cell_after, equal_squares, ray, square_at
 from actors.kernels import njit
 from actors.portable import exp, log, log10
 from actors.runtime.errors import AcrcError

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.flood import bearing_to, half_width, window
+from actors.floor.raster import bearing_to, half_width, window
 from actors.geometry import distance_to_border
 from actors.kernels import njit
 from actors.messages import NO_ECHO_MM
@@ -163,8 +163,8 @@ def stamp(
     `stamps`: (rows, columns), changed; the rest as above.
 
     The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
-    1987, from cell to cell, as every one is written: there is nothing that `actors.floor.traversal`, which
-    leaps, could leave out.
+    1987, from cell to cell, as every one is written: the leaps of `actors.floor.raster` could leave
+    nothing out.
     """
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor import distance
+from actors.floor import raster
 from actors.floor.grid import OCCUPIED, OccupancyGrid, Shared
 from actors.geometry import Covariance
 from actors.runtime.errors import AcrcError
@@ -112,7 +112,7 @@ def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
         raise AcrcError(
             f"the map of {plan.rows} x {plan.columns} cells has no free cell; a robot needs floor to be on"
         )
-    metres = np.sqrt(distance.squared_distance(plan.cells == OCCUPIED)) * plan.resolution
+    metres = np.sqrt(raster.squared_distance(plan.cells == OCCUPIED)) * plan.resolution
     inner = np.rint(np.minimum(metres / max_distance, 1.0) * (LEVELS - 1)).astype(np.uint8)
     levels = np.pad(inner, _RING, constant_values=LEVELS - 1)
     west, south = plan.origin.x, plan.origin.y

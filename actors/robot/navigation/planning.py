@@ -11,9 +11,9 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.floor import flood
-from actors.floor.distance import squared_distance
+from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
+from actors.floor.raster import squared_distance
 from actors.geometry import Point
 from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
 from actors.robot.cost_maps.ray_tracing import check_reach, inscribed, squared_within
@@ -278,9 +278,9 @@ class Planner:
     def _around(self, costs: NDArray[np.int32], start: Cell) -> NDArray[np.bool_]:
         """The floor that is connected to the start."""
         if costs is not self._ground.costs:
-            return flood.flood(costs > 0, *start)
+            return raster.flood(costs > 0, *start)
         if not self._region[start]:
-            self._region = flood.flood(costs > 0, *start)
+            self._region = raster.flood(costs > 0, *start)
         return self._region
 
     def _nearest(self, admitted: NDArray[np.bool_], point: Point) -> Cell | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor import flood
+from actors.floor import raster
 from actors.floor.doors import Regions, regions
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.floor.placement import Area, PlacementError
@@ -242,7 +242,7 @@ class ReachableFloor:
         ground, grid = self._ground, self._ground.grid
         half_diagonal = grid.resolution * math.sqrt(0.5)
         begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any, where nothing is free
-        region = flood.flood(grid.free, *begin)
+        region = raster.flood(grid.free, *begin)
         admitted: NDArray[np.bool_] = region & (ground.clearance >= self._radius + half_diagonal)
         return admitted
 

@@ -1,0 +1,362 @@
+"""Raster algorithms of a floor's grid: distance transform, connected regions, and the cells along a ray.
+
+Distances: the lower envelope of parabolas of Felzenszwalb & Huttenlocher, "Distance Transforms of Sampled
+Functions", Theory of Computing 8 (2012), algorithm 1; squared distances are whole numbers, hence exact in
+float64. Rays: the traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing",
+Eurographics 1987, but in leaps over squares of equal cells: it meets the same cell at the same point.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.kernels import njit
+from actors.portable.compiled import asin, atan2
+
+
+def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Squared distance from every cell's centre to that of the nearest True cell, cells²; inf without any.
+
+    `mask`: (rows, columns), and so is the result.
+    """
+    squared: NDArray[np.float64] = _squared_distance(np.ascontiguousarray(mask))
+    return squared
+
+
+def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.float64]:
+    """Distance from the centre of every cell that does not block to the nearest point that does, m.
+
+    `blocking`: (rows, columns), and so is the result; `resolution`: a cell's side, m. Blocking cells count as
+    closed squares and have 0, and everything outside the map blocks: a free cell beside a wall has half a
+    cell of clearance. Exact.
+    """
+    rows, columns = blocking.shape
+    ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
+    ringed[1:-1, 1:-1] = blocking
+    half_cells: NDArray[np.float64] = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
+    return half_cells * (resolution / 2)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _rows_away(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """How many rows each cell is from the nearest True cell of its column; inf without any."""
+    rows, columns = mask.shape
+    away = np.empty((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if mask[row, column]:
+                away[row, column] = 0.0
+            elif row > 0:
+                away[row, column] = away[row - 1, column] + 1.0
+            else:
+                away[row, column] = np.inf
+    for row in range(rows - 2, -1, -1):
+        for column in range(columns):
+            away[row, column] = min(away[row, column], away[row + 1, column] + 1.0)
+    return away
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _envelope(
+    heights: NDArray[np.float64],
+    apex: NDArray[np.int64],
+    begin: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+) -> None:
+    """Fill `lowest[q]` with the minimum over all p of (q − p)² + heights[p].
+
+    `apex` and `begin` are scratch of the same length: which parabolas are lowest, and from where on.
+    """
+    count = 0
+    for q in range(heights.size):
+        if heights[q] == np.inf:
+            continue
+        cut = -np.inf
+        while count > 0:
+            p = apex[count - 1]
+            cut = (heights[q] + q * q - heights[p] - p * p) / (2 * (q - p))
+            if cut > begin[count - 1]:
+                break
+            count -= 1
+        apex[count] = q
+        begin[count] = cut
+        count += 1
+    if count == 0:
+        lowest[:] = np.inf
+        return
+    k = 0
+    for q in range(heights.size):
+        while k + 1 < count and begin[k + 1] < q:
+            k += 1
+        lowest[q] = (q - apex[k]) * (q - apex[k]) + heights[apex[k]]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    away = _rows_away(mask)
+    rows, columns = mask.shape
+    apex = np.empty(columns, np.int64)
+    begin = np.empty(columns)
+    squared = np.empty((rows, columns))
+    for row in range(rows):
+        _envelope(away[row] * away[row], apex, begin, squared[row])
+    return squared
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _squared_clearance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Squared distance from cell centres to the nearest point of any True cell's closed square, half cells².
+
+    The nearest point of a square to a centre lies on the lattice of half cells: straight across, or at a
+    corner. So each row becomes a line of 2·columns + 1 sites: cells at odd places, the lines between at even.
+    """
+    away = _rows_away(mask)
+    rows, columns = mask.shape
+    sites = 2 * columns + 1
+    heights = np.empty(sites)
+    lowest = np.empty(sites)
+    apex = np.empty(sites, np.int64)
+    begin = np.empty(sites)
+    squared = np.empty((rows, columns))
+    for row in range(rows):
+        heights[0] = np.inf
+        for column in range(columns):
+            half_cells = max(2.0 * away[row, column] - 1.0, 0.0)
+            heights[2 * column + 1] = half_cells * half_cells
+            heights[2 * column + 2] = half_cells * half_cells
+            heights[2 * column] = min(heights[2 * column], half_cells * half_cells)
+        _envelope(heights, apex, begin, lowest)
+        for column in range(columns):
+            squared[row, column] = lowest[2 * column + 1]
+    return squared
+
+
+def flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+    """The 4-connected region of passable cells around one cell of the grid; empty if that is not passable."""
+    region: NDArray[np.bool_] = _flood(np.ascontiguousarray(passable), row, column)
+    return region
+
+
+def largest_region(passable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The 4-connected region with the most cells, of equals the one that begins first in row order."""
+    labels, largest = _regions(np.ascontiguousarray(passable))
+    region: NDArray[np.bool_] = passable & (labels == largest)
+    return region
+
+
+def regions(passable: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(rows, columns): every passable cell's 4-connected region, counted from 1 in row order; 0 elsewhere."""
+    labels: NDArray[np.int32] = _regions(np.ascontiguousarray(passable))[0]
+    return labels
+
+
+def fingerprint() -> dict[str, bytes]:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((23, 31))
+    mask = (row * 7 + column * column * 3) % 37 == 0
+    passable = (row * 5 + column * column * 3) % 7 != 0
+    return {
+        "distance": squared_distance(mask).tobytes() + np.sqrt(_squared_clearance(mask)).tobytes(),
+        "flood": flood(passable, 11, 16).tobytes() + largest_region(passable).tobytes(),
+    }
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _spread(
+    passable: NDArray[np.bool_], labels: NDArray[np.int32], queue: NDArray[np.int64], start: int, label: int
+) -> int:
+    """Give `label` to the unlabelled passable cells connected to the cell `start`; how many they are."""
+    rows, columns = passable.shape
+    labels.flat[start] = label
+    queue[0] = start
+    count = 1
+    done = 0
+    while done < count:
+        row, column = divmod(queue[done], columns)
+        done += 1
+        for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            r, c = row + down, column + right
+            if 0 <= r < rows and 0 <= c < columns and passable[r, c] and labels[r, c] == 0:
+                labels[r, c] = label
+                queue[count] = r * columns + c
+                count += 1
+    return count
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+    labels = np.zeros(passable.shape, np.int32)
+    if passable[row, column]:
+        queue = np.empty(passable.size, np.int64)
+        _spread(passable, labels, queue, row * passable.shape[1] + column, 1)
+    return labels > 0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
+    """Every cell's region, counted from 1 (0 = not passable), and which region is the largest."""
+    labels = np.zeros(passable.shape, np.int32)
+    queue = np.empty(passable.size, np.int64)
+    regions = 0
+    most = 0
+    largest = 1
+    for start in range(passable.size):
+        if passable.flat[start] and labels.flat[start] == 0:
+            regions += 1
+            count = _spread(passable, labels, queue, start, regions)
+            if count > most:
+                most = count
+                largest = regions
+    return labels, largest
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def bearing_to(x: float, y: float, heading: float, first_angle: float) -> float:
+    """The bearing of (x, y) counted from the first ray, in [0, 2π) rad; that lies at `first_angle` from
+    `heading`, the sensor's."""
+    bearing: float = atan2(y, x) - heading - first_angle
+    return bearing - 2 * math.pi * math.floor(bearing / (2 * math.pi))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def half_width(apart: float, radius: float) -> float:
+    """Half the angle under which a disc appears so far away, rad; from within it is all around."""
+    half: float = asin(radius / apart) if apart > radius else math.pi
+    return half
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def window(bearing: float, half: float, turn: int, increment: float, rays: int) -> tuple[int, int]:
+    """The rays that may meet it, from the first to before the last; see `bearing_to` and `half_width`.
+
+    It may appear at both ends of the scan, so there are three windows, of the turns −1, 0 and 1. One ray more
+    on both sides makes up for rounding.
+    """
+    low = (bearing + 2 * math.pi * turn - half) / increment
+    high = (bearing + 2 * math.pi * turn + half) / increment
+    return max(math.ceil(low) - 1, 0), min(math.floor(high) + 2, rays)
+
+
+MOST_SIDE: Final = 255
+"""No square is larger, cells: its side has one byte."""
+
+
+class Ray(NamedTuple):
+    """A line from a point along a unit vector."""
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+    per_x: float
+    """So far along it one goes to get 1 further in x; negative westward."""
+    per_y: float
+    quadrant: int
+    """Which squares it leaps over: bit 0 set if it goes westward, bit 1 if southward."""
+
+
+class Square(NamedTuple):
+    """A square that a ray is in, and where it leaves that."""
+
+    left: int
+    bottom: int
+    side: int
+    border_x: int
+    """Column of the border ahead of it,"""
+    border_y: int
+    """and row."""
+    to_x: float
+    """Where on the ray it meets the one,"""
+    to_y: float
+    """and where the other: it leaves by the nearer one."""
+
+
+def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """How far a ray may leap: (4, rows, columns) for (rows, columns) of kinds of cells.
+
+    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) the side, in
+    cells, of the largest square of one kind that has the cell in its near corner; MOST_SIDE at most.
+    """
+    squares = np.empty((4, *kinds.shape), np.uint8)
+    _equal_squares(kinds, squares)
+    return squares
+
+
+def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The same over free cells only: (4, rows + 2, columns + 2), as a ring of blocking cells is laid around.
+
+    0 in a blocking cell.
+    """
+    ringed = np.ones((blocking.shape[0] + 2, blocking.shape[1] + 2), np.uint8)
+    ringed[1:-1, 1:-1] = blocking
+    squares = equal_squares(ringed)
+    squares[:, ringed != 0] = 0
+    return squares
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def ray(x: float, y: float, dx: float, dy: float) -> Ray:
+    """The ray from (x, y) along the unit vector (dx, dy)."""
+    per_x = 1 / dx if dx != 0 else 1e300
+    per_y = 1 / dy if dy != 0 else 1e300
+    return Ray(x, y, dx, dy, per_x, per_y, quadrant(dx, dy))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def quadrant(dx: float, dy: float) -> int:
+    """`Ray.quadrant` of a direction."""
+    return (0 if dx >= 0 else 1) + (0 if dy >= 0 else 2)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def square_at(ray: Ray, column: int, row: int, side: int) -> Square:
+    """The square of that side, ≥ 1, with its near corner in the cell where the ray is."""
+    east, north = ray.dx >= 0, ray.dy >= 0
+    left = column if east else column - side + 1
+    bottom = row if north else row - side + 1
+    border_x = left + side if east else left
+    border_y = bottom + side if north else bottom
+    to_x, to_y = (border_x - ray.x) * ray.per_x, (border_y - ray.y) * ray.per_y
+    return Square(left, bottom, side, border_x, border_y, to_x, to_y)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cell_after(ray: Ray, square: Square, distance: float) -> tuple[int, int]:
+    """Column and row of the cell that the ray enters as it leaves the square, so far from its start.
+
+    Rounding must not carry the ray out of the square anywhere but through the border that it meets.
+    """
+    left, bottom, last = square.left, square.bottom, square.side - 1
+    if square.to_x < square.to_y:
+        column = square.border_x if ray.dx >= 0 else square.border_x - 1
+        return column, min(max(int(ray.y + distance * ray.dy), bottom), bottom + last)
+    row = square.border_y if ray.dy >= 0 else square.border_y - 1
+    return min(max(int(ray.x + distance * ray.dx), left), left + last), row
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _equal_squares(kinds: NDArray[np.uint8], squares: NDArray[np.uint8]) -> None:
+    rows, columns = kinds.shape
+    for quadrant in range(4):
+        east = 1 if quadrant & 1 == 0 else -1
+        north = 1 if quadrant & 2 == 0 else -1
+        for a in range(rows):
+            row = rows - 1 - a if north > 0 else a
+            for b in range(columns):
+                column = columns - 1 - b if east > 0 else b
+                side = 0
+                if a > 0 and b > 0:
+                    kind = kinds[row, column]
+                    if (
+                        kinds[row + north, column] == kind
+                        and kinds[row, column + east] == kind
+                        and kinds[row + north, column + east] == kind
+                    ):
+                        side = min(
+                            squares[quadrant, row + north, column],
+                            squares[quadrant, row, column + east],
+                            squares[quadrant, row + north, column + east],
+                        )
+                squares[quadrant, row, column] = min(side, MOST_SIDE - 1) + 1
