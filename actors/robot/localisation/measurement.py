@@ -246,8 +246,8 @@ def sight(
     else BEYOND if a wall lies before it, else SHORT. `step`: metres per level.
 
     The line is followed in leaps as long as the distance to the nearest wall (Hart, "Sphere tracing", The
-    Visual Computer 12, 1996). That needs no more than the levels, which lie in the cache anyway;
-    The leaps of `actors.floor.raster` would need squares for four quadrants, and knows of nothing short of a wall.
+    Visual Computer 12, 1996). That needs no more than the levels, which lie in the cache anyway. The leaps of
+    `actors.floor.raster` would need squares for four quadrants, and know of nothing short of a wall.
     """
     if step * level_at(levels, frame, end_x, end_y) <= margin:
         return AGREEING
