@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from acrc_testbed.accounting.episodes import STANDARD, EpisodeParameters
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, FloorObject, FloorOrders
-from actors.floor import distance, flood
+from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
@@ -120,7 +120,7 @@ class Passages:
         self._floor = largest_region(grid, radius)
         self._centres = grid.centres()
         self._neck = _necks(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
-        self._to_neck = distance.squared_distance(self._neck) * grid.resolution**2
+        self._to_neck = raster.squared_distance(self._neck) * grid.resolution**2
         self._judged: dict[tuple[float, float, float], bool] = {}
 
     def closed_by(self, point: Point) -> bool:
@@ -128,7 +128,7 @@ class Passages:
         if self._leaves_way(point):
             return False
         left = self._floor & ~self._taken(point)
-        cut_off = int(left.sum()) - int(flood.largest_region(left).sum())
+        cut_off = int(left.sum()) - int(raster.largest_region(left).sum())
         return cut_off * self._grid.resolution**2 >= _ROOM
 
     def at(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
@@ -178,9 +178,9 @@ class Passages:
         reach = int((2 * self._radius + _AROUND) / side)
         bottom, left = max(cell.row - reach, 0), max(cell.column - reach, 0)
         around = np.s_[bottom : cell.row + reach + 1, left : cell.column + reach + 1]
-        near = flood.flood(self._floor[around], cell.row - bottom, cell.column - left)
+        near = raster.flood(self._floor[around], cell.row - bottom, cell.column - left)
         near &= ~self._taken(point, around)
-        return bool(np.array_equal(flood.largest_region(near), near))
+        return bool(np.array_equal(raster.largest_region(near), near))
 
     def _is_floor(self, point: Point) -> bool:
         return self._grid.contains(point) and bool(self._floor[self._grid.cell(point)])
@@ -196,14 +196,14 @@ class Passages:
 
 def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
     """(rows, columns): floor under no free disc of this width, m, without which rooms fall apart."""
-    roomy = distance.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
+    roomy = raster.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
     rest, necks = floor & ~roomy, np.zeros_like(floor)
     while rest.any():
         row, column = np.argwhere(rest)[0]
-        part = flood.flood(rest, int(row), int(column))
+        part = raster.flood(rest, int(row), int(column))
         rest &= ~part
         left = floor & ~part
-        if int(left.sum()) - int(flood.largest_region(left).sum()) >= _ROOM / grid.resolution**2:
+        if int(left.sum()) - int(raster.largest_region(left).sum()) >= _ROOM / grid.resolution**2:
             necks |= part
     return necks
 

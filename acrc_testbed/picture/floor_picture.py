@@ -17,9 +17,8 @@ from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
-from actors.floor.doorway import Doorways
+from actors.floor.doors import Doorways, Regions
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.floor.regions import Regions
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, hexadecimal
 from actors.task.referee import PlaceOutcome, Verdict

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.replay.run_recordings import GivenOrder
-from actors.floor.doorway import DoorError, Doorways
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 from actors.instant import in_seconds

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from acrc_testbed.accounting.episodes import STANDARD
-from actors.floor.doorway import DoorError
+from actors.floor.doors import DoorError
 from actors.geometry import Point
 from actors.instant import in_seconds
 from actors.messages import Answered, Control, Drive, Jam, Progress, Received, RobotTruth, Truth
