@@ -4,8 +4,7 @@ The robot checks what its behaviour decides by the same numbers before it sends 
 is wrong, in words that follow the sender's name, or None if nothing is.
 """
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,9 +12,9 @@ from actors import portable
 from actors.geometry import GREATEST_COORDINATE
 from actors.instant import in_seconds
 from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
-from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Speed, StartJam, Step, Wall
+from actors.orders import Give, Move, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.task.task import TaskLimits, words_fault
-from actors.wording import brief
+from actors.wording import brief, span
 
 
 @dataclass(frozen=True)
@@ -49,85 +48,39 @@ class OrderLimits:
 
 def fault(order: Order, limits: OrderLimits) -> str | None:
     """Return what is wrong with the numbers of an order, as a sentence without a full stop, or None."""
-    if isinstance(order, Wall):
-        return _wall_fault(order, limits)
-    if isinstance(order, Step | Speed):
-        return _rhythm_fault(order, limits)
-    if isinstance(order, StartJam):
-        return _jam_fault(order, limits)
-    if isinstance(order, Give):
-        return _places_fault(order.robot, order.places, limits)
-    return _point_fault(order, limits)
+    for name, value, low, high in _bounds(order, limits):
+        above = name in {"radius", "duration"}
+        if not low <= value <= high or (above and value == 0):
+            right = span(gt=low, le=high) if above else span(ge=low, le=high)
+            return f"{order.__struct_config__.tag}.{name} is {value:g}, but must be {right}"
+    return None
 
 
-def _point_fault(order: Order, limits: OrderLimits) -> str | None:
+def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, float, float]]:
+    """Yield the numbers of an order, m, rad and s: each with its name, its lower and its upper bound."""
+    far = limits.coordinate
+    for name in ("x", "y", "to_x", "to_y"):
+        if hasattr(order, name):
+            yield name, getattr(order, name), -far, far
     match order:
-        case Move(robot, x, y, heading):
-            if not _within(limits.coordinate, x, y) or not _within(limits.heading, heading):
-                return (
-                    f"{robot} cannot move to ({x:g}, {y:g}) with heading {heading:g}; each should be a "
-                    f"finite number, at most {limits.coordinate:g} m and {limits.heading:g} rad"
-                )
-        case Obstacle(x, y) if not _within(limits.coordinate, x, y):
-            return f"an obstacle cannot stand at ({x:g}, {y:g}); {_finite(limits)}"
-        case Obstacle(radius=radius) if not 0 < radius <= limits.obstacle_radius:
-            return (
-                f"an obstacle has a radius of {radius:g} m; it should be above 0 and at most "
-                f"{limits.obstacle_radius:g} m"
-            )
-        case CloseDoor(x, y) | OpenDoor(x, y) if not _within(limits.coordinate, x, y):
-            return f"there is no door at ({x:g}, {y:g}); {_finite(limits)}"
-    return None
-
-
-def _finite(limits: OrderLimits) -> str:
-    return f"each should be a finite number, at most {limits.coordinate:g} m"
-
-
-def _places_fault(robot: str, places: Sequence[tuple[float, float]], limits: OrderLimits) -> str | None:
-    if not 0 < len(places) <= limits.places:
-        return f"{robot} is given {len(places)} places; it should be 1 to {limits.places}"
-    for x, y in places:
-        if not _within(limits.coordinate, x, y):
-            return f"{robot} cannot clean at ({x:g}, {y:g}); {_finite(limits)}"
-    return None
-
-
-def _jam_fault(jam: StartJam, limits: OrderLimits) -> str | None:
-    if not _within(limits.coordinate, jam.x, jam.y):
-        return f"a jammer cannot stand at ({jam.x:g}, {jam.y:g}); {_finite(limits)}"
-    if not 0 < jam.radius <= limits.jam_radius:
-        return f"a jammer reaches {jam.radius:g} m; it should be above 0 and at most {limits.jam_radius:g} m"
-    if not 0 < jam.duration <= limits.jam_us:
-        return (
-            f"a jammer is on for {in_seconds(jam.duration):g} s; "
-            f"it should be above 0 and at most {in_seconds(limits.jam_us):g} s"
-        )
-    return None
-
-
-def _wall_fault(wall: Wall, limits: OrderLimits) -> str | None:
-    if not _within(limits.coordinate, wall.x, wall.y, wall.to_x, wall.to_y):
-        return (
-            f"a wall cannot stand from ({wall.x:g}, {wall.y:g}) to ({wall.to_x:g}, {wall.to_y:g}); "
-            f"{_finite(limits)}"
-        )
-    length = portable.hypot(wall.to_x - wall.x, wall.to_y - wall.y)
-    too_long = f"a wall is {length:g} m long; it should be at most {limits.wall:g} m"
-    return too_long if length > limits.wall else None
-
-
-def _rhythm_fault(order: Step | Speed, limits: OrderLimits) -> str | None:
-    if isinstance(order, Step):
-        within = 0 < order.steps <= limits.steps
-        return None if within else f"{order.steps} steps; it should be 1 to {limits.steps}"
-    if order.factor == 0 or limits.slowest <= order.factor <= limits.fastest:
-        return None
-    return f"{order.factor:g} simulated seconds per second; must be {limits.slowest:g} to {limits.fastest:g}"
-
-
-def _within(greatest: float, *values: float) -> bool:
-    return all(math.isfinite(value) and abs(value) <= greatest for value in values)
+        case Move():
+            yield "heading", order.heading, -limits.heading, limits.heading
+        case Obstacle():
+            yield "radius", order.radius, 0, limits.obstacle_radius
+        case StartJam():
+            yield "radius", order.radius, 0, limits.jam_radius
+            yield "duration", in_seconds(order.duration), 0, in_seconds(limits.jam_us)
+        case Wall():
+            length = portable.hypot(order.to_x - order.x, order.to_y - order.y)
+            yield "length", length, 0, limits.wall
+        case Give():
+            yield "places", len(order.places), 1, limits.places
+            for place in order.places:
+                yield from (("places", coordinate, -far, far) for coordinate in place)
+        case Step():
+            yield "steps", order.steps, 1, limits.steps
+        case Speed() if order.factor != 0:
+            yield "factor", order.factor, limits.slowest, limits.fastest
 
 
 _TAGS: Final = 2**63

@@ -99,7 +99,7 @@ def parse(verb: str, words: Sequence[str]) -> Order:
         form = f"{verb} {shape}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
     if wrong := fault(order, OrderLimits()):
-        raise OptionError(f"{verb}: {wrong}")
+        raise OptionError(wrong)
     return order
 
 

@@ -271,8 +271,8 @@ def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
             {"robots": (RobotTruth("a", math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0),)},
             "says that a is at (nan, 0), or moves, as no robot can",
         ),
-        ({"jams": (Jam(0.0, 0.0, -1.0, STEP),)}, "a jammer reaches -1 m; it should be above 0 and at most"),
-        ({"jams": (Jam(0.0, 0.0, 1.0, 10**16),)}, "a jammer is on for 1e+10 s; it should be above 0 and at"),
+        ({"jams": (Jam(0.0, 0.0, -1.0, STEP),)}, "jam.radius is -1, but must be above 0"),
+        ({"jams": (Jam(0.0, 0.0, 1.0, 10**16),)}, "jam.duration is 1e+10, but must be above 0"),
     ],
 )
 def test_a_truth_that_cannot_be_ends_the_run(changes: dict[str, Any], sentence: str) -> None:
