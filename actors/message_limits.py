@@ -12,7 +12,7 @@ from actors import portable
 from actors.geometry import GREATEST_COORDINATE
 from actors.instant import in_seconds
 from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
-from actors.orders import Give, Move, Obstacle, Order, Speed, StartJam, Step, Wall
+from actors.orders import Give, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.task.task import TaskLimits, words_fault
 from actors.wording import brief, span
 
@@ -59,12 +59,10 @@ def fault(order: Order, limits: OrderLimits) -> str | None:
 def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, float, float]]:
     """Yield the numbers of an order, m, rad and s: each with its name, its lower and its upper bound."""
     far = limits.coordinate
-    for name in ("x", "y", "to_x", "to_y"):
+    for name, most in (("x", far), ("y", far), ("to_x", far), ("to_y", far), ("heading", limits.heading)):
         if hasattr(order, name):
-            yield name, getattr(order, name), -far, far
+            yield name, getattr(order, name), -most, most
     match order:
-        case Move():
-            yield "heading", order.heading, -limits.heading, limits.heading
         case Obstacle():
             yield "radius", order.radius, 0, limits.obstacle_radius
         case StartJam():

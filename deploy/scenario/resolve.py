@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from msgspec.structs import asdict, replace
 
@@ -17,7 +18,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.randomness import generator
 from actors.robot.assembly import RobotSetup
 from actors.robot.stack import Adaptation, Stack
-from actors.robot_model import OdometryKind, load_model
+from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
@@ -31,30 +32,25 @@ class SpotError(AcrcError):
     """Robots or places that the floor plan has no room for."""
 
 
-@dataclass(frozen=True)
-class Spacing:
-    """How far from everything else robots and places are drawn."""
-
-    clearance: float = 0.6
-    """From walls, m. Default: a robot can pass between the point and the wall."""
-    apart: float = 0.6
-    """From each other, centre to centre, m: of the robots' starts, and of one robot's places. Default: as
-    `clearance`."""
-    per_robot: int = 10
-    """Places of a robot unless the scenario says. Default: d3scomp/deeco-adaptation-testbed,
-    GARBAGE_PER_ROBOT."""
+_APART: Final = 0.6
+"""From walls, and from each other, centre to centre, m: where starts, and one robot's places, are drawn. A
+robot can pass between the point and the wall."""
+_PER_ROBOT: Final = 10
+"""Places of a robot unless the scenario says (d3scomp/deeco-adaptation-testbed, GARBAGE_PER_ROBOT)."""
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """One robot's kind, before it has a start and places."""
+    """One robot before it has a start and places."""
 
-    id: str
-    model: str
-    sensor: str
-    odometry: OdometryKind
-    radius: float
     own: RobotTable
+    """Its table, completed by what holds for all robots and by its model."""
+    radius: float
+
+    @property
+    def id(self) -> str:
+        """Of its table."""
+        return self.own.id
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,22 +107,15 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     behaviour = entry(scenario.run.strategy)
     radio_model.preset(scenario.radio.preset)
     grid = load_map(scenario.map)
-    figures = [_figure(robot, scenario) for robot in scenario.ids]
+    specs = [_spec(robot, scenario) for robot in scenario.ids]
     check_areas(grid, scenario)
     _check_walls(grid, scenario)
-    poses = starts(grid, figures, scenario)
-    check_events(grid, figures, scenario)
-    check_doors(grid, figures, scenario)
+    poses = starts(grid, specs, scenario)
+    check_events(grid, specs, scenario)
+    check_doors(grid, specs, scenario)
     robots = tuple(
-        BodySetup(
-            figure.id,
-            figure.model,
-            figure.sensor,
-            start,
-            places(grid, figure, start, scenario),
-            odometry=figure.odometry,
-        )
-        for figure, start in zip(figures, poses, strict=True)
+        BodySetup(**asdict(spec.own) | {"start": start, "places": places(grid, spec, start, scenario)})
+        for spec, start in zip(specs, poses, strict=True)
     )
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
     world = WorldSetup(
@@ -180,14 +169,15 @@ def _check_floor(world: WorldSetup) -> None:
     real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
 
 
-def _figure(robot: str, scenario: Scenario) -> RobotSpec:
+def _spec(robot: str, scenario: Scenario) -> RobotSpec:
     """The robot's own table, and what holds for all robots where that says nothing."""
     common = scenario.robots
     own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
     name = own.model or common.model
     model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
     odometry = own.odometry or common.odometry or model.odometry
-    return RobotSpec(robot, name, model.default_sensor, odometry, model.footprint.circumradius, own)
+    own = replace(own, model=name, sensor=model.default_sensor, odometry=odometry)
+    return RobotSpec(own, model.footprint.circumradius)
 
 
 def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
@@ -208,34 +198,33 @@ def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
 
 
 def starts(
-    grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario, spacing: Spacing = Spacing()
+    grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario
 ) -> list[tuple[float, float, float]]:
     """Every robot's first pose, in order: as given, or drawn at a distance from all that are given."""
     given: dict[str, tuple[float, float, float]] = {}
-    for index, figure in enumerate(figures):
-        pose = figure.own.start
+    for index, spec in enumerate(specs):
+        pose = spec.own.start
         if pose is None and index < len(scenario.robots.start):
             pose = scenario.robots.start[index]
         if pose is not None:
-            check_pose(grid, Point(*pose[:2]), figure.radius, figure.id)
-            given[figure.id] = (pose[0], pose[1], wrap(pose[2]))
-    _check_apart([figure for figure in figures if figure.id in given], given)
+            check_pose(grid, Point(*pose[:2]), spec.radius, spec.id)
+            given[spec.id] = (pose[0], pose[1], wrap(pose[2]))
+    _check_apart([spec for spec in specs if spec.id in given], given)
     taken = [Point(*pose[:2]) for pose in given.values()]
     floor = taken[0] if taken else None
-    for figure in figures:
-        if figure.id in given:
+    for spec in specs:
+        if spec.id in given:
             continue
-        point = _draw_start(grid, figure, scenario, spacing, taken, floor)
+        point = _draw_start(grid, spec, scenario, taken, floor)
         taken.append(point)
-        given[figure.id] = (*_to_the_millimetre(point), 0.0)
-    return [given[figure.id] for figure in figures]
+        given[spec.id] = (*_to_the_millimetre(point), 0.0)
+    return [given[spec.id] for spec in specs]
 
 
 def _draw_start(
     grid: OccupancyGrid,
-    figure: RobotSpec,
+    spec: RobotSpec,
     scenario: Scenario,
-    spacing: Spacing,
     taken: Sequence[Point],
     floor: Point | None,
 ) -> Point:
@@ -243,37 +232,37 @@ def _draw_start(
         (point,) = draw_points(
             grid,
             1,
-            rng=generator(scenario.run.seed_of("placement"), "start", figure.id),
-            clearance=max(spacing.clearance, figure.radius),
-            apart=max(spacing.apart, 2 * figure.radius),
+            rng=generator(scenario.run.seed_of("placement"), "start", spec.id),
+            clearance=max(_APART, spec.radius),
+            apart=max(_APART, 2 * spec.radius),
             keep_off=taken,
             start=floor,
-            passage=figure.radius,
+            passage=spec.radius,
             areas=for_starts(scenario),
         )
     except PlacementError as error:
         where = "" if scenario.robots.areas is None else " in robots.areas"
         raise SpotError(
-            f"robot {figure.id} finds no start{where} beside {len(taken)} others: {error}"
+            f"robot {spec.id} finds no start{where} beside {len(taken)} others: {error}"
         ) from error
     return point
 
 
-def _check_apart(figures: Sequence[RobotSpec], given: dict[str, tuple[float, float, float]]) -> None:
-    for index, figure in enumerate(figures):
-        here = Point(*given[figure.id][:2])
-        for other in figures[:index]:
-            gap, needed = here.distance_to(Point(*given[other.id][:2])), figure.radius + other.radius
+def _check_apart(specs: Sequence[RobotSpec], given: dict[str, tuple[float, float, float]]) -> None:
+    for index, spec in enumerate(specs):
+        here = Point(*given[spec.id][:2])
+        for other in specs[:index]:
+            gap, needed = here.distance_to(Point(*given[other.id][:2])), spec.radius + other.radius
             if gap < needed:
                 raise SpotError(
-                    f"robots {other.id} and {figure.id} would start {gap:.3f} m apart at"
+                    f"robots {other.id} and {spec.id} would start {gap:.3f} m apart at"
                     f" ({here.x:g}, {here.y:g}), but must be at least {needed:.3f} m apart"
                 )
 
 
-def check_events(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
     """Raise an AcrcError if an event puts a robot or a place into a wall."""
-    radius = {figure.id: figure.radius for figure in figures}
+    radius = {spec.id: spec.radius for spec in specs}
     for index, event in enumerate(scenario.event):
         if event.move is not None and event.to is not None:
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
@@ -282,9 +271,9 @@ def check_events(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Sc
                 raise SpotError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
 
 
-def check_doors(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
     """Raise SpotError for a door that there is not, or that is to close or open when it is so already."""
-    doorways = Doorways(grid, max(figure.radius for figure in figures))
+    doorways = Doorways(grid, max(spec.radius for spec in specs))
     closed: set[int] = set()
     for index, event in sorted(enumerate(scenario.event), key=lambda item: item[1].at):
         point, verb = event.close or event.open, "open" if event.close is None else "close"
@@ -303,19 +292,18 @@ def check_doors(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Sce
 
 def places(
     grid: OccupancyGrid,
-    figure: RobotSpec,
+    spec: RobotSpec,
     start: tuple[float, float, float],
     scenario: Scenario,
-    spacing: Spacing = Spacing(),
 ) -> tuple[tuple[float, float], ...]:
     """The robot's places: its own, or those that the preset means."""
-    if figure.own.places is not None:
-        return _checked(grid, figure, figure.own.places, f"of {scenario.map}")
-    index = scenario.ids.index(figure.id)
-    count = spacing.per_robot if scenario.places.per_robot is None else scenario.places.per_robot
+    if spec.own.places is not None:
+        return _checked(grid, spec, spec.own.places, f"of {scenario.map}")
+    index = scenario.ids.index(spec.id)
+    count = _PER_ROBOT if scenario.places.per_robot is None else scenario.places.per_robot
     if scenario.places.preset == "golden" and index < len(GOLDEN):
         where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
-        return _checked(grid, figure, _golden(index, count), where)
+        return _checked(grid, spec, _golden(index, count), where)
     if count == 0:
         return ()
     chosen = for_places(scenario)
@@ -323,16 +311,16 @@ def places(
         points = draw_points(
             grid,
             count,
-            rng=generator(scenario.run.seed_of("placement"), "places", figure.id),
-            clearance=spacing.clearance,
-            apart=spacing.apart,
+            rng=generator(scenario.run.seed_of("placement"), "places", spec.id),
+            clearance=_APART,
+            apart=_APART,
             start=Point(*start[:2]),
-            passage=figure.radius,
+            passage=spec.radius,
             areas=chosen,
         )
     except PlacementError as error:
         where = "on all free floor" if chosen is None else "in places.areas"
-        raise SpotError(f"robot {figure.id} cannot get its {count} places {where}: {error}") from error
+        raise SpotError(f"robot {spec.id} cannot get its {count} places {where}: {error}") from error
     return tuple(map(_to_the_millimetre, points))
 
 
@@ -351,12 +339,12 @@ def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
 
 
 def _checked(
-    grid: OccupancyGrid, figure: RobotSpec, points: Sequence[tuple[float, float]], where: str
+    grid: OccupancyGrid, spec: RobotSpec, points: Sequence[tuple[float, float]], where: str
 ) -> tuple[tuple[float, float], ...]:
     """The points; SpotError for one that is not on free floor, `where` that should be."""
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):
             raise SpotError(
-                f"place {index} of robot {figure.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
+                f"place {index} of robot {spec.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
             )
     return tuple((x, y) for x, y in points)

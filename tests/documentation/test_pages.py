@@ -22,7 +22,7 @@ import deeco
 from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import documentation
 from acrc_testbed.experiments.comparison.metrics import NAMES
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study import load_study
 from acrc_testbed.trace.rows import ACTIVITIES
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import OWN_STATES, SEEN_STATES

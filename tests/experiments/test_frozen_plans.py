@@ -17,8 +17,7 @@ from acrc_testbed.experiments.campaign.store import protection
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.comparison.judgement import judge
 from acrc_testbed.experiments.study import frozen_plan
-from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study import Study, load_study
 from acrc_testbed.results.result import RunResult
 from actors.installation import version
 from actors.runtime.errors import AcrcError

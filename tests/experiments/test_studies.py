@@ -15,8 +15,16 @@ from acrc_testbed.experiments.comparison.decision import rules_for
 from acrc_testbed.experiments.comparison.family import tests_of as count_tests
 from acrc_testbed.experiments.comparison.family import verdicts
 from acrc_testbed.experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
-from acrc_testbed.experiments.study.study import Distribution, Factor, Study, Trial, Variant
-from acrc_testbed.experiments.study.study_file import RandomFactor, draw_cells, load_study
+from acrc_testbed.experiments.study.study import (
+    Distribution,
+    Factor,
+    RandomFactor,
+    Study,
+    Trial,
+    Variant,
+    draw_cells,
+    load_study,
+)
 from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError

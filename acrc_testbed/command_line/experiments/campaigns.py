@@ -24,7 +24,7 @@ from acrc_testbed.experiments.comparison.family import foreseen, step_names
 from acrc_testbed.experiments.comparison.judgement import summaries
 from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.study import frozen_plan
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study import load_study
 from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
 from acrc_testbed.results.seal import seal
 from actors.console import screen

@@ -87,20 +87,6 @@ def _drifting(scenario: Scenario) -> OdometryKind:
     return "kobuki" if model.drive.kind == "differential" else "stage"
 
 
-PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
-    "kills": ("count", "at"),
-    "jams": ("count", "at", "radius", "duration"),
-    "dropout": ("share",),
-    "odometry": ("drift",),
-    "doors": ("count", "points", "radius"),
-    "closures": ("count", "at", "duration"),
-    "tasks": ("count", "at"),
-}
-"""By kind: what the study says of it. Kills: `count` robots end, each at an instant of its own. Jams: jammers
-somewhere on the floor. Dropout: this share of all rays gives no echo. Odometry: its errors are so many times
-as large; exact odometry becomes that of a Kobuki. Doors: at `count` of the `points` something round stands
-from the beginning on. Closures: `count` doors of the map close, each at an instant, and open again after a
-while. Tasks: `count` places, drawn as places are, that a robot each is given at an instant."""
 _STEP_S: Final = 0.1
 _Range = tuple[float, float]
 

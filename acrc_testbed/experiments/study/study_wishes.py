@@ -8,8 +8,7 @@ from typing import Any, Final
 import msgspec
 
 from acrc_testbed.experiments.study.draws import drawn, same_for_all_seeds
-from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study import Study, load_study
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted

@@ -14,8 +14,7 @@ from acrc_testbed.experiments.bundle import bundle
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.study.frozen_plan import inputs
-from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.experiments.study.study_file import load_study
+from acrc_testbed.experiments.study.study import Study, load_study
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
