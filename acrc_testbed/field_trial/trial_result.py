@@ -1,15 +1,16 @@
 """Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
 from acrc_testbed.field_trial.clocks import AlignedClocks
-from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, RobotLog
-from acrc_testbed.field_trial.reported_places import ReportedPlaces
+from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, Moment, RobotLog
 from acrc_testbed.results.outcome import (
     counted,
     nearest_rank,
@@ -24,11 +25,106 @@ from acrc_testbed.results.result import (
     robot_reports,
     without_unknown,
 )
-from actors.instant import Duration, in_seconds
+from actors.instant import Duration, in_seconds, seconds
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
-from actors.task.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+
+_TOGETHER: Final[Duration] = seconds(30)
+"""A robot whose last step is so much before the last one of all still takes part at the end: people switch
+one off after the other."""
+_MOST_PLACES: Final = 10_000
+"""Of a robot whose list is not known."""
+
+
+class ClaimedPlace(PlaceOutcome, frozen=True):
+    """State of a place without ground truth: a report is neither true nor mistaken."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Its state in one word."""
+        return Verdict.CLAIMED if self.reported_at is not None else super().verdict
+
+
+class ReportedPlaces(NamedTuple):
+    """All places of a field trial."""
+
+    places: tuple[PlaceOutcome, ...]
+    """In the order of robots and lists; x and y are NaN where only the place's number is known."""
+    notes: tuple[str, ...]
+    """What is not known, a sentence each."""
+    contacts: int | None = None
+    """Contacts that began; None without ground truth."""
+
+
+class _Owner(NamedTuple):
+    id: str
+    places: tuple[tuple[float, float], ...]
+
+
+def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
+    """Return the final state of every place that a robot was given or reported; instants since the begin."""
+    words: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
+    for robot, logs in trial.logs.items():
+        for log in logs:
+            for tick, drive in log.drives:
+                said: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
+                words += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in said]
+    words.sort(key=itemgetter(0))
+    begin = clocks.begin
+    known = {robot: logs[0].identity.places for robot, logs in trial.logs.items()}
+    spoken = {(word.owner, word.place) for _, _, word in words}
+    most: dict[str, int] = {}
+    for owner, place in spoken:
+        if owner not in known and 0 <= place < _MOST_PLACES:
+            most[owner] = max(most.get(owner, 0), place + 1)
+    unknown = {owner: ((math.nan, math.nan),) * number for owner, number in sorted(most.items())}
+    referee = Referee([_Owner(*one) for one in (known | unknown).items()], reach=0.0)
+    outside = 0
+    for instant, robot, told in words:
+        word = msgspec.structs.replace(told, instant=instant - begin)
+        if not referee.knows(word):
+            outside += 1
+        elif isinstance(word, PlaceReport):
+            referee.report(robot, word)
+        else:
+            referee.give_up(robot, word)
+    places = (
+        ClaimedPlace(**msgspec.structs.asdict(place))
+        for place in referee.outcomes(_routes(trial, clocks))
+        if place.owner in known or (place.owner, place.place) in spoken
+    )
+    notes = [
+        f"{owner}: its list of places is not known, so the table has those that others spoke of, without "
+        "where they are"
+        for owner in unknown
+    ]
+    if outside:
+        notes.append(f"{outside} words were about places that there are not, and are left out")
+    return ReportedPlaces(tuple(places), tuple(notes))
+
+
+def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
+    """Return the routes of the robots that take part at the end."""
+    last = {
+        robot: steps[-1]
+        for robot, logs in trial.logs.items()
+        if (steps := [log for log in logs if log.ticks])
+    }
+    ends = {
+        robot: clocks.instant(log, Moment(len(log.ticks) - 1, log.ticks[-1].instant))
+        for robot, log in last.items()
+    }
+    latest = max(ends.values())
+    return {robot: _route(log) for robot, log in last.items() if latest - ends[robot] <= _TOGETHER}
+
+
+def _route(log: RobotLog) -> tuple[PlaceKey, ...]:
+    said = [drive.route for _, drive in log.drives if drive.route is not None]
+    given = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
+    return said[-1] if said else given
 
 
 def trial_result(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
-from acrc_testbed.field_trial.reported_places import reported_places
+from acrc_testbed.field_trial.trial_result import reported_places
 from acrc_testbed.recordings.topics import so_far
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.run_model.data import (

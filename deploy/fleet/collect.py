@@ -7,9 +7,9 @@ import msgspec
 
 from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import read_field_trial
-from acrc_testbed.field_trial.reported_places import reported_places
 from acrc_testbed.field_trial.trial_result import (
     read_truth,
+    reported_places,
     trial_result,
     with_true_frames,
     with_truth,
