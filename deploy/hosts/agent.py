@@ -84,14 +84,14 @@ class StartRobot(msgspec.Struct, frozen=True):
     """Content of its set-up file."""
 
 
-class Orders(msgspec.Struct, frozen=True):
+class HostOrders(msgspec.Struct, frozen=True):
     """Requests of a run to its host, in this order."""
 
     start: tuple[StartRobot, ...] = ()
     signals: tuple[tuple[Number, int], ...] = ()
     """Process and signal."""
     look: bool = False
-    """Report the processes' states."""
+    """Report the states of processes."""
     finish: bool = False
     """No more processes will be started."""
 
@@ -147,7 +147,7 @@ class HostEvents(msgspec.Struct, frozen=True):
     """More output can be sent now."""
 
 
-class Report(msgspec.Struct, frozen=True):
+class HostReport(msgspec.Struct, frozen=True):
     """Answer of a host."""
 
     clock_s: float
@@ -184,8 +184,8 @@ class HostAgent:
         self._session.begun.set()
 
     def exchange(self, orders: bytes) -> bytes:
-        """Carry out Orders, and return a Report; both as msgpack."""
-        return msgspec.msgpack.encode(self._session.exchange(msgspec.msgpack.decode(orders, type=Orders)))
+        """Carry out HostOrders, and return a HostReport; both as msgpack."""
+        return msgspec.msgpack.encode(self._session.exchange(msgspec.msgpack.decode(orders, type=HostOrders)))
 
     def close(self) -> None:
         """Remove the run's folder; the run has received all that was to be sent."""
@@ -234,7 +234,7 @@ class _Session:
         except OSError as error:  # not as it is: the library's word for a lost worker
             raise AcrcError(f"{self._folder}: files of the run cannot be written: {error.strerror}") from None
 
-    def exchange(self, orders: Orders) -> Report:
+    def exchange(self, orders: HostOrders) -> HostReport:
         """Carry out the orders and report."""
         with self._lock:
             self._called_s = time.monotonic()
@@ -242,7 +242,7 @@ class _Session:
             robots = self._robots
             robots.order(orders)
             events = robots.events(self._rest() if self._delivering and robots.settled else None)
-            return Report(
+            return HostReport(
                 clock_s=time.time(),
                 folder=str(self._folder),
                 joined=self._joined,
@@ -395,7 +395,7 @@ class RobotProcesses:
             child.exit_code = -SIGKILL
         self._note_ends()
 
-    def order(self, orders: Orders) -> None:
+    def order(self, orders: HostOrders) -> None:
         """Carry out what concerns processes; starts wait until the launcher has compiled all."""
         if self._closed:
             self._refused |= {order.number: "this host has ended its part" for order in orders.start}

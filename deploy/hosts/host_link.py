@@ -19,11 +19,11 @@ from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
 from deploy.hosts.agent import (
     HostEvents,
+    HostOrders,
+    HostReport,
     LeftRecording,
-    Orders,
     ProcessList,
     ProcessStatus,
-    Report,
     StartRobot,
 )
 from deploy.hosts.files import PART, FilePart, FilePartError, IncomingFiles
@@ -230,7 +230,7 @@ class HostLink:
             if look:
                 self._looked_s = now
                 self.meter.asked()
-            orders = Orders(tuple(self._starts), tuple(self.signals), look, self.finish)
+            orders = HostOrders(tuple(self._starts), tuple(self.signals), look, self.finish)
             self._starts, self.signals, self._called_s = [], [], now
             self._call = self._agent.exchange(msgspec.msgpack.encode(orders))
 
@@ -244,7 +244,7 @@ class HostLink:
             return
         if not isinstance(answer, bytes) or len(answer) > _LONGEST:
             raise AcrcError("it has sent something that is not a report")
-        report = msgspec.msgpack.decode(answer, type=Report)
+        report = msgspec.msgpack.decode(answer, type=HostReport)
         self._heard_s = time.monotonic()
         events = report.events
         if events.files or events.ended or events.ending:

@@ -14,7 +14,7 @@ from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
 from deploy.clusters.address import bound, free_port, place_of, plain
 from deploy.hosts import host_link
-from deploy.hosts.agent import HostEvents, Orders, ProcessStatus, Report
+from deploy.hosts.agent import HostEvents, HostOrders, HostReport, ProcessStatus
 from deploy.hosts.allocation import HostOffer, shares, unfit
 from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, read_files
 from deploy.hosts.host_link import HostLink, LoadMeter
@@ -168,7 +168,7 @@ class FakeHost:
         return answered(None)
 
     def exchange(self, orders: bytes) -> SimpleNamespace:
-        msgspec.msgpack.decode(orders, type=Orders)
+        msgspec.msgpack.decode(orders, type=HostOrders)
         return answered(self.answers.pop(0))
 
 
@@ -181,7 +181,7 @@ def answered(answer: object) -> SimpleNamespace:
     return SimpleNamespace(done=lambda: True, result=result)
 
 
-REPORT = Report(
+REPORT = HostReport(
     clock_s=0.0, folder="/tmp/acrc-1", joined=True, unlinked=False, fault="", events=HostEvents(),
     looked=None, done=False,
 )  # fmt: skip

@@ -116,7 +116,7 @@ def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> Non
     assert trip.take_step() == AHEAD
     assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(503))
     trip.navigation.take(GoalOrder.KEEP, True)
-    assert trip.count("paused") == [[at_step(2), at_step(502)], [at_step(503), None]]
+    assert trip.count("paused") == [(at_step(2), at_step(502)), (at_step(503), None)]
 
 
 def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothing() -> None:
@@ -183,7 +183,7 @@ def test_every_goal_is_listed_with_what_became_of_it() -> None:
     trip.navigation.take(GoalOrder.CANCEL)
     given = trip.count("given")
     assert isinstance(given, list)
-    assert [(goal["x"], goal["y"], goal["how"]) for goal in given] == [
+    assert [(goal.x, goal.y, goal.how) for goal in given] == [
         (*FAR, "replaced"),
         (*WEST, "succeeded"),
     ]

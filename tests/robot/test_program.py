@@ -48,7 +48,7 @@ ROBOT = RobotSetup(
     map=str(MAPS / "corridor.yaml"),
 )
 PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
-PLANNING_KERNELS = "disc_dwa dwa local_plan map_grid"
+PLANNING_KERNELS = "disc_dwa dwa local_planner map_grid"
 LOCALISATION_KERNELS = "confidence measurement motion resampling"
 AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
@@ -89,7 +89,7 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     assert msgspec.json.decode(robot.run.setup, type=RobotSetup) == ROBOT
     ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
     assert [name.removeprefix("actors.") for name in ours] == [
-        *("floor.distance", "floor.flood"),
+        *("floor.raster.distance", "floor.raster.flood"),
         *(f"robot.cost_maps.{name}" for name in ("cost_map", "ray_tracing")),
         *(f"robot.local_planning.{name}" for name in PLANNING_KERNELS.split()),
         *(f"robot.localisation.{name}" for name in LOCALISATION_KERNELS.split()),
