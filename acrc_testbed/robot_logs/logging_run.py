@@ -24,7 +24,8 @@ from acrc_testbed.robot_logs.robot_entries import (
 )
 from acrc_testbed.robot_logs.ros2_log import LogEntry, Spool, write
 from acrc_testbed.run_model.collected import whole_run
-from acrc_testbed.run_model.data import RecordedProcess, RunData
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.recorded import world_setup
 from acrc_testbed.trace.traces import BOUNDS, traces
 from actors.installation.usage import OptionError, wrong_value

@@ -23,8 +23,9 @@ from acrc_testbed.robot_logs.ros2_log import (
     marker_array,
     occupancy_grid,
 )
-from acrc_testbed.run_model.data import RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.places import PlaceState, PlaceTable
 from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.trace.rows import Trace

@@ -13,12 +13,8 @@ from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, re
 from acrc_testbed.field_trial.trial_result import reported_places
 from acrc_testbed.recordings.topics import so_far
 from acrc_testbed.replay.run_recordings import recordings
-from acrc_testbed.run_model.data import (
-    Floats,
-    RecordedProcess,
-    RunData,
-    RunDescription,
-)
+from acrc_testbed.run_model.data import RunData, RunDescription
+from acrc_testbed.run_model.introspection import Floats, RecordedProcess
 from acrc_testbed.run_model.model import RunModel, with_instants
 from acrc_testbed.run_model.simulated import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid

@@ -4,7 +4,7 @@ One form for runs that have ended, were cut or are going on, simulated or on har
 no code of a strategy runs.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
+from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import Instant, in_seconds
 from actors.messages import Jam
@@ -22,10 +23,7 @@ from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.task import PlaceKey
 
-Floats = NDArray[np.float64]
 Points = tuple[tuple[float, float], ...]
-Clock = Callable[[NDArray[np.int64]], Floats]
-"""From a process's own instants, µs, to the run's seconds."""
 
 
 class RunDataError(AcrcError):
@@ -99,14 +97,6 @@ class Trajectory:
     """State changes: "" (active), "frozen", "off" or "not heard", and from when on, s."""
 
 
-class RecordedProcess(NamedTuple):
-    """A recording of one process of a robot."""
-
-    actor: str
-    robot: str
-    clock: Clock
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunDescription:
     """What does not change during a run."""
@@ -173,6 +163,8 @@ class RunData:
     """Changes of the floor: from when on, s, these objects were on it beside the map."""
     processes: tuple[RecordedProcess, ...] = ()
     """Of the robots, as far as their recordings have begun."""
+    internals: tuple[RobotInternals, ...] = ()
+    """What the robots' processes computed, where that is wanted."""
     notes: tuple[str, ...] = ()
     """Missing or unknown data, a sentence each."""
     outcomes: tuple[PlaceOutcome, ...] = ()
@@ -217,12 +209,6 @@ class RunData:
     def duration(self, steps: int) -> float:
         """Return the length of so many steps, s."""
         return in_seconds(steps * self.step_us)
-
-
-def seconds_of(instants: NDArray[np.int64]) -> Floats:
-    """Return instants of the simulation, µs, in s: the clock of simulated processes."""
-    seconds: Floats = instants / 1e6
-    return seconds
 
 
 def step_start(step: int, step_us: int) -> Instant:

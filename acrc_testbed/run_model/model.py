@@ -10,7 +10,6 @@ import numpy as np
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import (
     Points,
-    RecordedProcess,
     RunData,
     RunDataError,
     RunDescription,
@@ -19,6 +18,7 @@ from acrc_testbed.run_model.data import (
     step_start,
 )
 from acrc_testbed.run_model.floor import FloorHistory
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.places import PlaceReports
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, fault

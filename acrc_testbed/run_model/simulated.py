@@ -8,18 +8,13 @@ from typing import Final, Self
 
 from acrc_testbed.recordings.topics import Growing, Recorded
 from acrc_testbed.replay.run_recordings import GivenOrder, recordings, setup_of
-from acrc_testbed.run_model.data import (
-    RecordedProcess,
-    RunData,
-    RunDataError,
-    RunDescription,
-    seconds_of,
-)
-from acrc_testbed.run_model.model import RunModel
+from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
+from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
+from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recorded import largest_radius, place_outcomes, run_result, world_setup
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
-from actors.messages import AIRED, CONTROL, DRIVE, READY, RECEIVED, SENSES, TRUTH
+from actors.messages import AIRED, CONTROL, DRIVE, INTROSPECTION, READY, RECEIVED, SENSES, TRUTH, Drive
 from actors.radio.radio_model import RadioSetup
 
 _PATIENCE_S: Final = 1.0
@@ -30,13 +25,16 @@ _TOPICS: Final[dict[str, frozenset[str]]] = {
 }
 _OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
 """The received messages that are folded, by the actor whose recording they are taken from."""
+_BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
 
 
 class RunReader:
     """Reads a run's folder piece by piece; a context manager that closes the files."""
 
-    def __init__(self, out: Path) -> None:
-        """RecordingError or RunDataError where there is no run that has begun, or a damaged one."""
+    def __init__(self, out: Path, *, internals: bool = False) -> None:
+        """`internals`: read also what the robots computed.
+
+        RecordingError or RunDataError where there is no run that has begun, or a damaged one."""
         files = recordings(out)
         for actor in ("world", "radio"):
             if actor not in files:
@@ -59,6 +57,10 @@ class RunReader:
         scheduled = [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events]
         self.model = RunModel(self.description, scheduled)
         self._stack, self._files = ExitStack(), dict[str, Growing]()
+        self._internals: dict[str, ProcessModel] | None = {} if internals else None
+        """By actor; None: not wanted."""
+        self._answers: dict[str, dict[int, Drive]] = {}
+        """Of the robots, by step, for their internals."""
         self._sensed: dict[str, int] = {}
         """By robot the last step of which its senses were read."""
         self._closed = -1
@@ -111,7 +113,14 @@ class RunReader:
         self._over = last
         if ready:
             self._moved = time.monotonic()
-        return self.model.advance(until, last=last, processes=self._processes())
+        run = self.model.advance(until, last=last, processes=self._processes())
+        if self._internals is None:
+            return run
+        step, answers = self.model.step, self._answers
+        taken = [one.take(step, answers.get(one.process.robot, {})) for one in self._internals.values()]
+        for robot, known in answers.items():
+            answers[robot] = {number: drive for number, drive in known.items() if number > step}
+        return replace(run, internals=tuple(taken))
 
     def _processes(self) -> list[RecordedProcess]:
         return [
@@ -127,18 +136,18 @@ class RunReader:
 
     def _take(self, actor: str, robot: str, growing: Growing) -> None:
         """Fold the messages of a recording; each kind is taken from the one process that keeps it in full."""
-        wanted = _TOPICS.get(actor, _OF_ROBOTS if robot in self.robots else frozenset())
+        path, is_robot = growing.reading.path, robot in self.robots
+        received = _TOPICS.get(actor, _OF_ROBOTS if is_robot else frozenset())
+        sent = _BY_ROBOTS if is_robot else frozenset()
         for one in growing.poll():
             if actor == "world" and one.key == TRUTH.pattern:
                 self._closed = max(self._closed, one.step - 1)
-            elif (one.direction == "in" and one.topic.pattern in wanted) or (
-                robot in self.robots and one.topic is READY
-            ):
-                self._fold(growing.reading.path, robot, one)
+            elif one.topic.pattern in (received if one.direction == "in" else sent):
+                self._fold(path, actor, robot, one)
 
-    def _fold(self, path: Path, robot: str, one: Recorded) -> None:
-        message = one.message()
-        if message is None:
+    def _fold(self, path: Path, actor: str, robot: str, one: Recorded) -> None:
+        internals = self._internals
+        if (one.topic is INTROSPECTION and internals is None) or (message := one.message()) is None:
             return
         try:
             self.model.extend(one.key, message)
@@ -146,6 +155,16 @@ class RunReader:
             raise RunDataError(f"{path}: {error}") from None
         if one.topic is SENSES:
             self._sensed[robot] = one.step
+        if internals is None:
+            return
+        if isinstance(message, Drive):
+            self._answers.setdefault(robot_of(one.key), {})[message.step] = message
+        elif robot in self.robots:
+            if actor not in internals:
+                run = self._files[actor].run
+                assert run is not None, "every recording begins with it"
+                internals[actor] = process_model(RecordedProcess(actor, robot, seconds_of), path, run)
+            internals[actor].extend(message)
 
     def _complete(self) -> int:
         """Return the last step of which everything is there that was recorded."""
@@ -159,12 +178,12 @@ class RunReader:
         return until
 
 
-def recorded_run(out: Path) -> RunData:
-    """Return a simulated run as far as its recordings go.
+def recorded_run(out: Path, *, internals: bool = False) -> RunData:
+    """Return a simulated run as far as its recordings go; `internals`: with what the robots computed.
 
     Raises RecordingError for damaged files, RunDataError where there is no simulated run.
     """
-    with RunReader(out) as reader:
+    with RunReader(out, internals=internals) as reader:
         run = reader.poll(last=True)
     if run is None or not len(run.seconds):
         raise RunDataError(f"{out}: the run ended before its first step")

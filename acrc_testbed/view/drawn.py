@@ -13,7 +13,8 @@ from acrc_testbed.accounting.account import spells
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.explanation.explain import Explainer, ExplanationError
 from acrc_testbed.results.seal import elsewhere, where
-from acrc_testbed.run_model.data import RecordedProcess, RunData
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.simulated import read_run
 from acrc_testbed.trace.frame_fates import read_fates
 from acrc_testbed.trace.traces import traces

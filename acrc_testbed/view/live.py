@@ -14,7 +14,8 @@ import numpy as np
 from acrc_testbed.accounting.episodes import STANDARD
 from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.replay.run_recordings import recordings
-from acrc_testbed.run_model.data import RecordedProcess, Route, RunData, Trajectory
+from acrc_testbed.run_model.data import Route, RunData, Trajectory
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.simulated import RunReader
 from acrc_testbed.trace.following import Followed
 from acrc_testbed.trace.frame_fates import GrowingFates

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from acrc_testbed.explanation.explain import Explanation
-from acrc_testbed.run_model.data import Floats, RecordedProcess, RunData
+from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
+from acrc_testbed.run_model.introspection import Floats, RecordedProcess
 from acrc_testbed.run_model.places import PlaceTable
 from acrc_testbed.trace.frame_fates import LOSSES, Fates, fate_name
 from acrc_testbed.trace.rows import Trace

@@ -5,8 +5,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.run_model.data import Clock, Floats, RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.introspection import Clock, Floats, RecordedProcess
 from acrc_testbed.run_model.places import first_reports
 from acrc_testbed.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
 from acrc_testbed.trace.rows import Doing, Trace

@@ -17,7 +17,8 @@ from acrc_testbed.robot_logs import robot_entries, ros2_log
 from acrc_testbed.robot_logs.logging_run import LogReport, log_run
 from acrc_testbed.robot_logs.robot_entries import occupancy
 from acrc_testbed.robot_logs.ros2_log import TYPES, LogEntry
-from acrc_testbed.run_model.data import RecordedProcess, RunData, Trajectory
+from acrc_testbed.run_model.data import RunData, Trajectory
+from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.run_model.simulated import read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN

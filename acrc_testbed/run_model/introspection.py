@@ -1,0 +1,408 @@
+"""What robots computed, from the introspection in their recordings: one process, part by part."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.replay.run_recordings import told as first_record
+from actors.introspection import (
+    DecisionRecord,
+    EstimateQuality,
+    GoalState,
+    Introspection,
+    KnowledgeCommit,
+    PerceptionSample,
+)
+from actors.messages import NO_ECHO_MM, Drive, Heard, Received, Scan, Senses
+from actors.portable import arrays
+from actors.robot_model import RangeSensor, load_model
+from actors.runtime.errors import AcrcError
+from actors.runtime.process import RunNote
+from actors.runtime.process_setup import located_model
+from actors.topic import Message
+
+Floats = NDArray[np.float64]
+Clock = Callable[[NDArray[np.int64]], Floats]
+"""From a process's own instants, µs, to the run's seconds."""
+Singles = NDArray[np.float32]
+Pose = tuple[float, float, float]
+_LATEST: Final = 10**15
+"""µs; no run lasts longer."""
+_MOST_CELLS: Final = 1_000_000
+"""Of a cost window."""
+_MOST_FIELDS: Final = 1000
+"""Of a robot's knowledge."""
+NOT_RECORDED: Final = "what it computed was not recorded; record the run with --record full"
+
+
+class RecordedProcess(NamedTuple):
+    """A recording of one process of a robot."""
+
+    actor: str
+    robot: str
+    clock: Clock
+
+
+def seconds_of(instants: NDArray[np.int64]) -> Floats:
+    """Return instants of the simulation, µs, in s: the clock of simulated processes."""
+    seconds: Floats = instants / 1e6
+    return seconds
+
+
+class IntrospectionError(AcrcError):
+    """Introspection that contradicts itself."""
+
+
+class _LocalMap(msgspec.Struct, frozen=True):
+    cell: float
+
+
+class _Stack(msgspec.Struct, frozen=True):
+    local_map: _LocalMap
+
+
+class _PerceptionSetup(msgspec.Struct, frozen=True):
+    """The part of a robot's set-up that its introspection is read with."""
+
+    model: str
+    sensor: str | None
+    stack: _Stack
+
+
+def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "ProcessModel":
+    """Return the empty model of a robot's process; `run`: first record of its recording. RecordingError."""
+    setup = first_record(path, run, _PerceptionSetup, "a robot")
+    model = load_model(located_model(setup.model, path.parent), setup.sensor)
+    return ProcessModel(process, model.sensor, setup.stack.local_map.cell)
+
+
+class PointSets(NamedTuple):
+    """Sets of points over time."""
+
+    seconds: Floats
+    """(n,)"""
+    counts: NDArray[np.int64]
+    """(n,): points in each set."""
+    points: Singles
+    """(sum of counts, 2): x, y, m, map frame."""
+
+    def sets(self) -> list[Singles]:
+        """Return one array per set."""
+        return np.split(self.points, np.cumsum(self.counts)[:-1]) if len(self.counts) else []
+
+
+class ActivityChange(NamedTuple):
+    """What the robot is doing from an instant on."""
+
+    second: float
+    activity: str
+    destination: str
+    """A place, as in "r1/3"; empty: none."""
+    point: tuple[float, float] | None
+    """Its goal, m, map frame."""
+
+
+class ReplicaChange(NamedTuple):
+    """A replica that the robot has from an instant on, or has no longer."""
+
+    second: float
+    peer: str
+    heard: float | None
+    """When it had come, s; None: it is forgotten."""
+
+
+class StepEstimate(NamedTuple):
+    """The robot's estimate at the start of one step."""
+
+    step: int
+    pose: Pose
+    quality: EstimateQuality
+
+
+class StepGoal(NamedTuple):
+    """Navigation's goal at the end of one step."""
+
+    step: int
+    goal: GoalState
+
+
+class StepCommit(NamedTuple):
+    """A change of knowledge in one step."""
+
+    step: int
+    second: float
+    number: int
+    """Counts the changes of the process."""
+    commit: KnowledgeCommit
+    via: int | None
+    """Short address of the transceiver whose frame completed the replica; None: no frame was recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class CostWindows:
+    """Local cost maps that navigation steered by."""
+
+    seconds: Floats
+    """(c,)"""
+    costs: tuple[NDArray[np.uint8], ...]
+    """c arrays (rows, columns), the southernmost row first; costs as costmap_2d has them."""
+    corners: Floats
+    """(c, 3): pose of the south-west corner: x, y, m, heading, rad, map frame."""
+    cell: float
+    """Edge of a cell, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotInternals:
+    """What one process of a robot computed: all of it, or the next part; sampled at n instants."""
+
+    process: RecordedProcess
+    end: float
+    """Last instant of this part, s; -inf: none."""
+    seconds: Floats
+    """(n,)"""
+    estimates: Floats
+    """(n, 3): x, y, m, heading, rad, map frame."""
+    covariances: Floats
+    """(n, 3): of x, of x and y, of y, m²."""
+    twists: Floats
+    """(n, 2): commanded speed, m/s, and turn rate, rad/s."""
+    scans: PointSets
+    """Of the same instants: where the last sweep met something, by the estimate."""
+    particles: PointSets
+    plans: PointSets
+    """An empty set: the plan was dropped."""
+    windows: CostWindows
+    activities: tuple[ActivityChange, ...]
+    knowledge: tuple[tuple[float, tuple[tuple[str, str], ...]], ...]
+    """All fields in words, from when on, s."""
+    contacts: tuple[ReplicaChange, ...]
+    step_estimates: tuple[StepEstimate, ...]
+    goals: tuple[StepGoal, ...]
+    commits: tuple[StepCommit, ...]
+    is_recorded: bool
+    """False: the process has recorded none of this so far."""
+
+    def decisions(self) -> Iterator[tuple[StepCommit, DecisionRecord]]:
+        """Yield the changes of knowledge that decided something."""
+        for one in self.commits:
+            if one.commit.decision is not None:
+                yield one, one.commit.decision
+
+
+class _Step(NamedTuple):
+    number: int
+    instant: int
+    scan: Scan | None
+    """The newest one that the robot had."""
+
+
+class ProcessModel:
+    """Folds the messages of one process of a robot."""
+
+    def __init__(self, process: RecordedProcess, sensor: RangeSensor, cell: float) -> None:
+        """`cell`: edge of a cell of the local cost map, m."""
+        self.process, self._sensor, self._cell = process, sensor, cell
+        angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
+        self._rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+        self._scan: Scan | None = None
+        self._steps: list[_Step] = []
+        self._told: dict[int, Introspection] = {}
+        self._senders: dict[int, int] = {}
+        """Of frames by when they were received, µs."""
+        self._quality: EstimateQuality | None = None
+        self._knowledge: dict[str, str] = {}
+        self._commits = 0
+        self._is_recorded = False
+
+    def extend(self, message: Message) -> None:
+        """Fold one message that the process received or recorded."""
+        match message:
+            case Senses():
+                scans = (*message.earlier_scans, message.scan)
+                self._scan = next((one for one in reversed(scans) if one is not None), self._scan)
+                if not message.halt:
+                    self._steps.append(_Step(message.step, message.instant, self._scan))
+            case Received():
+                self._senders |= {one.instant: one.sender for one in message.events if isinstance(one, Heard)}
+            case Introspection():
+                self._told[message.step] = message
+                self._is_recorded = True
+
+    def take(self, until: int, answers: Mapping[int, Drive]) -> RobotInternals:
+        """Take out the steps up to `until`; `answers`: of the robot, by step.
+
+        Raises IntrospectionError for values that cannot be.
+        """
+        steps = [one for one in self._steps if one.number <= until]
+        self._steps = self._steps[len(steps) :]
+        part = _Part(self, steps)
+        for step in steps:
+            try:
+                part.extend(step, self._told.pop(step.number, None), answers.get(step.number))
+            except ValueError as error:
+                raise IntrospectionError(
+                    f"{self.process.actor}: its introspection of step {step.number} is damaged: {error}"
+                ) from None
+        return part.result()
+
+    def quality(self, told: Introspection | None) -> EstimateQuality | None:
+        """Return the present quality of the estimate."""
+        if told is not None and told.quality is not None:
+            if len(told.quality.covariance) != 9:
+                raise ValueError(f"its covariance has {len(told.quality.covariance)} values, but must have 9")
+            self._quality = told.quality
+        return self._quality
+
+    def commit(self, step: int, second: float, commit: KnowledgeCommit) -> StepCommit:
+        """Return a change of knowledge with its number and the frame that brought what it used."""
+        self._commits += 1
+        via = None if commit.replica is None else self._senders.get(commit.replica.heard)
+        return StepCommit(step, second, self._commits - 1, commit, via)
+
+    def words(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+        """Return all fields of the knowledge in words after these changes."""
+        self._knowledge |= dict(changes)
+        if len(self._knowledge) > _MOST_FIELDS:
+            raise ValueError(f"its knowledge has more than {_MOST_FIELDS} fields")
+        return tuple(self._knowledge.items())
+
+    def scan_points(self, sensor: Pose, scan: Scan | None) -> Singles:
+        """Return where a scan met something, (k, 2), m, map frame; `sensor`: pose of the range sensor."""
+        if scan is None:
+            return np.zeros((0, 2), np.float32)
+        ranges = np.frombuffer(scan.ranges_mm, "<u2")
+        if len(ranges) != len(self._rays):
+            raise ValueError(f"a scan has {len(ranges)} rays, but must have {len(self._rays)}")
+        met = (ranges != NO_ECHO_MM) & (ranges >= 1000 * self._sensor.range_min)
+        x, y = (self._rays[met] * (ranges[met, None] / 1000.0)).T
+        c, s = np.cos(sensor[2]), np.sin(sensor[2])
+        return np.column_stack((sensor[0] + c * x - s * y, sensor[1] + s * x + c * y)).astype(np.float32)
+
+    @property
+    def cell(self) -> float:
+        """Edge of a cell of the local cost map, m."""
+        return self._cell
+
+    @property
+    def is_recorded(self) -> bool:
+        """Some introspection was recorded."""
+        return self._is_recorded
+
+
+class _Part:
+    """Rows of one part of a process."""
+
+    def __init__(self, model: ProcessModel, steps: Sequence[_Step]) -> None:
+        self._model = model
+        instants = np.array([one.instant for one in steps], np.int64)
+        if (np.abs(instants) > _LATEST).any():
+            raise IntrospectionError(f"{model.process.actor}: an instant of its steps is beyond any clock")
+        self._seconds = dict(
+            zip((one.number for one in steps), model.process.clock(instants).tolist(), strict=True)
+        )
+        self._samples: list[tuple[float, Pose, EstimateQuality, tuple[float, float]]] = []
+        self._scans: list[Singles] = []
+        self._particles: list[tuple[float, Singles]] = []
+        self._plans: list[tuple[float, Singles]] = []
+        self._windows: list[tuple[float, NDArray[np.uint8], Pose]] = []
+        self._activities: list[ActivityChange] = []
+        self._knowledge: list[tuple[float, tuple[tuple[str, str], ...]]] = []
+        self._contacts: list[ReplicaChange] = []
+        self._estimates: list[StepEstimate] = []
+        self._goals: list[StepGoal] = []
+        self._commits: list[StepCommit] = []
+
+    def extend(self, step: _Step, told: Introspection | None, drive: Drive | None) -> None:
+        """Add one step. Raises ValueError for values that cannot be."""
+        second, quality = self._seconds[step.number], self._model.quality(told)
+        pose = None if drive is None else drive.pose
+        pose = pose if told is None or told.pose is None else told.pose
+        if pose is not None and quality is not None:
+            self._estimates.append(StepEstimate(step.number, pose, quality))
+        if told is None:
+            return
+        if (doing := told.activity) is not None:
+            self._activities.append(ActivityChange(second, doing.activity, doing.destination, doing.point))
+        if told.goal is not None:
+            self._goals.append(StepGoal(step.number, told.goal))
+        self._contacts += [
+            ReplicaChange(second, one.peer, None if one.heard is None else self._at(one.heard))
+            for one in told.contacts
+        ]
+        self._commits += [self._model.commit(step.number, self._at(one.instant), one) for one in told.commits]
+        if told.knowledge:
+            self._knowledge.append((second, self._model.words(told.knowledge)))
+        if told.sample is not None:
+            twist = (0.0, 0.0) if drive is None else (drive.vx, drive.omega)
+            self._sample(second, told.sample)
+            if pose is not None and quality is not None:
+                self._samples.append((second, pose, quality, twist))
+                sensor = told.sample.sensor
+                self._scans.append(
+                    self._model.scan_points(sensor or (0.0, 0.0, 0.0), None if sensor is None else step.scan)
+                )
+
+    def _sample(self, second: float, sample: PerceptionSample) -> None:
+        if sample.particles is not None:
+            self._particles.append((second, _points(sample.particles)))
+        if sample.plan is not None:
+            self._plans.append((second, _points(sample.plan)))
+        if (window := sample.window) is not None:
+            if window.rows < 1 or len(window.costs) % window.rows or len(window.costs) > _MOST_CELLS:
+                raise ValueError(f"a cost window of {len(window.costs)} cells has {window.rows} rows")
+            costs = np.frombuffer(window.costs, np.uint8).reshape(window.rows, -1)
+            self._windows.append((second, costs, window.corner))
+
+    def _at(self, instant: int) -> float:
+        if abs(instant) > _LATEST:
+            raise ValueError(f"an instant is {instant} µs, as no clock shows")
+        return float(self._model.process.clock(np.array([instant], np.int64))[0])
+
+    def result(self) -> RobotInternals:
+        """Return all rows as columns."""
+        samples = self._samples
+        spreads = np.array([one[2].covariance for one in samples], np.float64).reshape(-1, 9)
+        seconds = np.array([one[0] for one in samples], np.float64)
+        return RobotInternals(
+            process=self._model.process,
+            end=max(self._seconds.values(), default=-np.inf),
+            seconds=seconds,
+            estimates=np.array([one[1] for one in samples], np.float64).reshape(-1, 3),
+            covariances=spreads[:, (0, 1, 4)],
+            twists=np.array([one[3] for one in samples], np.float64).reshape(-1, 2),
+            scans=_sets(seconds, self._scans),
+            particles=_sets([one[0] for one in self._particles], [one[1] for one in self._particles]),
+            plans=_sets([one[0] for one in self._plans], [one[1] for one in self._plans]),
+            windows=CostWindows(
+                np.array([one[0] for one in self._windows], np.float64),
+                tuple(one[1] for one in self._windows),
+                np.array([one[2] for one in self._windows], np.float64).reshape(-1, 3),
+                self._model.cell,
+            ),
+            activities=tuple(self._activities),
+            knowledge=tuple(self._knowledge),
+            contacts=tuple(self._contacts),
+            step_estimates=tuple(self._estimates),
+            goals=tuple(self._goals),
+            commits=tuple(self._commits),
+            is_recorded=self._model.is_recorded,
+        )
+
+
+def _points(data: bytes) -> Singles:
+    """Return points, (k, 2), of little-endian float32. Raises ValueError for other bytes."""
+    if len(data) % 8:
+        raise ValueError(f"{len(data)} bytes are no points of 8 bytes each")
+    return np.frombuffer(data, "<f4").reshape(-1, 2)
+
+
+def _sets(seconds: Any, sets: Sequence[Singles]) -> PointSets:
+    counts = np.array([len(one) for one in sets], np.int64)
+    points = np.concatenate(sets) if sets else np.zeros((0, 2), np.float32)
+    return PointSets(np.asarray(seconds, np.float64), counts, points)
