@@ -23,8 +23,7 @@ from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Ref
 from actors.radio.frame import DataFrame, rssi_dbm, size_fault
 from actors.runtime.errors import AcrcError
 from firmware_bridge.beeclick.air import BoardRadio
-from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
-from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings, Event, UnconfirmedPacket
 
 
 class PseudoTerminal:

@@ -30,7 +30,7 @@ from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome, Referee, Verdict
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
-from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
 _TOGETHER: Final[Duration] = seconds(30)
 """A robot whose last step is so much before the last one of all still takes part at the end: people switch

@@ -40,7 +40,7 @@ from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, own_code
 from deploy.fleet.units import GROUP
 from deploy.scenario.resolve import robot_setup
-from firmware_bridge.onboard.onboard_setup import OPENNI
+from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner, find_library
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, SerialPort
 

@@ -25,8 +25,8 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.resolve import Swarm
 from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile
-from firmware_bridge.beeclick.parameters import power_setting
-from firmware_bridge.onboard.onboard_setup import OPENNI
+from firmware_bridge.beeclick.reception import power_setting
+from firmware_bridge.onboard.device_loop import OPENNI
 
 FOREVER: Final = 2**62
 """µs; a robot's run has no end of its own."""

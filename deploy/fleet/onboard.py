@@ -27,7 +27,7 @@ from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup
 from deploy.run.plan import MODEL, RunPlan, actor_program, client, lay_out_robot, robot_program, write_names
 from firmware_bridge.onboard import last_pose
-from firmware_bridge.onboard.onboard_setup import PATIENCE_S, BaseSetup, BridgeSetup
+from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSetup
 
 BASE: Final = "base"
 BRIDGE: Final = "radio"

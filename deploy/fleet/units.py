@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
-from firmware_bridge.onboard.onboard_setup import OPENNI
+from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
 
 _TERMINALS = Path("/sys/class/tty")

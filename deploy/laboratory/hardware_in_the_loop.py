@@ -38,9 +38,9 @@ from deploy.run.plan import RunPlan, told_radio, told_world
 from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
-from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.device_lines import BASE, RADIO, RANGE
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from firmware_bridge.laboratory.laboratory import LaboratorySetup
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
 """Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""

@@ -16,7 +16,7 @@ from actors.messages import Heard, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
 from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, TransceiverTruth
-from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
+from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings
 
 USUAL_DBM: Final = BoardSettings(0).power_dbm
 """A device that is set to this power sends with that of the radio's preset; others as much above or below."""

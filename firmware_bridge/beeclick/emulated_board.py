@@ -15,7 +15,7 @@ from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
 from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.air import BoardRadio
-from firmware_bridge.beeclick.parameters import radiated
+from firmware_bridge.beeclick.reception import radiated
 from firmware_bridge.beeclick.wire import (
     SEND_PACKET,
     SET_ADDRESS,

@@ -19,8 +19,16 @@ from actors.board_readings import LinkState
 from actors.instant import Duration, Instant
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import size_fault
-from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.reception import Event, LinkCounters, Reader, UnconfirmedPacket, news
+from firmware_bridge.beeclick.reception import (
+    DEFAULTS,
+    BeeClickParameters,
+    BoardSettings,
+    Event,
+    LinkCounters,
+    Reader,
+    UnconfirmedPacket,
+    news,
+)
 from firmware_bridge.beeclick.wire import (
     NUMBER_END,
     Answer,

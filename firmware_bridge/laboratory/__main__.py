@@ -31,12 +31,12 @@ from actors.task import visits
 from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.parameters import FIRST_CHANNEL
+from firmware_bridge.beeclick.reception import FIRST_CHANNEL
 from firmware_bridge.device_lines import DEVICES, Jack, Lines, SimulatedTransceiver
 from firmware_bridge.kobuki.base import EmulatedKobuki
-from firmware_bridge.laboratory.faults import Bench
-from firmware_bridge.laboratory.laboratory import Laboratory
-from firmware_bridge.laboratory.laboratory_setup import (
+from firmware_bridge.laboratory.laboratory import (
+    Bench,
+    Laboratory,
     LaboratoryResult,
     LaboratorySetup,
     LaboratoryTruth,

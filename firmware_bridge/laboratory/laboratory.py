@@ -2,34 +2,111 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
-from actors.instant import START, Instant
+from actors.instant import START, Duration, Instant, in_seconds
 from actors.messages import NO_ECHO_MM, Drive
 from actors.portable import arrays, cos, sin
-from actors.radio.radio_model import radio_model
+from actors.radio.radio_model import RadioSetup, radio_model
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
+from actors.runtime import typed_json
+from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, Referee
 from actors.world.body import Bodies, real_floor
 from actors.world.orders import Orders
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import drifting
-from actors.world.world_setup import Participants
+from actors.world.world_setup import Participants, WorldSetup
 from firmware_bridge.beeclick.air import air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.device_lines import BASE, RADIO, RANGE, Jack, SimulatedTransceiver
-from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, Jack, Lines, SimulatedTransceiver
+from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki, Faults
+from firmware_bridge.range_sensors.rplidar import Health
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters, Sight
+
+
+class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything a laboratory needs to know. Raises AcrcError for what it cannot be."""
+
+    world: WorldSetup
+    """Its step and its duration are not used, as nobody conducts a laboratory, nor what its events want of
+    robots' processes."""
+    radio: RadioSetup
+    """Of the air, as in a simulated run; the boards learn their addresses from their hosts, and the result
+    tells both."""
+    without_board: tuple[str, ...] = ()
+    """Robots with a simulated transceiver in a board's place."""
+
+    def __post_init__(self) -> None:
+        robots = [robot.id for robot in self.world.robots]
+        for robot in robots:
+            if not robot or robot.startswith(".") or "/" in robot or not robot.isprintable() or " " in robot:
+                raise AcrcError(
+                    f"a robot {robot!r}; its name should do as a folder's and as a word of a command"
+                )
+        named = [robot for robot, _ in self.radio.robots]
+        if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
+            raise AcrcError(
+                f"robots {', '.join(robots)} and addresses of {', '.join(named) or 'nobody'}; "
+                "each robot should have one name and one address"
+            )
+
+
+class LaboratoryTruth(msgspec.Struct, frozen=True):
+    """Where a robot truly is in the end."""
+
+    pose: tuple[float, float, float]
+    """x, y in m and heading in rad, map frame."""
+    travelled: float
+    """Length of its way, m."""
+
+
+class LaboratoryResult(msgspec.Struct, frozen=True):
+    """What truly happened."""
+
+    began_us: int
+    """Wall clock at the beginning, µs since the Unix epoch."""
+    simulated_s: float
+    contacts: int
+    places: tuple[PlaceOutcome, ...]
+    """When ground truth first came within reach of each, µs after the beginning; what was said of them stands
+    in the robots' own recordings."""
+    lines: dict[str, int]
+    """Bytes that a robot's process did not read in time, by robot and device."""
+    boards: dict[str, dict[str, int]]
+    """Each board's counters, and the address and the channel (11 to 26) that its host gave it; a simulated
+    transceiver's are its address and channel alone."""
+    behind_ms: dict[str, int]
+    """Sub-steps of the physics by how late they were made, in whole milliseconds."""
+    lost_ms: int
+    """Wall time that was left out because the laboratory was too late to make it up."""
+    robots: dict[str, LaboratoryTruth] = {}
+    bases: dict[str, dict[str, int]] = {}
+    """Frames from each base's driver that were right, and bytes that were skipped."""
+    frames: dict[str, int] = {}
+    """What became of all frames, as the radio of a simulated run tells it."""
+    frames_by_robot: dict[str, dict[str, int]] = {}
+    cpu_s: float = 0.0
+    """Processor time since the beginning, s."""
+
+
+def load(path: Path) -> LaboratorySetup:
+    """The set-up in a JSON file, whose paths are relative to its folder. Raises AcrcError."""
+    setup = typed_json.read(path, LaboratorySetup, "set-up of a laboratory")
+    world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
+    return msgspec.structs.replace(setup, world=world, radio=radio)
+
 
 LIDAR: Final = EmulatedRplidarParameters(turns=5.5, samples=1980, noise=0.0025)
 """360 samples a turn, so that each lies on a whole degree, where a ray has been cast. Noise: own estimate, a
@@ -265,3 +342,153 @@ class Laboratory:
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)
+
+
+_USAGE: Final = {
+    "battery": "VOLTS",
+    "darken": "",
+    "deafen": "",
+    "edge": "",
+    "gps": "SENTENCE",
+    "gyro": "works|frozen|absent",
+    "heal": "",
+    "jam": "",
+    "lift": "",
+    "lower": "",
+    "plug": "base|radio|range",
+    "press": "bumper|left|centre|right|radio",
+    "reboot": "radio",
+    "release": "",
+    "scramble": "base|radio|range SHARE",
+    "sicken": "",
+    "silence": "base|range",
+    "strain": "left|right|none",
+    "unplug": "base|radio|range",
+    "where": "",
+}
+"""The words after verb and robot."""
+_BASE: Final[Mapping[tuple[str, ...], Mapping[str, Any]]] = {
+    ("deafen",): {"deaf": True},
+    ("edge",): {"cliff": 7},
+    ("gyro", "works"): {"gyro": "works"},
+    ("gyro", "frozen"): {"gyro": "frozen"},
+    ("gyro", "absent"): {"gyro": "absent"},
+    ("lift",): {"wheel_drop": 3},
+    ("lower",): {"wheel_drop": 0},
+    ("press", "bumper"): {"bumper": 2},
+    ("press", "left"): {"bumper": 4},
+    ("press", "centre"): {"bumper": 2},
+    ("press", "right"): {"bumper": 1},
+    ("release",): {"bumper": 0},
+    ("silence", "base"): {"silent": True},
+    ("strain", "left"): {"overcurrent": 1},
+    ("strain", "right"): {"overcurrent": 2},
+    ("strain", "none"): {"overcurrent": 0},
+}
+"""Faults of the base by verb and words."""
+_LIDAR: Final[Mapping[tuple[str, ...], Mapping[str, Any]]] = {
+    ("darken",): {"dark": True},
+    ("jam",): {"stuck": True},
+    ("sicken",): {"health": Health(2, 1)},
+    ("silence", "range"): {"silent": True},
+}
+"""Faults of the lidar: no echo, a blocked head, an error code after which it does not scan, silence."""
+_HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
+
+
+class Bench:
+    """Injects and removes faults."""
+
+    def __init__(self, laboratory: Laboratory, lines: Lines) -> None:
+        self._laboratory = laboratory
+        self._lines = lines
+
+    def do(self, line: str) -> str:
+        """Carry out one line (verb, robot, further words) and return the answer, mostly "ok".
+
+        Raises AcrcError for a line that cannot be carried out.
+        """
+        verb, *words = line.split() or [""]
+        if verb not in _USAGE:
+            raise AcrcError(f"there is no {verb!r}; it should be one of {', '.join(_USAGE)}")
+        robots = self._laboratory.robots
+        robot = words[0] if words else ""
+        if robot not in robots:
+            raise AcrcError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
+        for word, choice in zip(words[1:], _USAGE[verb].split(), strict=False):
+            if choice.islower() and word not in choice.split("|"):
+                raise AcrcError(f"there is no {word!r} here; it should be one of {choice}")
+        if len(words) != 1 + len(_USAGE[verb].split()):
+            raise AcrcError(f"{line.strip()!r} should be {f'{verb} ROBOT {_USAGE[verb]}'.rstrip()!r}")
+        return self._do(robots[robot], robot, (verb, *words[1:])) or "ok"
+
+    def _do(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
+        for target, faults in ((hardware.base.faults, _BASE), (hardware.lidar, _LIDAR)):
+            for field, value in faults.get(words, {}).items():
+                setattr(target, field, value)
+        match words:
+            case ("lift",):
+                hardware.body.drive(0.0, 0.0)
+            case ("battery", volts):
+                hardware.base.faults.battery = _number(volts, "a voltage", 25.5)
+            case ("heal",):
+                self._heal(hardware, robot)
+            case ("where",):
+                return self._where(hardware, robot)
+            case ("plug" | "unplug" | "scramble", device, *share):
+                self._change_line(words[0], Jack(robot, device), share)
+            case ("press" | "reboot", "radio") | ("gps", _):
+                self._change_board(hardware, robot, words)
+        return None
+
+    def _change_line(self, verb: str, jack: Jack, share: Sequence[str]) -> None:
+        if verb == "scramble":
+            self._lines.scramble(jack, _number(share[0], "a share", 1.0))
+        elif (verb == "plug") is self._lines.is_plugged(jack):
+            state = (
+                "plugged in already; unplug it first" if verb == "plug" else "not plugged in; plug it first"
+            )
+            raise AcrcError(f"the {jack.device} of {jack.robot} is {state}")
+        elif verb == "plug":
+            self._lines.plug(jack)
+        else:
+            self._lines.unplug(jack)
+
+    def _change_board(self, hardware: EmulatedHardware, robot: str, words: Sequence[str]) -> None:
+        board, now = hardware.radio, self._laboratory.instant
+        if not isinstance(board, EmulatedBoard):
+            raise AcrcError(f"{robot} has no board; its transceiver is a simulated one")
+        if words[0] == "gps":
+            board.gps(now, words[1].encode())
+        elif words[0] == "press":
+            board.press(now)
+        else:
+            board.reboot(now)
+
+    def _heal(self, hardware: EmulatedHardware, robot: str) -> None:
+        """Remove all faults and plug in all cables."""
+        hardware.base.faults = Faults()
+        for field, value in _HEALTHY_LIDAR.items():
+            setattr(hardware.lidar, field, value)
+        for jack in (Jack(robot, device) for device in DEVICES):
+            self._lines.scramble(jack, 0.0)
+            if not self._lines.is_plugged(jack):
+                self._lines.plug(jack)
+
+    def _where(self, hardware: EmulatedHardware, robot: str) -> str:
+        """Ground truth: time, s; distance travelled, m; speed, m/s; 1 if the wheels are told to stand."""
+        time = in_seconds(Duration(self._laboratory.now - START))
+        told_to_stand = int(hardware.body.is_told_to_stand)
+        speed = hardware.body.truth().v
+        return f"{time:.3f} {self._laboratory.travelled(robot):.4f} {speed:.4f} {told_to_stand}"
+
+
+def _number(word: str, what: str, most: float) -> float:
+    """A number from 0 to `most`."""
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= most:
+        raise AcrcError(f"{word!r} is not {what}; it should be a number from 0 to {most:g}")
+    return value

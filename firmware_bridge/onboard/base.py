@@ -28,9 +28,8 @@ from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
-from firmware_bridge.onboard.device_loop import Clock, conduct
+from firmware_bridge.onboard.device_loop import OPENNI, BaseProgram, BaseSetup, Clock, conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
-from firmware_bridge.onboard.onboard_setup import OPENNI, BaseProgram, BaseSetup
 from firmware_bridge.onboard.vehicle import (
     DepthRanger,
     LastWord,

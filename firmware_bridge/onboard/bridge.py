@@ -49,11 +49,9 @@ from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.reception import Event, PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import BoardSettings, Event, PacketEnd, UnconfirmedPacket
 from firmware_bridge.device_lines import TransceiverLink
-from firmware_bridge.onboard.device_loop import Clock, ReconnectingPort, conduct
-from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
+from firmware_bridge.onboard.device_loop import BridgeProgram, BridgeSetup, Clock, ReconnectingPort, conduct
 from firmware_bridge.serial_port import BoardPort
 
 MOST_EVENTS: Final = 256

@@ -15,8 +15,7 @@ from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.reception import Event
+from firmware_bridge.beeclick.reception import DEFAULTS, BeeClickParameters, BoardSettings, Event
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,

@@ -22,8 +22,7 @@ from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.parameters import BoardSettings, power_setting, radiated
-from firmware_bridge.beeclick.reception import PacketEnd, parse_rmc
+from firmware_bridge.beeclick.reception import BoardSettings, PacketEnd, parse_rmc, power_setting, radiated
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,

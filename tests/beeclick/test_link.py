@@ -19,8 +19,7 @@ from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import BeeClickParameters, BoardSettings, Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,

@@ -18,7 +18,7 @@ from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_recording, recorder
 from actors.task.referee import PlaceOutcome
 from deploy.fleet.collect import collect
-from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+from firmware_bridge.laboratory.laboratory import LaboratoryResult
 from tests.field_trial.conftest import Run
 from tests.field_trial.runs import Clock, clock, copies, noise, rewrite, table
 from tests.swarm.command import acrc

@@ -17,7 +17,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
+from firmware_bridge.laboratory.laboratory import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import KOBUKI, SerialPort

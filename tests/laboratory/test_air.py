@@ -30,8 +30,7 @@ from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.reception import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import BoardSettings, Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
 from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
 from tests.laboratory.hosts import ROOT

@@ -33,9 +33,7 @@ from firmware_bridge.kobuki.motion import base_control
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import encode_command, encode_frame
 from firmware_bridge.laboratory.__main__ import main
-from firmware_bridge.laboratory.faults import Bench
-from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from firmware_bridge.laboratory.laboratory import LIDAR, Bench, Laboratory, LaboratorySetup
 from firmware_bridge.range_sensors.rplidar import LidarRequest
 from firmware_bridge.serial_port import PortError
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, LidarHost, Running, setup, until

@@ -26,8 +26,7 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, Disturbance, Jack
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory, LaboratorySetup
 from firmware_bridge.onboard.vehicle import LastWord, Lidar, TurtleBot
 from firmware_bridge.range_sensors.rplidar import FULL_TURN_Q6, Rplidar, Sample
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight

@@ -42,11 +42,10 @@ from actors.runtime.core import Address, Output, at
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
-from firmware_bridge.onboard.device_loop import Clock, ReconnectingPort
-from firmware_bridge.onboard.onboard_setup import BridgeSetup
+from firmware_bridge.onboard.device_loop import BridgeSetup, Clock, ReconnectingPort
 from firmware_bridge.onboard.vehicle import LastWord, TurtleBot
 from firmware_bridge.serial_port import PortError, SerialPort
 from tests.beeclick.lab import boards

@@ -19,8 +19,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from firmware_bridge.laboratory.laboratory import Laboratory
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from firmware_bridge.laboratory.laboratory import Laboratory, LaboratorySetup
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
 SCENARIO = f"""
