@@ -36,7 +36,8 @@ from acrc_testbed.accounting.time_spent import (
 )
 from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.replay.run_recordings import all_recordings, recordings
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import RunData, RunDataError
+from acrc_testbed.run_model.floor import NO_CHANGES
 from acrc_testbed.run_model.simulated import read_run
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision
@@ -153,13 +154,18 @@ class Judged(NamedTuple):
 def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
     """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged.
 
+    RunDataError if its floor was changed, and the world did not record how.
+
     Of a robot whose recordings are on a host still, by what can be seen from outside.
     """
     files = recordings(run.out)
     said = {
         robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
     }
-    floor = TrueFloor(run.grid, run.description.radius, run.orders, parameters)
+    if not run.records_floor:
+        raise RunDataError(f"{run.out}: {NO_CHANGES}, without which causes cannot be told")
+    changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
+    floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
     return Judged(floor, said, classify(run, said, floor, parameters))
 
 

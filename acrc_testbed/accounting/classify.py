@@ -112,7 +112,7 @@ def classify(
     parameters: EpisodeParameters = STANDARD,
 ) -> Classified:
     """What every robot's time went into."""
-    states = RobotStates(run, said, floor.stages(run.true), parameters)
+    states = RobotStates(run, said, floor.stages(), parameters)
     own = _own(states, in_wall(run, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
     before = robot_states.ahead(states, stuck, floor.passages, parameters)

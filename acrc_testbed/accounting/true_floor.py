@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.accounting.episodes import STANDARD, EpisodeParameters
-from acrc_testbed.replay.run_recordings import GivenOrder
-from acrc_testbed.run_model.floor import FLOOR_ORDERS, FloorObject, FloorOrders
+from acrc_testbed.run_model.floor import FloorObject, FloorState
 from actors.floor import raster
+from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
@@ -208,10 +208,6 @@ def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArr
     return necks
 
 
-_HALF_WALL: Final = 0.05
-"""Half of how thick a wall is that was ordered, m, as in `actors.world.body`."""
-
-
 @dataclass(frozen=True, eq=False)
 class Stage:
     """The floor from one step on until the next stage."""
@@ -232,36 +228,53 @@ class TrueFloor:
         self,
         grid: OccupancyGrid,
         radius: float,
-        orders: Sequence[GivenOrder] = (),
+        changes: Sequence[tuple[int, FloorState]] = (),
         parameters: EpisodeParameters = STANDARD,
     ) -> None:
-        """`grid`: the robots' map; `radius`: of the largest robot, m; `orders`: in their order."""
+        """`grid`: the robots' map; `radius`: of the largest robot, m.
+
+        `changes`: steps from which on these objects were on the floor.
+        """
         self.grid = grid
         self.passages = Passages(grid, radius, parameters.neck)
         self._radius, self._reach = radius, parameters.reported
-        self._orders = [one for one in orders if isinstance(one.order, FLOOR_ORDERS)]
+        self._changes = changes
 
-    def stages(self, true: NDArray[np.float64]) -> list[Stage]:
-        """From the first step on; `true`: (steps, robots, 2 or more), where robots were, m.
-
-        A door closes once no robot stands in it.
-        """
-        floor = FloorOrders(self.grid, self._radius)
-        found = [self._stage(0, floor, ())]
-        for begin, things in floor.changes(self._orders, true):
-            found.append(self._stage(begin, floor, things))
+    def stages(self) -> list[Stage]:
+        """From the first step on."""
+        found: list[Stage] = [self._stage(0, ())]
+        before: FloorState = ()
+        for begin, state in self._changes:
+            solid = tuple(one for one in state if one.kind != "jammer")
+            if solid != before:
+                before = solid
+                found.append(self._stage(begin, solid))
         return found
 
-    def _stage(self, begin: int, floor: FloorOrders, things: tuple[FloorObject, ...]) -> Stage:
+    def _stage(self, begin: int, things: FloorState) -> Stage:
         taken, leaves = np.zeros((2, *self.grid.cells.shape), np.bool_)
         for thing in things:
             if thing.kind == "closed door":
-                leaves |= floor.leaf(thing)
+                leaves |= self._leaf(thing)
             else:
-                taken |= self._from(thing) <= (thing.radius or _HALF_WALL)
+                taken |= self._from(thing) <= thing.radius
         opened = self._ways(taken)
         ways = self._ways(taken | leaves) if leaves.any() else opened
-        return Stage(begin, ways, opened, floor.middles(leaves))
+        rows, columns = np.nonzero(leaves)
+        x, y = self.grid.centres()
+        return Stage(begin, ways, opened, np.column_stack([x[columns], y[rows]]))
+
+    def _leaf(self, door: FloorObject) -> NDArray[np.bool_]:
+        """(rows, columns): the cells of the map that a closed door fills; none if it is on no door of it."""
+        (x, y), (to_x, to_y) = door.points
+        try:
+            return self._doorways.closed(self._doorways.at(Point((x + to_x) / 2, (y + to_y) / 2)))
+        except DoorError:
+            return np.zeros(self.grid.cells.shape, np.bool_)
+
+    @cached_property
+    def _doorways(self) -> Doorways:
+        return Doorways(self.grid, self._radius)
 
     def _ways(self, taken: NDArray[np.bool_]) -> FloorWays:
         key = taken.tobytes()

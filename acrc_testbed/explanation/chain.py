@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
-from acrc_testbed.run_model.recorded import messages_on
-from acrc_testbed.trace.frame_fates import Fates, fate_name, read_fates
+from acrc_testbed.run_model.frames import Copies, copies_of, outcome_name
+from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from acrc_testbed.trace.knowledge import AGAIN, GIVES_UP
 from acrc_testbed.trace.rows import Arrival, GoalChange, KnowledgeChange, Order, ReplicaRead, Trace, seconds
 from actors.instant import Instant, in_seconds
@@ -87,17 +87,17 @@ class Air:
         """Frames of these robots that ended behind `since` and before `until` and that were lost here."""
         if not self.simulated:
             return ()
-        fates, names = self._fates, tuple(self._robots.values())
+        copies, names = self._copies, tuple(self._robots.values())
         receiver = names.index(self.robot_here)
-        ended = np.round(fates.seconds * 1e6).astype(np.int64)
+        ended = np.round(copies.seconds * 1e6).astype(np.int64)
         of = [names.index(one) for one in senders if one in names]
-        wanted = (fates.receivers == receiver) & (ended > since) & (ended < until)
-        wanted &= np.isin(fates.senders, of) & (fates.outcomes != Outcome.HEARD)
+        wanted = (copies.receivers == receiver) & (ended > since) & (ended < until)
+        wanted &= np.isin(copies.senders, of) & (copies.outcomes != Outcome.HEARD)
         return tuple(
             FrameLoss(
                 Instant(int(ended[row])),
-                names[int(fates.senders[row])],
-                fate_name(Outcome(int(fates.outcomes[row]))),
+                names[int(copies.senders[row])],
+                outcome_name(Outcome(int(copies.outcomes[row]))),
             )
             for row in np.flatnonzero(wanted)
         )
@@ -119,8 +119,9 @@ class Air:
         return {address: robot for robot, address in setup.robots}
 
     @cached_property
-    def _fates(self) -> Fates:
-        return read_fates(self.out, tuple(self._robots.values()))
+    def _copies(self) -> Copies:
+        robots, messages = frame_outcomes(self.out)
+        return copies_of(messages, range(len(robots)))
 
     @cached_property
     def _heard(self) -> list[Heard]:

@@ -7,9 +7,9 @@ from typing import Any, Final
 from acrc_testbed.replay.run_recordings import all_recordings, run_of, setup_of
 from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.frames import FrameRow, frame_rows
+from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from acrc_testbed.run_model.simulated import read_run
-from acrc_testbed.trace.frame_fates import FrameFate, frame_fates
 from acrc_testbed.trace.rows import KnowledgeChange, Trace
 from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
 from actors.instant import in_seconds
@@ -105,8 +105,8 @@ def tables(
     """
     run, files = read_run(out), all_recordings(out)
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
-    on_actor("radio")
-    found["frames"] = [row for number, one in enumerate(frame_fates(out)) for row in _frame(number, one)]
+    frames = frame_rows(*frame_outcomes(out))
+    found["frames"] = [row for number, one in enumerate(frames) for row in _frame(number, one)]
     found |= {name: [] for name in TRACED}
     told = setup_of(files["radio"], RadioSetup, "a radio")
     addresses = {number: name for name, number in told.robots}
@@ -148,12 +148,12 @@ def _poses(radio: Path) -> Iterator[Row]:
                 yield (truth.step, truth.instant / 1e6, one.id, *where, one.stepping, one.powered)
 
 
-def _frame(number: int, one: FrameFate) -> Iterator[Row]:
-    head = (number, one.robot, one.tag, one.handed / 1e6, one.ended / 1e6, one.size, one.fate)
+def _frame(number: int, one: FrameRow) -> Iterator[Row]:
+    head = (number, one.robot, one.tag, one.handed / 1e6, one.ended / 1e6, one.size, one.end)
     if not one.copies:
         yield (*head, None, None, None)
     for copy in one.copies:
-        yield (*head, copy.robot, copy.fate, copy.strength_dbm)
+        yield (*head, copy.robot, copy.outcome, copy.strength_dbm)
 
 
 def _places(run: RunData) -> Iterator[Row]:

@@ -171,7 +171,7 @@ def draw(axes: Axes, put: Sequence[FloorInterval]) -> list[PointLabel]:
 def artist(axes: Axes, thing: FloorObject) -> Line2D | Patch:
     """One thing, drawn on the floor."""
     colour = colour_of(MARKS[thing.kind])
-    if thing.radius:
+    if thing.is_round:
         dashed = MARKS[thing.kind].shape == "dashed ring"
         look = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
         circle = Circle(thing.points[0], thing.radius, color=colour, zorder=_ZORDER, **look)

@@ -212,8 +212,6 @@ _PLACE_RADIUS: Final = 0.15
 _FLAT: Final = 0.02
 _HIGH: Final = 0.4
 """Of a robot, a wall, a thing, m."""
-_WALL: Final = 0.1
-"""How thick a wall is that was ordered, m, as in `actors.world.body`."""
 _LINK: Final = 0.02
 _LETTERS: Final = 0.3
 _PERIOD_S: Final = 1.0
@@ -294,8 +292,8 @@ def _thing(number: int, thing: FloorObject) -> Marker:
     mark = MARKS[thing.kind]
     jams = mark.shape == "dashed ring"
     name, colour = f"{thing.kind} {number}", mark.colour or glyphs.GREY
-    marker = lines(name, thing.points, _WALL, colour)
-    if thing.radius:
+    marker = lines(name, thing.points, 2 * thing.radius, colour)
+    if thing.is_round:
         marker = disc(name, thing.points[0], thing.radius, _FLAT if jams else _HIGH, colour)
     return marker._replace(opacity=0.3 if jams else 1.0)
 

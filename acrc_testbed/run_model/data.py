@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
+from acrc_testbed.run_model.frames import NO_COPIES, Copies
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import Instant, in_seconds
@@ -116,6 +117,8 @@ class RunDescription:
     """Of the largest robot, m."""
     has_truth: bool = True
     """False: nobody recorded where the robots were; poses are estimates."""
+    records_frames: bool = False
+    """The radio recorded what became of frames."""
     seed: int | None = None
 
 
@@ -161,6 +164,10 @@ class RunData:
     """Orders of the scenario and of people, by step; refused ones are among them."""
     floor: tuple[tuple[float, FloorState], ...] = ()
     """Changes of the floor: from when on, s, these objects were on it beside the map."""
+    records_floor: bool = True
+    """False: the floor was changed by orders, and the recording does not show how."""
+    copies: Copies = NO_COPIES
+    """Of frames that ended, where the radio recorded them."""
     processes: tuple[RecordedProcess, ...] = ()
     """Of the robots, as far as their recordings have begun."""
     internals: tuple[RobotInternals, ...] = ()

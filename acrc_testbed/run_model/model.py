@@ -17,12 +17,24 @@ from acrc_testbed.run_model.data import (
     step_columns,
     step_start,
 )
-from acrc_testbed.run_model.floor import FloorHistory
+from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
+from acrc_testbed.run_model.frames import Copies, copies_of
 from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.places import PlaceReports
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, fault
-from actors.messages import Aired, Control, Drive, Heard, Ready, Received, Senses, Truth
+from actors.messages import (
+    Aired,
+    Control,
+    Drive,
+    FloorChanged,
+    FrameOutcomes,
+    Heard,
+    Ready,
+    Received,
+    Senses,
+    Truth,
+)
 from actors.topic import Message
 
 T = TypeVar("T", bound=Any)
@@ -62,7 +74,8 @@ class RunModel:
         self._index = {robot: number for number, robot in enumerate(description.robots)}
         self._reports = PlaceReports(description.own_places)
         self._left = np.array([self._reports.left(robot) for robot in description.robots], np.int64)
-        self._floor = FloorHistory(description.grid, description.radius, description.step_us)
+        self._floor = FloorHistory(description.step_us)
+        self._frames: list[FrameOutcomes] = []
         self._truths: list[Truth] = []
         self._drives: list[tuple[str, Drive]] = []
         self._poses: dict[str, list[tuple[float, ...]]] = {}
@@ -107,11 +120,19 @@ class RunModel:
                 self._given[robot] = (*self._given.get(robot, ()), *message.places)
             case Ready() if robot in self._index:  # a new process is given all places once more
                 self._given[robot] = ()
+            case FloorChanged() | FrameOutcomes():
+                self._extend_recorded(message)
             case Aired():
                 self._boundary = message.step + 1
             case Control():
                 valid = (order for order in message.orders if fault(order, OrderLimits()) is None)
                 self._orders += [GivenOrder(self._boundary, order) for order in valid]
+
+    def _extend_recorded(self, message: FloorChanged | FrameOutcomes) -> None:
+        if isinstance(message, FloorChanged):
+            self._floor.extend(message)
+        else:
+            self._frames.append(message)
 
     def set_state(self, robot: str, second: float, state: str) -> None:
         """Note a robot's state from an instant on, if it is another one: a value of `Trajectory.states`."""
@@ -143,6 +164,11 @@ class RunModel:
         true, estimated = columns["true"], columns["estimated"]
         jams = tuple((in_seconds(one.instant), jam) for one in truths for jam in one.jams)
         orders = self._ordered()
+        records_floor = self._floor.is_recorded or not any(
+            isinstance(one.order, FLOOR_ORDERS) for one in orders
+        )
+        if not records_floor:
+            self.note(NO_CHANGES)
         return self._data(
             end,
             seconds,
@@ -154,9 +180,18 @@ class RunModel:
             heard=self._links(None if last else self.step),
             jams=jams,
             orders=orders,
-            floor=tuple(self._floor.extend(orders, jams, seconds, true, end)),
+            floor=tuple(self._floor.advance(self.step, jams, end)),
+            records_floor=records_floor,
+            copies=self._copies(last=last),
             processes=tuple(processes),
         )
+
+    def _copies(self, *, last: bool) -> Copies:
+        """Take out what became of copies of frames up to the current step."""
+        now = [one for one in self._frames if last or one.step <= self.step]
+        self._frames = self._frames[len(now) :]
+        transceivers = [self._index.get(robot, -1) for robot in self.description.addresses.values()]
+        return copies_of(now, transceivers)
 
     def observed(self, end: float, processes: Sequence[RecordedProcess] = ()) -> RunData:
         """Take out what robots reported up to `end`, s, where there is no ground truth."""

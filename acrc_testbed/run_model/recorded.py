@@ -10,6 +10,8 @@ from acrc_testbed.replay.run_recordings import recordings, setup_of
 from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RunData, RunDataError
+from actors.messages import FRAME_OUTCOMES, FrameOutcomes
+from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.decisions import AdaptationReport
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
@@ -22,6 +24,7 @@ from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
 
 T = TypeVar("T")
+NO_FRAMES: Final = "the radio did not record what became of frames; with --record full it does"
 _MOST_BYTES: Final = 64 * 1024 * 1024
 """Of a result; one of 1000 robots has less than 1 MB."""
 
@@ -41,6 +44,18 @@ def messages_on(path: Path, topic: Topic[M], direction: Direction = "in") -> Ite
             message = decode(cast(Topic[Message], topic), item.key, item.payload)
             assert isinstance(message, topic.kind)
             yield item.key[len(prefix) : len(item.key) - len(suffix)] if hole else "", message
+
+
+def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
+    """Return the robots by the radio's numbers, and what became of frames.
+
+    Raises RecordingError for damaged recordings, RunDataError where the radio did not record it.
+    """
+    path = recordings(out)["radio"]
+    setup = setup_of(path, RadioSetup, "a radio")
+    if setup.detail != "full":
+        raise RunDataError(f"{out}: {NO_FRAMES}")
+    return [robot for robot, _ in setup.robots], [one for _, one in messages_on(path, FRAME_OUTCOMES, "out")]
 
 
 def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:

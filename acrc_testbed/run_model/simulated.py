@@ -14,7 +14,19 @@ from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recorded import largest_radius, place_outcomes, run_result, world_setup
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
-from actors.messages import AIRED, CONTROL, DRIVE, INTROSPECTION, READY, RECEIVED, SENSES, TRUTH, Drive
+from actors.messages import (
+    AIRED,
+    CONTROL,
+    DRIVE,
+    FLOOR_CHANGED,
+    FRAME_OUTCOMES,
+    INTROSPECTION,
+    READY,
+    RECEIVED,
+    SENSES,
+    TRUTH,
+    Drive,
+)
 from actors.radio.radio_model import RadioSetup
 
 _PATIENCE_S: Final = 1.0
@@ -24,8 +36,9 @@ _TOPICS: Final[dict[str, frozenset[str]]] = {
     "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
 }
 _OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
-"""The received messages that are folded, by the actor whose recording they are taken from."""
+"""The messages that are folded, by the actor whose recording they are taken from."""
 _BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
+_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
 
 
 class RunReader:
@@ -52,6 +65,7 @@ class RunReader:
             own_places={body.id: body.places for body in setup.robots},
             addresses={address: robot for robot, address in radio.robots},
             radius=largest_radius(setup),
+            records_frames=radio.detail == "full",
             seed=setup.seed,
         )
         scheduled = [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events]
@@ -138,7 +152,7 @@ class RunReader:
         """Fold the messages of a recording; each kind is taken from the one process that keeps it in full."""
         path, is_robot = growing.reading.path, robot in self.robots
         received = _TOPICS.get(actor, _OF_ROBOTS if is_robot else frozenset())
-        sent = _BY_ROBOTS if is_robot else frozenset()
+        sent = _BY_ROBOTS if is_robot else _BY_OTHERS
         for one in growing.poll():
             if actor == "world" and one.key == TRUTH.pattern:
                 self._closed = max(self._closed, one.step - 1)

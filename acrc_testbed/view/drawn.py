@@ -15,8 +15,8 @@ from acrc_testbed.explanation.explain import Explainer, ExplanationError
 from acrc_testbed.results.seal import elsewhere, where
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.introspection import RecordedProcess
+from acrc_testbed.run_model.recorded import NO_FRAMES
 from acrc_testbed.run_model.simulated import read_run
-from acrc_testbed.trace.frame_fates import read_fates
 from acrc_testbed.trace.traces import traces
 from acrc_testbed.view.painting import Painting, arrangement, looked_into
 from actors.observer.drawing.canvas import Canvas
@@ -25,7 +25,6 @@ from actors.observer.drawing.words import DrawnEvent, Occupation
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
-from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose, warn
 
 FILE_NAME: Final = "view.rrd"
@@ -117,10 +116,10 @@ def compute(run: RunData, painting: Painting, sheet: Sheet, *, permit: Permit, i
     faults = []
     compile_kernels()
     if run.description.has_truth:
-        try:
-            painting.fates(read_fates(run.out, run.robots), run.end)
-        except AcrcError as error:
-            faults.append(f"the radio could not be replayed: {error}")
+        if run.description.records_frames:
+            painting.copies(run.copies, run.end)
+        else:
+            faults.append(NO_FRAMES)
         sheet.flush()
     if left := elsewhere(run.out):
         return [*faults, where(run.out, left)]

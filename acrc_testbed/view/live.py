@@ -16,9 +16,9 @@ from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
 from acrc_testbed.run_model.introspection import RecordedProcess
+from acrc_testbed.run_model.recorded import NO_FRAMES
 from acrc_testbed.run_model.simulated import RunReader
 from acrc_testbed.trace.following import Followed
-from acrc_testbed.trace.frame_fates import GrowingFates
 from acrc_testbed.trace.perception import PERIOD
 from acrc_testbed.trace.traces import Traced
 from acrc_testbed.view.drawn import Say
@@ -30,7 +30,6 @@ from actors.observer.drawing.words import DrawnEvent, Occupation
 from actors.observer.viewer import OpenViewer
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
-from actors.runtime.errors import AcrcError
 from actors.runtime.recording import read_notes
 
 
@@ -76,8 +75,6 @@ class Seen:
         return begin, near and second - begin >= STANDARD.pause_s
 
 
-_BUDGET_S: Final = 0.1
-"""So long the radio is replayed before robots are drawn anew, s."""
 _LATE_S: Final = 10.0
 """What is computed may lie so far behind what is recorded, s; then the events say so."""
 _STANDING_S: Final = 5.0
@@ -112,10 +109,6 @@ class Following:
         self._followed = Followed(out, permit=permit, isolate=isolate)
         self._painting: Painting | None = None
         self._sheet: Sheet | None = None
-        self._fates: GrowingFates | None = None
-        self._fates_s = 0.0
-        self._deaf = False
-        """The radio cannot be replayed."""
         self._sources: dict[str, RecordedProcess] = {}
         """By actor, of the robots that are looked into."""
         self._waiting: list[Traced] = []
@@ -159,8 +152,8 @@ class Following:
         """
         piece = self.run.poll(last=last)
         if piece is not None:
-            self._recorded(piece)
-        drawn = [piece is not None, self._radio(last=last), self._perceived()]
+            self._recorded(piece, last=last)
+        drawn = [piece is not None, self._perceived()]
         if any(drawn):
             self._ensembles()
         self._tell_late()
@@ -180,10 +173,14 @@ class Following:
         """What is not drawn of what has been recorded by now."""
         return Lack(self.run.unread(), tuple(self._behind()))
 
-    def _recorded(self, piece: RunData) -> None:
+    def _recorded(self, piece: RunData, *, last: bool) -> None:
         assert self._painting is not None
         self.end = piece.end
         self._painting.recorded(piece)
+        if piece.description.records_frames:
+            self._painting.copies(piece.copies, piece.end, last=last)
+        elif not piece.since:
+            self._say(0.0, "", NO_FRAMES)
         for source in piece.processes:
             if source.robot not in self._detailed:
                 self._outside.setdefault(source.robot, Seen(source.robot))
@@ -193,26 +190,6 @@ class Following:
                 self._waiting += self._followed.follow([source.actor])
         for robot, seen in self._outside.items():
             self._painting.outside(robot, list(seen.of(piece.trajectories[robot], piece.routes)), piece.end)
-
-    def _radio(self, *, last: bool) -> bool:
-        """What became of frames; True if there is anything new."""
-        assert self._painting is not None
-        if self._deaf or self.run.model.step < 0:
-            return False
-        if self._fates is None:
-            self._fates = self._stack.enter_context(GrowingFates(self.run.description.out, self.run.robots))
-        try:
-            fates, until, whole = self._fates.poll(_BUDGET_S)
-        except AcrcError as error:
-            self._say(0.0, "", f"the radio could not be replayed: {error}")
-            self._deaf = True
-            return False
-        until = min(until, self.end)
-        if until <= self._fates_s and not len(fates.seconds) and not last:
-            return False
-        self._painting.fates(fates, until, last=last and whole)
-        new, self._fates_s = until > self._fates_s, max(self._fates_s, until)
-        return new
 
     def _perceived(self) -> bool:
         """What robots perceived and meant; True if there is anything new."""
@@ -241,8 +218,6 @@ class Following:
     def _behind(self) -> Iterator[tuple[str, float]]:
         """What is computed and not drawn to its end: what, in words, and until when it is, s."""
         step_s = in_seconds(self.run.description.step_us)
-        if self._fates is not None and not self._deaf and self._fates_s < self.end - 2 * step_s:
-            yield "what became of frames", self._fates_s
         for actor in self._followed.going:
             until = self._inside_s.get(actor, 0.0)
             if until + in_seconds(PERIOD) + step_s < min(self.end, self.run.recorded_s(actor)):

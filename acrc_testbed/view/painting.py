@@ -9,9 +9,9 @@ import numpy as np
 from acrc_testbed.explanation.explain import Explanation
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
+from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess
 from acrc_testbed.run_model.places import PlaceTable
-from acrc_testbed.trace.frame_fates import LOSSES, Fates, fate_name
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.view.plots import DrawnParts, Happenings, PaintedInside, Plots, RobotLane, Way, name
 from actors.installation.usage import wrong_value
@@ -48,7 +48,7 @@ class Painting:
         """What was heard lately."""
         self._lost: list[tuple[float, int, str]] = []
         """Copies that were lost lately."""
-        self._fates_since = 0.0
+        self._copies_since = 0.0
         self._exchanges: list[LearntExchange] = []
         places.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
         places.draw_marks(canvas)
@@ -78,20 +78,22 @@ class Painting:
         words.draw_events(canvas, "recorded", list(self._happenings.of(run)))
         self._adoptions(run)
 
-    def fates(self, fates: Fates, until: float, *, last: bool = True) -> None:
+    def copies(self, copies: Copies, until: float, *, last: bool = True) -> None:
         """What became of frames: rings where copies are lost, and how many there were of each fate.
 
         Up to an instant, s; `last`: nothing will follow.
         """
         canvas = self._canvas
-        rows = zip(fates.seconds.tolist(), fates.receivers.tolist(), fates.outcomes.tolist(), strict=True)
-        self._lost += [(s, who, fate_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES]
+        rows = zip(copies.seconds.tolist(), copies.receivers.tolist(), copies.outcomes.tolist(), strict=True)
+        self._lost += [
+            (s, who, outcome_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES
+        ]
         shown = robots.shown_s(canvas)
-        seconds = _every(robots.period(canvas), max(0.0, self._fates_since - shown), until)
-        robots.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._fates_since)
-        self._fates_since = until
+        seconds = _every(robots.period(canvas), max(0.0, self._copies_since - shown), until)
+        robots.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._copies_since)
+        self._copies_since = until
         self._lost = [one for one in self._lost if one[0] > until - shown - robots.period(canvas)]
-        self._plots.copies(fates, until, last=last)
+        self._plots.copies(copies, until, last=last)
 
     def inside(self, source: RecordedProcess, inside: Trace, end: float | None = None) -> None:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""

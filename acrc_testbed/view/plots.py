@@ -7,9 +7,9 @@ import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
 from acrc_testbed.run_model.introspection import Clock, Floats, RecordedProcess
 from acrc_testbed.run_model.places import first_reports
-from acrc_testbed.trace.frame_fates import LOSSES, Fates, by_outcome, fate_name
 from acrc_testbed.trace.rows import Doing, Trace
 from actors.observer.drawing import places, words
 from actors.observer.drawing.canvas import FEW, Canvas
@@ -111,7 +111,7 @@ class Plots:
         self._last: dict[str, tuple[float, float, float]] = {}
         """By robot the last point of its plots: s, and where it was, m."""
         self._pairs: set[int] = set()
-        self._copies: list[Fates] = []
+        self._copies: list[Copies] = []
         self._bins = 0
         """Of copies, that have been drawn."""
         self._counted: set[Outcome] = set()
@@ -177,14 +177,14 @@ class Plots:
                 )
             words.draw_line(canvas, path, mine[:, 0], mine[:, 3])
 
-    def copies(self, fates: Fates, until: float, *, last: bool) -> None:
+    def copies(self, copies: Copies, until: float, *, last: bool) -> None:
         """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
-        self._copies.append(fates)
+        self._copies.append(copies)
         begin = self._bins * _BIN_S
         bins = max(0, int(np.ceil((until - begin) / _BIN_S) if last else (until - begin) // _BIN_S))
         if not bins:
             return
-        waiting = _together(self._copies)
+        waiting = together(self._copies)
         now = waiting.seconds < (np.inf if last else begin + bins * _BIN_S)
         self._copies = [waiting.part(~now)]
         table = by_outcome(waiting.part(now), begin, bins, _BIN_S)
@@ -195,7 +195,7 @@ class Plots:
         self._bins += bins
 
     def _count(self, outcome: Outcome, middles: Floats, counts: Floats) -> None:
-        name = fate_name(outcome)
+        name = outcome_name(outcome)
         path = f"plots/copies/{name.replace(' ', '_')}"
         if outcome not in self._counted:
             self._counted.add(outcome)
@@ -209,15 +209,6 @@ def _spread(counts: Floats) -> dict[str, Floats]:
     """Of many robots: (n, robots) places done, and (n,) each."""
     low, high = np.percentile(counts, [10, 90], axis=1)
     return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
-
-
-def _together(parts: Sequence[Fates]) -> Fates:
-    return Fates(
-        np.concatenate([one.seconds for one in parts]),
-        np.concatenate([one.senders for one in parts]),
-        np.concatenate([one.receivers for one in parts]),
-        np.concatenate([one.outcomes for one in parts]),
-    )
 
 
 _FIRST: Final = 64

@@ -93,16 +93,6 @@ class RadioCore:
         self._hosts = {robot: Host(model.parameters.host_buffer, self._outcomes) for robot in self._ids}
 
     @property
-    def robots(self) -> tuple[str, ...]:
-        """Whose transceiver has which number."""
-        return tuple(self._ids)
-
-    @property
-    def robot_medium(self) -> RobotMedium:
-        """The transceivers, for who looks on."""
-        return self._medium
-
-    @property
     def step(self) -> int:
         """The step that the radio is in."""
         return self._step

@@ -249,10 +249,6 @@ class RobotMedium:
         self._note(self.medium.run(until * 1000), notices)
         return notices
 
-    def handed(self, transceiver: int, serial: int) -> Handed:
-        """A frame of which the medium has not said yet what became of it; `serial` is its tag there."""
-        return self._frames[transceiver][serial]
-
     def take_outcomes(self) -> tuple[FrameOutcome, ...]:
         """Return the outcome of each frame that has ended since the last call, in order of time."""
         ended, self._ended = self._ended, []

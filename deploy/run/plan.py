@@ -220,7 +220,7 @@ def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSet
 
 def told_radio(plan: RunPlan) -> RadioSetup:
     """The air, its map as it is called in a folder of the run."""
-    return msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
+    return msgspec.structs.replace(plan.radio, map=_MAP if plan.radio.map else "", detail="full")
 
 
 def radio_program(plan: RunPlan) -> Program:

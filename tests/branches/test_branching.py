@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-from acrc_testbed.trace.frame_fates import frame_fates
+from acrc_testbed.run_model.frames import frame_rows
+from acrc_testbed.run_model.recorded import frame_outcomes
 from acrc_testbed.trace.program import whole
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
@@ -176,9 +177,9 @@ class ReceivedFrame(NamedTuple):
 def received(origin: Path, count: int, rng: random.Random, step_us: int) -> list[ReceivedFrame]:
     """Random frames of the run, each the first of its sender that its receiver received in that step."""
     found: dict[tuple[int, str, str], ReceivedFrame] = {}
-    for frame in frame_fates(origin):
+    for frame in frame_rows(*frame_outcomes(origin)):
         for copy in frame.copies:
-            if copy.fate == "heard":
+            if copy.outcome == "heard":
                 key = (frame.ended // step_us, frame.robot, copy.robot)
                 found.setdefault(key, ReceivedFrame(*key, frame.ended))
     last = max(found)[0]

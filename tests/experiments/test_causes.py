@@ -19,12 +19,11 @@ from acrc_testbed.accounting.episodes import STANDARD, Said
 from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.command_line.app import app
-from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.floor import FloorObject, FloorState
 from acrc_testbed.run_model.simulated import read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
-from actors.orders import CloseDoor
 from actors.randomness import generator
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GivenGoal
@@ -144,14 +143,14 @@ IDLE = Said()
 SLEEPS = Said(goals=())
 
 
-def floor(*orders: GivenOrder) -> TrueFloor:
+def floor(*changes: tuple[int, FloorState]) -> TrueFloor:
     """10 m by 6 m; a wall at x = 5 with a door of 0.8 m around y = 3."""
     cells = np.full((120, 200), FREE, np.uint8)
     cells[[0, -1]] = OCCUPIED
     cells[:, [0, -1]] = OCCUPIED
     cells[:52, 100:102] = OCCUPIED
     cells[68:, 100:102] = OCCUPIED
-    return TrueFloor(OccupancyGrid(cells, 0.05), 0.177, orders)
+    return TrueFloor(OccupancyGrid(cells, 0.05), 0.177, changes)
 
 
 def at(x: float, y: float) -> NDArray[np.float64]:
@@ -173,15 +172,15 @@ def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) 
     )  # fmt: skip
 
 
-def classified(of: RunData, *said: Said, orders: Sequence[GivenOrder] = ()) -> Classified:
+def classified(of: RunData, *said: Said, changes: Sequence[tuple[int, FloorState]] = ()) -> Classified:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
         of.places_left[:, robot] *= one is not IDLE
-    return classify(of, dict(zip(of.robots, said, strict=True)), floor(*orders))
+    return classify(of, dict(zip(of.robots, said, strict=True)), floor(*changes))
 
 
-def causes(of: RunData, *said: Said, orders: Sequence[GivenOrder] = ()) -> list[set[Cause]]:
-    found = classified(of, *said, orders=orders).causes
+def causes(of: RunData, *said: Said, changes: Sequence[tuple[int, FloorState]] = ()) -> list[set[Cause]]:
+    found = classified(of, *said, changes=changes).causes
     return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
 
 
@@ -209,10 +208,14 @@ def test_a_queue_before_one_that_gets_on_waits_at_the_door() -> None:
     assert CAUSES[found.causes[0, 1]] is Cause.DOOR and CAUSES[found.causes[0, 0]] is Cause.DRIVING
 
 
-def test_a_door_closes_once_nobody_stands_in_it() -> None:
-    leaves = driving(5.0, 3.0)
-    stages = floor(GivenOrder(10, CloseDoor(5.0, 3.0))).stages(np.stack([leaves, at(2.0, 1.0)], axis=1))
-    assert [one.begin for one in stages if len(one.leaves)] == pytest.approx([30], abs=5)
+def test_stages_follow_the_recorded_floor_and_jammers_make_none() -> None:
+    shut = FloorObject("closed door", ((5.05, 2.6), (5.05, 3.4)), 0.05)
+    jammer = FloorObject("jammer", ((1.0, 1.0),), 2.0)
+    stages = floor((5, (jammer,)), (30, (jammer, shut)), (40, (shut,)), (50, ())).stages()
+    assert [(one.begin, len(one.leaves) > 0) for one in stages] == [(0, False), (30, True), (50, False)]
+    here, there = np.array([[2.0, 3.0]]), (8.0, 3.0)
+    assert [bool(np.isfinite(one.ways.far(here, there))[0]) for one in stages] == [True, False, True]
+    assert all(np.isfinite(one.opened.far(here, there)[0]) for one in stages)
 
 
 def test_what_comes_first_decides() -> None:

@@ -30,13 +30,12 @@ from acrc_testbed.run_model import recorded as recorded_contents
 from acrc_testbed.run_model import simulated
 from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError
 from acrc_testbed.run_model.events import ordered_changes
-from acrc_testbed.run_model.floor import FloorHistory, FloorObject, FloorOrders, floor_intervals
+from acrc_testbed.run_model.floor import FloorObject, floor_intervals
 from acrc_testbed.run_model.simulated import RunReader, read_run
-from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
 from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph
-from actors.orders import CloseDoor, Obstacle, OpenDoor, StartJam, Wall
+from actors.orders import Obstacle, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.topic import Message
 from actors.world.world_setup import TimedOrder, WorldSetup
@@ -164,9 +163,11 @@ def ordered_run(recorded: RunData) -> RunData:
     """The same with a wall, which people alone can order."""
     wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
     orders = tuple(sorted((*recorded.orders, wall), key=lambda one: one.step))
-    floor = FloorHistory(recorded.grid, recorded.description.radius, recorded.step_us)
-    changes = floor.extend(orders, recorded.jams, recorded.seconds, recorded.true, recorded.end)
-    return replace(recorded, orders=orders, floor=tuple(changes))
+    own = FloorObject("wall", ((7.0, 11.0), (7.0, 12.0)), 0.05)
+    floor = [(second, (*state, *((own,) if second > 5.0 else ()))) for second, state in recorded.floor]
+    before = next(state for second, state in reversed(recorded.floor) if second < 5.0)
+    floor = sorted([*floor, (5.0, (*before, own))], key=lambda one: one[0])
+    return replace(recorded, orders=orders, floor=tuple(floor))
 
 
 def test_each_thing_was_there_from_when_to_when(ordered_run: RunData) -> None:
@@ -242,24 +243,6 @@ def legend_of(axes: Axes) -> Legend:
     found = axes.get_legend()
     assert found is not None
     return found
-
-
-def grid() -> OccupancyGrid:
-    cells = np.full((60, 100), FREE, np.uint8)
-    cells[[0, -1]] = OCCUPIED
-    cells[:, [0, -1]] = OCCUPIED
-    cells[:26, 50], cells[34:, 50] = OCCUPIED, OCCUPIED
-    return OccupancyGrid(cells, 0.1)
-
-
-def test_a_door_closes_once_nobody_stands_in_it_and_an_opened_one_never() -> None:
-    steps = np.full((10, 1, 2), 5.05)
-    steps[:, 0, 1] = 3.0
-    steps[6:, 0, 0] = 2.0
-    orders = [GivenOrder(1, CloseDoor(5.0, 3.0))]
-    assert [step for step, _ in FloorOrders(grid(), 0.177).changes(orders, steps)] == [6]
-    orders.append(GivenOrder(4, OpenDoor(5.0, 3.0)))
-    assert list(FloorOrders(grid(), 0.177).changes(orders, steps)) == []
 
 
 def test_no_words_lie_on_others_however_near_their_points_are() -> None:

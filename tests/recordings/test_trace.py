@@ -13,7 +13,6 @@ from acrc_testbed.replay.sandboxed import Call, ask
 from acrc_testbed.run_model.recorded import messages_on
 from acrc_testbed.trace import traces as keeping
 from acrc_testbed.trace import traces as tracing
-from acrc_testbed.trace.frame_fates import frame_fates, replayed
 from acrc_testbed.trace.knowledge import ABSENT, KnownPoints, PathDifference, differences, root
 from acrc_testbed.trace.program import whole
 from acrc_testbed.trace.rows import Trace
@@ -146,17 +145,3 @@ def test_a_trace_is_bounded(counting: Counting, tmp_path: Path, monkeypatch: pyt
     with (recording.parent / "map.png").open("wb") as file:
         file.truncate(1 << 34)
     assert keeping.inputs(recording) is None
-
-
-def test_fates_of_frames_are_cached_and_checked(recorded_run: Path, tmp_path: Path) -> None:
-    copytree(recorded_run, tmp_path / "run")
-    radio = tmp_path / "run" / "radio" / "radio.mcap"
-    radio.with_suffix(".trace").unlink(missing_ok=True)
-    first = frame_fates(tmp_path / "run")
-    assert frame_fates(tmp_path / "run") == first == replayed(tmp_path / "run")
-    found = keeping.kept(radio)
-    assert found is not None
-    (part,) = found
-    for old, new in ((b"\xa2r1", b"\xa2r7"), (b"heard", b"HEARD")):
-        keeping.keep(radio, keeping.inputs(radio), [part.replace(old, new)])
-        assert frame_fates(tmp_path / "run") == first

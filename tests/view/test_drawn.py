@@ -17,7 +17,7 @@ from acrc_testbed.command_line import look
 from acrc_testbed.explanation.explain import Explainer
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.trace.frame_fates import by_outcome, read_fates
+from acrc_testbed.run_model.frames import by_outcome
 from acrc_testbed.trace.rows import Trace, in_words
 from acrc_testbed.trace.traces import Traced
 from acrc_testbed.view import beside, drawn
@@ -221,21 +221,21 @@ def test_the_viewer_shows_everything(folder: Path, computed: None, tmp_path: Pat
     assert (lanes.max(axis=2) - lanes.min(axis=2) > 40).sum() > 2000, "no lane is coloured"
 
 
-def test_fates_of_frames_are_those_the_radio_counted(folder: Path, evidence: RunData) -> None:
-    fates = read_fates(folder, evidence.robots)
+def test_recorded_copies_of_frames_are_those_the_radio_counted(evidence: RunData) -> None:
+    copies = evidence.copies
     assert evidence.result is not None
     counted = evidence.result.frames
-    counts = np.bincount(fates.outcomes, minlength=len(Outcome))
+    counts = np.bincount(copies.outcomes, minlength=len(Outcome))
     for outcome in (Outcome.HEARD, Outcome.COLLISION, Outcome.HALF_DUPLEX, Outcome.BELOW_SENSITIVITY):
         name = f"copies_{'' if outcome is Outcome.HEARD else 'lost_'}{outcome.name.lower()}"
         assert counts[outcome] == counted[name], name
     assert counts.sum() == counted["frames_sent"] * (len(evidence.robots) - 1) > 0
-    assert (fates.senders != fates.receivers).all()
-    heard = fates.outcomes == Outcome.HEARD
+    assert (copies.senders != copies.receivers).all()
+    heard = copies.outcomes == Outcome.HEARD
     told = sorted((second, int(receiver)) for second, _, receiver, _ in evidence.heard.tolist())
-    mine = sorted(zip(fates.seconds[heard].tolist(), fates.receivers[heard].tolist(), strict=True))
+    mine = sorted(zip(copies.seconds[heard].tolist(), copies.receivers[heard].tolist(), strict=True))
     assert mine == told
-    table = by_outcome(fates, 0.0, 6, 5.0)
+    table = by_outcome(copies, 0.0, 6, 5.0)
     assert table[:, Outcome.HEARD].sum() * 5.0 == pytest.approx(counts[Outcome.HEARD])
 
 

@@ -138,7 +138,7 @@ def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
 
 
 def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> None:
-    wall = FloorObject("wall", ((0.0, 4.0), (1.0, 4.0)))
+    wall = FloorObject("wall", ((0.0, 4.0), (1.0, 4.0)), 0.05)
     jammer = FloorObject("jammer", ((2.0, 5.0),), 1.0)
     orders = (GivenOrder(1, Wall(0.0, 4.0, 1.0, 4.0)),)
     told = run(range(5), floor=((0.1, (wall, jammer)), (0.3, (wall,))), orders=orders)

@@ -179,7 +179,7 @@ def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
 
 
 PutThing = tuple[str, tuple[tuple[float, float], ...], float]
-"""Kind, one of MARKS; m: middle or both ends; radius, 0 of what is straight."""
+"""Kind, one of MARKS; m: middle or both ends; radius, of what is straight half of its thickness."""
 _DASHES: Final = 12
 """Number of dashes of a dashed ring."""
 _RINGS: Final = 100.0
@@ -211,7 +211,7 @@ def _strips(
     shape: str, points: tuple[tuple[float, float], ...], radius: float
 ) -> list[tuple[NDArray[np.float32], float]]:
     """Lines and their widths, m, or points if below 0."""
-    if not radius:
+    if len(points) > 1:
         return [(np.array([(x, y, TRAIL) for x, y in points], np.float32), -3.0)]
     (x, y), *_ = points
     if shape != "dashed ring":

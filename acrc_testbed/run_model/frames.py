@@ -1,0 +1,147 @@
+"""Outcomes of frames and their copies, as the radio recorded them: frame by frame, and as arrays."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.messages import TOO_WEAK, FrameOutcome, FrameOutcomes
+from actors.radio.medium.state import Outcome
+from actors.runtime.errors import AcrcError
+
+LOSSES: Final = tuple(
+    one for one in Outcome if one not in (Outcome.HEARD, Outcome.FILTERED, Outcome.NOT_COUNTED)
+)
+"""Why a copy may be lost."""
+_LISTED: Final = np.dtype([("receiver", "<u2"), ("outcome", "u1"), ("tenths", "<i2")])
+
+
+class FrameOutcomesError(AcrcError):
+    """Outcomes of frames that are missing, or that cannot be."""
+
+
+def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
+    """Return the listed copies of a frame: number of the receiver, outcome, and strength, 0.1 dBm.
+
+    Raises FrameOutcomesError for bytes that describe no copies among so many robots.
+    """
+    parts = (frame.receivers, frame.outcomes, frame.strengths)
+    count = len(frame.outcomes)
+    if [len(part) for part in parts] != [2 * count, count, 2 * count] or not 0 <= frame.sender < robots:
+        raise FrameOutcomesError(
+            f"the frame {frame.tag} of robot {frame.sender} has copies of unequal numbers"
+        )
+    listed = np.zeros(count, _LISTED)
+    for name, part in zip(_LISTED.names or (), parts, strict=True):
+        listed[name] = np.frombuffer(part, _LISTED[name])
+    if (listed["receiver"] >= robots).any() or (listed["outcome"] > max(Outcome)).any():
+        raise FrameOutcomesError(f"the frame {frame.tag} of robot {frame.sender} has a copy that cannot be")
+    return listed
+
+
+@dataclass(frozen=True, eq=False)
+class Copies:
+    """Copies of frames, in the order of the instants at which these ended; (n,) each."""
+
+    seconds: NDArray[np.float64]
+    senders: NDArray[np.int64]
+    """Index among the robots."""
+    receivers: NDArray[np.int64]
+    outcomes: NDArray[np.int64]
+    """Of `Outcome`."""
+
+    def part(self, which: NDArray[np.bool_]) -> "Copies":
+        """Those that are wanted, (n,)."""
+        return Copies(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
+
+
+NO_COPIES: Final = Copies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))
+
+
+def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> Copies:
+    """Return the copies of all sent frames at the transceivers that were on. Raises FrameOutcomesError.
+
+    `transceivers`: for each of the radio's numbers the index of its robot.
+    """
+    sent = [frame for message in messages for frame in message.frames if frame.end == "sent"]
+    outcomes = np.full((len(sent), len(transceivers)), Outcome.BELOW_SENSITIVITY, np.int64)
+    for row, frame in enumerate(sent):
+        listed = listed_copies(frame, len(transceivers))
+        outcomes[row, frame.sender] = Outcome.NOT_COUNTED
+        outcomes[row, listed["receiver"]] = listed["outcome"]
+    rows, receivers = np.nonzero((outcomes != Outcome.NOT_COUNTED) & (outcomes != Outcome.FILTERED))
+    seconds = np.array([frame.ended for frame in sent], np.float64) / 1e6
+    senders, robots = np.array([frame.sender for frame in sent], np.int64), np.array(transceivers, np.int64)
+    return Copies(seconds[rows], robots[senders[rows]], robots[receivers], outcomes[rows, receivers])
+
+
+def together(parts: Sequence[Copies]) -> Copies:
+    """Return the copies of several parts, one after another."""
+    names = ("seconds", "senders", "receivers", "outcomes")
+    return Copies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+
+
+def by_outcome(copies: Copies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+    """Return copies per second by outcome, (bins, outcomes), from `begin` on, s; the last bin has all later
+    ones, too."""
+    table = np.zeros((bins, len(Outcome)))
+    places = np.clip(((copies.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
+    np.add.at(table, (places, copies.outcomes), 1)
+    return table / bin_s
+
+
+def outcome_name(outcome: Outcome) -> str:
+    """In words: "half duplex"."""
+    return outcome.name.lower().replace("_", " ")
+
+
+class CopyRow(NamedTuple):
+    """What became of a frame at one other robot."""
+
+    robot: str
+    outcome: str
+    """A name of `Outcome` in lower case."""
+    strength_dbm: float
+    """-inf: too weak to be followed."""
+
+
+class FrameRow(NamedTuple):
+    """What became of one frame that a transceiver was handed."""
+
+    robot: str
+    tag: int
+    """As its robot knows it; another one for each of the robot's frames."""
+    handed: int
+    """µs."""
+    ended: int
+    """When it had left the antenna, or was given up, µs."""
+    size: int
+    """Bytes of its data."""
+    end: str
+    """`sent`, `access_failure` or `overflow`."""
+    copies: tuple[CopyRow, ...]
+    """At every other robot whose transceiver was on when it began; none of one that was not sent."""
+
+
+def frame_rows(robots: Sequence[str], messages: Iterable[FrameOutcomes]) -> list[FrameRow]:
+    """Return every frame that ended; `robots`: by the radio's numbers. Raises FrameOutcomesError."""
+    return [_row(frame, robots) for message in messages for frame in message.frames]
+
+
+def _row(frame: FrameOutcome, robots: Sequence[str]) -> FrameRow:
+    copies = tuple(_copies(frame, robots))
+    return FrameRow(robots[frame.sender], frame.tag, frame.handed, frame.ended, frame.size, frame.end, copies)
+
+
+def _copies(frame: FrameOutcome, robots: Sequence[str]) -> Iterator[CopyRow]:
+    listed = listed_copies(frame, len(robots))
+    known = {receiver: (Outcome(outcome), tenths) for receiver, outcome, tenths in listed.tolist()}
+    if frame.end != "sent":
+        return
+    for number, robot in enumerate(robots):
+        outcome, tenths = known.get(number, (Outcome.BELOW_SENSITIVITY, TOO_WEAK))
+        if number != frame.sender and outcome is not Outcome.NOT_COUNTED:
+            yield CopyRow(robot, outcome.name.lower(), -math.inf if tenths == TOO_WEAK else tenths / 10.0)
