@@ -30,9 +30,9 @@ class Campaign:
         """Return a row for each run that has ended: strategy, seed, variant, and every metric."""
         import pyarrow
 
-        from acrc_testbed.experiments.campaign import results_table
+        from acrc_testbed.experiments.campaign import campaign
 
-        return pyarrow.table(results_table.columns(self._kept()))
+        return pyarrow.table(campaign.columns(self._kept()))
 
     @arguments_named()
     def compare(self, metric: str | None = None) -> "list[Comparison]":
@@ -40,11 +40,11 @@ class Campaign:
 
         `metric`: only this one. Warns where a repeated run had another digest.
         """
-        from acrc_testbed.experiments.comparison import metrics
+        from acrc_testbed.experiments.comparison import comparison
         from acrc_testbed.experiments.comparison.judgement import judge
 
-        if metric is not None and not metrics.is_metric(metric):
-            raise wrong_value("metric", metric, metrics.CHOICE)
+        if metric is not None and not comparison.is_metric(metric):
+            raise wrong_value("metric", metric, comparison.CHOICE)
         return list(judge(self._kept(), metric).estimates)
 
     @arguments_named()
@@ -81,7 +81,7 @@ def campaign(
     Arguments mean what the options of `acrc campaign` mean. `out`: its folder; None: one in campaigns/.
     `overwrite`: the campaign in that folder does not go on but is removed, and begins again.
     """
-    from acrc_testbed.experiments.campaign import results_table, store
+    from acrc_testbed.experiments.campaign import campaign, store
     from acrc_testbed.experiments.campaign.campaign import CampaignOptions, carry_out
     from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
     from acrc_testbed.results.seal import seal
@@ -100,7 +100,7 @@ def campaign(
         try:
             carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
         finally:
-            results_table.write(kept)
+            campaign.write(kept)
             seal(kept.folder)
     return Campaign(kept.folder)
 

@@ -24,8 +24,7 @@ import msgspec
 import yaml
 from rich.table import Table
 
-from acrc_testbed.benchmarks.commands import ACRC
-from acrc_testbed.benchmarks.measured import Measured
+from acrc_testbed.benchmarks.measured import ACRC, Measured
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table

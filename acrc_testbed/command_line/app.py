@@ -13,8 +13,7 @@ import typer
 from typer._click import exceptions as faults
 from typer.core import TyperGroup
 
-from acrc_testbed.command_line import exporting, look, replaying, run
-from acrc_testbed.command_line.development import commands as development
+from acrc_testbed.command_line import development, look, replaying, run
 from acrc_testbed.command_line.fleet import app as fleet
 from acrc_testbed.command_line.lists import app as listing
 from acrc_testbed.command_line.record import app as record
@@ -76,16 +75,16 @@ def _stream(number: int, present: Any) -> io.TextIOWrapper:
 
 
 COMMANDS: Final = {
-    "cluster": ("acrc_testbed.command_line.cluster", "app"),
-    "campaign": ("acrc_testbed.command_line.experiments.app", "campaign"),
-    "causes": ("acrc_testbed.command_line.experiments.app", "causes"),
-    "compare": ("acrc_testbed.command_line.experiments.app", "compare"),
-    "bundle": ("acrc_testbed.command_line.experiments.app", "bundle"),
-    "report": ("acrc_testbed.command_line.experiments.app", "report"),
-    "study": ("acrc_testbed.command_line.experiments.app", "study_app"),
+    "cluster": ("acrc_testbed.command_line.fleet", "cluster"),
+    "campaign": ("acrc_testbed.command_line.experiments", "campaign"),
+    "causes": ("acrc_testbed.command_line.experiments", "causes"),
+    "compare": ("acrc_testbed.command_line.experiments", "compare"),
+    "bundle": ("acrc_testbed.command_line.experiments", "bundle"),
+    "report": ("acrc_testbed.command_line.experiments", "report"),
+    "study": ("acrc_testbed.command_line.experiments", "study_app"),
     "docs": ("acrc_testbed.command_line.documentation", "docs"),
-    "verify": ("acrc_testbed.command_line.bench.verify", "verify"),
-    "bench": ("acrc_testbed.command_line.bench.bench", "bench"),
+    "verify": ("acrc_testbed.command_line.bench", "verify"),
+    "bench": ("acrc_testbed.command_line.bench", "bench"),
 }
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
 
@@ -227,7 +226,7 @@ app.command()(look.view)
 app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(replaying.explain)
-app.command()(exporting.export)
+app.command()(replaying.export)
 app.add_typer(record, name="record", help="Read and check what a run recorded.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Set up real robots, start, watch and stop them.")

@@ -12,9 +12,8 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from acrc_testbed.command_line import run
-from acrc_testbed.command_line.development import commands
-from acrc_testbed.command_line.development.commands import Check, run_checks
+from acrc_testbed.command_line import development, run
+from acrc_testbed.command_line.development import Check, run_checks
 from acrc_testbed.command_line.documentation import tree
 from acrc_testbed.results import summary
 from acrc_testbed.results.outcome import DeecoResult, NavigationResult
@@ -135,7 +134,7 @@ def test_arguments_of_test_go_to_pytest_in_the_repository(
         return 3
 
     monkeypatch.setattr(kernels, "compile_kernels", lambda: None)
-    monkeypatch.setattr(commands, "run_suite", noted)
+    monkeypatch.setattr(development, "run_suite", noted)
     assert acrc("test", "tests/run", "-k", "one", "-q", cwd=tmp_path)[0] == 3
     assert called == [(ROOT, "tests/run", "-k", "one", "-q")]
 

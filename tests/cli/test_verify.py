@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 import typer
 
-from acrc_testbed.command_line.bench.bench import BENCHMARKS
-from acrc_testbed.command_line.bench.verify import verify
+from acrc_testbed.command_line.bench import BENCHMARKS, verify
 from actors.runtime.errors import AcrcError
 
 ROWS: list[dict[str, Any]] = [
@@ -33,7 +32,7 @@ def words(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         report.write_text("".join(json.dumps(row) + "\n" for row in ROWS if row["claim"] in words))
         return 3 if "attacks" in words else 1
 
-    monkeypatch.setattr("acrc_testbed.command_line.development.commands.run_pytest", run)
+    monkeypatch.setattr("acrc_testbed.command_line.development.run_pytest", run)
     return given
 
 

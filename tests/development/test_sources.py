@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.command_line.development.portability import findings, in_source
+from acrc_testbed.command_line.portability import findings, in_source
 from actors.installation.repository import PACKAGES, REPOSITORY
 from tests.development.budget import FILE, as_toml, measure, tokens
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.command_line.development import commands as module
-from acrc_testbed.command_line.development.commands import BUDGET, BY_FILE, ProcessCounter, run_suite
+from acrc_testbed.command_line import development as module
+from acrc_testbed.command_line.development import BUDGET, BY_FILE, ProcessCounter, run_suite
 from actors.installation.repository import REPOSITORY
 from tests import warm
 
@@ -31,7 +31,7 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Suite:
             calls.append(list(words))
             return code
 
-        monkeypatch.setattr("acrc_testbed.command_line.development.commands.os.cpu_count", lambda: 1)
+        monkeypatch.setattr("acrc_testbed.command_line.development.os.cpu_count", lambda: 1)
         monkeypatch.setattr(module, "run_pytest", noted)
         return run_suite(tmp_path, words), calls
 

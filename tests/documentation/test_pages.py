@@ -21,7 +21,7 @@ import actors.robot.behaviour as robot
 import deeco
 from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import documentation
-from acrc_testbed.experiments.comparison.metrics import NAMES
+from acrc_testbed.experiments.comparison.comparison import NAMES
 from acrc_testbed.experiments.study.study import load_study
 from acrc_testbed.trace.rows import ACTIVITIES
 from actors.installation.repository import REPOSITORY

@@ -3,8 +3,7 @@
 import csv
 from pathlib import Path
 
-from acrc_testbed.experiments.comparison.comparison import PairedSample
-from acrc_testbed.experiments.comparison.metrics import JudgedRun
+from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample
 from acrc_testbed.experiments.study.study import Factor, Study
 
 ROWS = Path(__file__).with_name("campaign.csv")

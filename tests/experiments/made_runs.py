@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 import msgspec
 
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.comparison import PairedSample, samples
-from acrc_testbed.experiments.comparison.family import PairVerdict, verdicts
-from acrc_testbed.experiments.comparison.metrics import JudgedRun
+from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample, samples
+from acrc_testbed.experiments.comparison.verdicts import PairVerdict, verdicts
 from acrc_testbed.experiments.study.study import Study
 from acrc_testbed.results.result import RunResult
 

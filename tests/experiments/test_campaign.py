@@ -13,7 +13,7 @@ import msgspec
 import pytest
 from pyarrow import parquet
 
-from acrc_testbed.experiments.campaign import results_table, store
+from acrc_testbed.experiments.campaign import campaign, store
 from acrc_testbed.experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
 from acrc_testbed.experiments.campaign.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
 from acrc_testbed.experiments.campaign.trial_record import (
@@ -26,7 +26,7 @@ from acrc_testbed.experiments.campaign.trial_record import (
     left,
     received,
 )
-from acrc_testbed.experiments.comparison.coincidence import coincidences, told
+from acrc_testbed.experiments.comparison.comparison import coincidence_sentences, coincidences
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.cases import read
 from acrc_testbed.experiments.report.report import compose
@@ -105,7 +105,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
 
 
 def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_path: Path) -> None:
-    record, row = list(done.records())[4], list(results_table.rows(done))[4]
+    record, row = list(done.records())[4], list(campaign.rows(done))[4]
     assert record.strategy == "chapter" and record.result is not None
     given = [event for event in record.drawn["event"] if "give" in event]
     assert record.result.places_total == 2 * 10 + len(given)
@@ -119,7 +119,7 @@ def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_pa
 
 
 def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -> None:
-    binary, text = results_table.write(done)
+    binary, text = campaign.write(done)
     table = parquet.read_table(binary).to_pylist()
     assert [row["vary.deeco.publish"] for row in table] == [1.0] * 3 + [2.0] * 3
     for row, record in zip(table, done.records(), strict=True):
@@ -146,7 +146,7 @@ def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, 
         own: Outcomes = {"turns": {"r1": number, "r2": 4.5}, "mode": {"r1": "slow"}}
         result = msgspec.structs.replace(record.result, outcome=own if number else {})
         keep(kept.path(trial), msgspec.structs.replace(record, result=result))
-    table = results_table.columns(kept)
+    table = campaign.columns(kept)
     assert table["outcome.turns"] == [None, 2.75, 3.25, 3.75]
     assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
 
@@ -176,7 +176,7 @@ def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
     kept = store.create(
         tmp_path / "out", Study(name="s", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5)
     )
-    assert results_table.write(kept)[1].read_text() == "\n", "without any run"
+    assert campaign.write(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
         keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
     chosen = [pending.trial for pending in kept.unchecked(2)]
@@ -248,13 +248,13 @@ def test_how_long_runs_coincide(done: Store) -> None:
     records = [record(name, seed, same) for name in ("one", "two") for seed, same in enumerate((4, 6, 10, 8))]
     records.append(TrialRecord("two", 9, {}, failure="it rained"))
     (found,) = coincidences(records)
-    assert told([found]) == [
+    assert coincidence_sentences([found]) == [
         "one and two: the first 8 s of 2 of 4 pairs coincide (least 4 s, median 7 s, most 10 s)",
         "    1 from beginning to end, so they tell no difference: seeds 2",
     ]
     floors = [msgspec.structs.replace(one, variant={"floor": n}) for one in records[:8] for n in "abcde"]
     floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
-    assert told(coincidences(floors)) == [
+    assert coincidence_sentences(coincidences(floors)) == [
         "one and two, in 5 combinations: 19 pairs coincide at first (least 4 s, median 6 s, most 10 s)",
         "    4 from beginning to end, so they tell no difference, in 4 combinations; most (1) with floor = a",
     ]

@@ -12,13 +12,21 @@ from numpy.typing import NDArray
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import Store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.comparison import metrics
-from acrc_testbed.experiments.comparison.comparison import PairedSample, compare, estimate, samples
-from acrc_testbed.experiments.comparison.decision import LookedAt, Watch, look, rules_for, told
-from acrc_testbed.experiments.comparison.family import foreseen, verdicts
+from acrc_testbed.experiments.comparison import comparison
+from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample, compare, estimate, samples
 from acrc_testbed.experiments.comparison.judgement import failures, family, judge, too_few, verdict
-from acrc_testbed.experiments.comparison.metrics import JudgedRun
-from acrc_testbed.experiments.comparison.pilot import ceilings, promises, told_apart
+from acrc_testbed.experiments.comparison.verdicts import (
+    LookedAt,
+    Watch,
+    ceilings,
+    foreseen,
+    look,
+    look_sentences,
+    promises,
+    rules_for,
+    told_apart,
+    verdicts,
+)
 from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect
 from acrc_testbed.experiments.study.study import Factor, Study
 from acrc_testbed.results.result import RunResult
@@ -221,7 +229,7 @@ def result_of(plain: RunResult, quality: float) -> RunResult:
 def looked(plain: RunResult, drawn: Floats) -> LookedAt:
     """After all looks at pairs of these qualities, (pairs, 2)."""
     ones, others = (
-        [metrics.judged(result_of(plain, one)) for one in drawn[:, side].tolist()] for side in (0, 1)
+        [comparison.judged(result_of(plain, one)) for one in drawn[:, side].tolist()] for side in (0, 1)
     )
     return look(sample(ones, others), STUDY, rules_for(STUDY))
 
@@ -259,7 +267,7 @@ def test_the_watch_stops_at_the_look_that_decides_and_says_so(tmp_path: Path, pl
     step = found.verdict.deciding
     assert step is not None and (step.sample.one, step.sample.other) == ("chapter", "none")
     assert step.threshold is not None and step.test.p <= step.threshold and len(step.sample.pairs) <= 20
-    first, second = told([found], watch.rules)
+    first, second = look_sentences([found], watch.rules)
     assert first.startswith(
         "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60; for a difference p must be at"
     )
@@ -291,7 +299,7 @@ def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> N
     assert watch.enough()
     (found,) = watch.looked_at()
     assert found.verdict.equivalent and found.verdict.deciding is None
-    assert "equivalent after 20 pairs; at 10 level by places" in told([found], watch.rules)[1]
+    assert "equivalent after 20 pairs; at 10 level by places" in look_sentences([found], watch.rules)[1]
 
 
 def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> None:
@@ -303,7 +311,10 @@ def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> N
     assert watch.enough()
     (found,) = watch.looked_at()
     assert (len(found.verdict.sample.pairs), found.at_cap) == (20, True)
-    assert "chapter and none: not decided by the cap, after 20 pairs; at 10 " in told([found], watch.rules)[1]
+    assert (
+        "chapter and none: not decided by the cap, after 20 pairs; at 10 "
+        in look_sentences([found], watch.rules)[1]
+    )
 
 
 def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain: RunResult) -> None:
@@ -313,7 +324,7 @@ def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain:
     assert not watch.enough()
     (found,) = watch.looked_at()
     assert len(found.verdict.sample.pairs) == 3 and not found.looks
-    assert told([found], watch.rules)[1] == "chapter and none: 3 pairs, none of the looks has come"
+    assert look_sentences([found], watch.rules)[1] == "chapter and none: 3 pairs, none of the looks has come"
 
 
 def test_the_cap_stays_what_it_was_once_somebody_has_looked(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.command_line.experiments import campaigns
+from acrc_testbed.command_line import campaigns
 from acrc_testbed.experiments.bundle import bundle
-from acrc_testbed.experiments.campaign import plan_taken, store
+from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import protection
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.comparison.judgement import judge
@@ -48,7 +48,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     scenario = (ROOT / "scenarios" / "corridor.toml").read_text()
     (tmp_path / "corridor.toml").write_text(scenario.replace("../maps/", ""))
     (tmp_path / "study.toml").write_text(STUDY)
-    for module in (campaigns, plan_taken, store):
+    for module in (campaigns, store, store):
         monkeypatch.setattr(module, "software", lambda: COMMIT)
     return tmp_path
 
@@ -64,7 +64,7 @@ def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]
     kept = store.create(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
-    return kept, plan_taken.take_in(kept, plan_taken.plan_of(None, source), source, looks=looks)
+    return kept, store.take_in(kept, store.plan_of(None, source), source, looks=looks)
 
 
 def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMMIT) -> None:
@@ -85,7 +85,7 @@ def edited(path: Path, before: str, after: str) -> None:
 def departures(folder: Path) -> list[str]:
     """What the campaign says to be not as frozen, before its first run and after all."""
     kept, said = begun(folder)
-    told = [line for line in plan_taken.told(kept) if line.startswith("Not as")]
+    told = [line for line in store.plan_sentences(kept) if line.startswith("Not as")]
     assert told[:-1] == said[1:]
     assert told[-1].endswith(" runs are still to be made.")
     return [line.removeprefix("Not as frozen: ") for line in said[1:]]
@@ -159,7 +159,7 @@ def test_spelling_order_and_folder_of_a_study_are_no_departures(folder: Path, tm
 def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frozen(folder)
     kept, _ = begun(folder)
-    monkeypatch.setattr(plan_taken, "software", lambda: "badc0de")
+    monkeypatch.setattr(store, "software", lambda: "badc0de")
     about = "it was made with badc0de, "
     for changed, end in (
         (None, "of which nothing shows that it descends from the frozen commit"),
@@ -169,7 +169,7 @@ def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.Monke
             "which descends from the frozen commit, but 2 files differ (a.py, b.py)",
         ),
     ):
-        monkeypatch.setattr(plan_taken, "changed_since", lambda commit, files=changed: files)
+        monkeypatch.setattr(store, "changed_since", lambda commit, files=changed: files)
         before = kept.about().departures
         begun(folder)
         assert kept.about().departures == (*before, *([about + end] if end else []))
@@ -182,7 +182,7 @@ def test_runs_made_after_a_commit_on_the_way_are_told(folder: Path, plain: RunRe
     over(kept, plain, 5)
     said = protection(kept)[-1]
     assert said.startswith(f"6 of 16 runs were made with other software than {COMMIT}, with which")
-    assert plan_taken.told(kept)[1:-1] == [f"Not as frozen: {said}"]
+    assert store.plan_sentences(kept)[1:-1] == [f"Not as frozen: {said}"]
 
 
 def test_what_descends_is_known_from_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,14 +248,14 @@ def test_a_campaign_that_had_runs_takes_no_plan(folder: Path, plain: RunResult) 
     path = frozen(folder)
     _, said = begun(folder)
     assert said == [f"{path}: is not taken, as {kept.folder} had runs before it had a plan."]
-    assert plan_taken.told(kept) == [plan_taken.NOTHING_FROZEN]
+    assert store.plan_sentences(kept) == [store.NOTHING_FROZEN]
 
 
 def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plain: RunResult) -> None:
     path = frozen(folder)
     kept, said = begun(folder)
     over(kept, plain, 3)
-    assert "Not as frozen: 10 of 16 runs are still to be made." in plan_taken.told(kept)
+    assert "Not as frozen: 10 of 16 runs are still to be made." in store.plan_sentences(kept)
     path.unlink()  # the campaign's own is enough
     assert begun(folder)[1] == said
     was = (folder / "corridor.png").read_bytes()
@@ -264,7 +264,7 @@ def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plai
     (folder / "corridor.png").write_bytes(was)
     begun(folder)
     over(kept, plain)
-    assert plan_taken.told(kept)[1] == "Not as frozen: corridor.png has another content."
+    assert store.plan_sentences(kept)[1] == "Not as frozen: corridor.png has another content."
 
 
 def test_looks_are_part_of_the_plan(folder: Path) -> None:
@@ -302,6 +302,6 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     made = store.create(unpacked / "reproduced", load_study(again))
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
-    said = plan_taken.take_in(made, plan_taken.plan_of(None, again), again, looks=False)
+    said = store.take_in(made, store.plan_of(None, again), again, looks=False)
     assert said[1:] == ["Not as frozen: corridor.png has another content."]
     assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)

@@ -9,8 +9,8 @@ from scipy.stats import t
 from statsmodels.regression.mixed_linear_model import MixedLM
 
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.across_cells import across_cells, told
-from acrc_testbed.experiments.statistics.random_effects import fit
+from acrc_testbed.experiments.comparison.judgement import across_cells, across_sentences
+from acrc_testbed.experiments.statistics.models import fit
 from acrc_testbed.experiments.study.study import Factor, Study
 from acrc_testbed.results.result import RunResult
 
@@ -132,7 +132,7 @@ def test_each_map_is_left_out_in_turn(plain: RunResult) -> None:
         {"maze": 6.5, "flat": 12.0, "hall": -2.5}
     )
     assert [one.map for one in found.turning] == ["hall"]
-    first, last = told(found)
+    first, last = across_sentences(found)
     assert first.startswith("a less b over all 6 cells, 6 pairs: +5.33 places [")
     assert "each of one pair, so chance of the runs is in it" in first
     assert last == (
@@ -144,7 +144,7 @@ def test_each_map_is_left_out_in_turn(plain: RunResult) -> None:
 def test_a_singular_fit_is_told(plain: RunResult) -> None:
     same = [msgspec.structs.replace(one, result=plain) for one in campaign(plain)]
     (level,) = across_cells(same, STUDY)
-    assert level.turning == () and told(level)[-1].endswith("; there is no direction.")
+    assert level.turning == () and across_sentences(level)[-1].endswith("; there is no direction.")
     study = msgspec.structs.replace(STUDY, seeds=2)
     records = [
         msgspec.structs.replace(
@@ -153,7 +153,7 @@ def test_a_singular_fit_is_told(plain: RunResult) -> None:
         for one in campaign(plain, study)
     ]
     (found,) = across_cells(records, study)
-    _, singular, maps = told(found)
+    _, singular, maps = across_sentences(found)
     assert singular.startswith("The fit is singular: cells differ no more than chance makes them")
     assert maps.endswith("the direction holds.")
 
@@ -162,7 +162,7 @@ def test_fewer_than_three_cells_say_nothing_or_why(plain: RunResult) -> None:
     two = msgspec.structs.replace(STUDY, factors=(Factor("n", (4, 8)),))
     assert across_cells(campaign(plain), two) == []
     (found,) = across_cells(campaign(plain)[:4], STUDY)
-    assert told(found) == [
+    assert across_sentences(found) == [
         "a less b over all cells: 2 have runs of both; "
         "at least 3 with 6 pairs of runs are needed before anything is said of cells."
     ]

@@ -13,9 +13,14 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from acrc_testbed.experiments.comparison.comparison import estimate, scores
-from acrc_testbed.experiments.comparison.family import verdicts
-from acrc_testbed.experiments.comparison.metrics import named
+from acrc_testbed.experiments.comparison.comparison import estimate, named, scores
+from acrc_testbed.experiments.comparison.verdicts import verdicts
+from acrc_testbed.experiments.statistics.models import (
+    Completion,
+    kaplan_meier,
+    restricted_mean,
+    restricted_means,
+)
 from acrc_testbed.experiments.statistics.paired_tests import (
     Effect,
     a12,
@@ -32,12 +37,6 @@ from acrc_testbed.experiments.statistics.paired_tests import (
     plan,
     power,
     signed_rank,
-)
-from acrc_testbed.experiments.statistics.survival import (
-    Completion,
-    kaplan_meier,
-    restricted_mean,
-    restricted_means,
 )
 from tests.experiments import campaign_rows
 

@@ -11,9 +11,8 @@ from hypothesis import strategies as some
 
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison.comparison import samples
-from acrc_testbed.experiments.comparison.decision import rules_for
-from acrc_testbed.experiments.comparison.family import tests_of as count_tests
-from acrc_testbed.experiments.comparison.family import verdicts
+from acrc_testbed.experiments.comparison.verdicts import rules_for, verdicts
+from acrc_testbed.experiments.comparison.verdicts import tests_of as count_tests
 from acrc_testbed.experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
 from acrc_testbed.experiments.study.study import (
     Distribution,

@@ -7,12 +7,16 @@ import pytest
 from numpy.random import Generator
 from scipy.stats import norm
 
-from acrc_testbed.experiments.comparison.comparison import PairedSample, scores
-from acrc_testbed.experiments.comparison.decision import look, rules_for
-from acrc_testbed.experiments.comparison.family import PairVerdict, verdicts
-from acrc_testbed.experiments.comparison.family import tests_of as number_of_tests
-from acrc_testbed.experiments.comparison.metrics import FAILED, PLACES, JudgedRun
-from acrc_testbed.experiments.comparison.pilot import redrawn, told_apart
+from acrc_testbed.experiments.comparison.comparison import FAILED, PLACES, JudgedRun, PairedSample, scores
+from acrc_testbed.experiments.comparison.verdicts import (
+    PairVerdict,
+    look,
+    redrawn,
+    rules_for,
+    told_apart,
+    verdicts,
+)
+from acrc_testbed.experiments.comparison.verdicts import tests_of as number_of_tests
 from acrc_testbed.experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
 from acrc_testbed.experiments.study.study import Study
 from tests.experiments import campaign_rows

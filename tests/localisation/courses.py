@@ -19,8 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from PIL import Image
 
-from acrc_testbed.benchmarks.localisation.log import FORMAT, POSES, VERSION, Course
-from acrc_testbed.benchmarks.localisation.tracking import STEP_US
+from acrc_testbed.benchmarks.localisation.tracking import FORMAT, POSES, STEP_US, VERSION, Course
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose, wrap

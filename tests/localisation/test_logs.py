@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from acrc_testbed.benchmarks.localisation import comparison, log
+from acrc_testbed.benchmarks.localisation import comparison, tracking
 from acrc_testbed.benchmarks.localisation.comparison import (
     Other,
     OtherRun,
@@ -24,11 +24,12 @@ from acrc_testbed.benchmarks.localisation.comparison import (
     root_mean_square,
     table_row,
 )
-from acrc_testbed.benchmarks.localisation.log import CourseLogError, LogLimits
 from acrc_testbed.benchmarks.localisation.tracking import (
     NEES_BOUNDS,
+    CourseLogError,
     EstimatedTrack,
     FilterRun,
+    LogLimits,
     beside_truth,
     nees,
     weighed,
@@ -61,7 +62,7 @@ def changed(file: Path, to: Path, **changes: Change) -> Path:
 
 
 def test_a_log_is_read_to_the_last_bit(written: Path, tmp_path: Path) -> None:
-    course, back = drive(SETUP), log.read(written)
+    course, back = drive(SETUP), tracking.read(written)
     assert (course.sensor, course.start) == (back.sensor, back.start)
     np.testing.assert_array_equal(course.grid.cells, back.grid.cells)
     for name in ("instants", "odometry", "truth", "stamps", "scans"):
@@ -88,7 +89,7 @@ def test_the_reader_of_the_page_reads_a_log(written: Path) -> None:
 def test_truth_is_interpolated_and_the_odometry_frame_may_be_any(written: Path, tmp_path: Path) -> None:
     course = drive(SETUP)
     lines = {"truth": lambda content: b"\n".join([content.split(b"\n")[0], *content.split(b"\n")[1::2], b""])}
-    sparse = log.read(changed(written, tmp_path / "sparse.zip", **lines))
+    sparse = tracking.read(changed(written, tmp_path / "sparse.zip", **lines))
     np.testing.assert_allclose(sparse.truth, course.truth, atol=0.02)
     frame = Pose(-700.0, 3000.0, 2.5)
     moved = np.array([frame.compose(Pose(*pose)) for pose in course.odometry.tolist()])
@@ -127,10 +128,10 @@ def test_a_faulty_log_gets_one_sentence(
 ) -> None:
     bad = changed(written, tmp_path / "bad.zip", **{member: change})
     with pytest.raises(CourseLogError, match=re.escape(sentence)) as caught:
-        log.read(bad)
+        tracking.read(bad)
     assert str(caught.value).startswith(f"{bad}: ") and "\n" not in str(caught.value)
     with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
-        log.read(written, LogLimits(text_bytes=1000))
+        tracking.read(written, LogLimits(text_bytes=1000))
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -145,7 +146,7 @@ def test_damaged_bytes_are_read_or_refused(written: Path, tmp_path: Path, data: 
     file = tmp_path / "damaged.zip"
     file.write_bytes(damaged[: data.draw(st.just(len(whole)) | places)])
     try:
-        log.read(file)
+        tracking.read(file)
     except CourseLogError as error:
         assert "\n" not in str(error)
 

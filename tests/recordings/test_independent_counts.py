@@ -17,7 +17,7 @@ import pytest
 
 from acrc_testbed.accounting.account import account
 from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.experiments.comparison.metrics import judged, named
+from acrc_testbed.experiments.comparison.comparison import judged, named
 from acrc_testbed.experiments.report import quantities
 from acrc_testbed.experiments.report.cases import Case
 from acrc_testbed.experiments.report.sections import COSTS

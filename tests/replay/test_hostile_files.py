@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.experiments.campaign import results_table, store
+from acrc_testbed.experiments.campaign import campaign, store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.study.study import Study
 from actors.floor.map_file import load_map
@@ -191,7 +191,7 @@ def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, 
     for name in ("results.csv", "results.parquet", "results.new", "study.new"):
         (kept.folder / name).unlink(missing_ok=True)
         (kept.folder / name).symlink_to(victim)
-    results_table.write(kept)
+    campaign.write(kept)
     store.create(kept.folder, kept.study)
     assert victim.read_text() == SECRET
     table = kept.folder / "results.csv"

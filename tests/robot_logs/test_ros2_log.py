@@ -12,7 +12,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from acrc_testbed.command_line.exporting import export
+from acrc_testbed.command_line.replaying import export
 from acrc_testbed.robot_logs import robot_entries, ros2_log
 from acrc_testbed.robot_logs.logging_run import LogReport, log_run
 from acrc_testbed.robot_logs.robot_entries import occupancy

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.console import Console
 
-from acrc_testbed.command_line.experiments import campaigns
+from acrc_testbed.command_line import campaigns
 from acrc_testbed.experiments.campaign.campaign import CampaignProgress
 from actors.floor import raster
 from actors.floor.map_file import load_map

@@ -13,17 +13,23 @@ from unittest.mock import Mock
 
 import pytest
 
-from acrc_testbed.benchmarks.swarm import benchmark, beside, budget, counts, profiles
+from acrc_testbed.benchmarks.swarm import benchmark, beside, budget, runs
 from acrc_testbed.benchmarks.swarm.beside import PairedCase, other
-from acrc_testbed.benchmarks.swarm.counts import CountedSteps, StepCounts
-from acrc_testbed.benchmarks.swarm.over_mesh import Memory, MeshFigures
-from acrc_testbed.benchmarks.swarm.profiles import Function
-from acrc_testbed.benchmarks.swarm.runs import MemoryFigures, Range, SwarmTask, planned
+from acrc_testbed.benchmarks.swarm.budget import CountedSteps, StepCounts
+from acrc_testbed.benchmarks.swarm.runs import (
+    Function,
+    Memory,
+    MemoryFigures,
+    MeshFigures,
+    Range,
+    SwarmTask,
+    planned,
+)
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 
-KEPT = counts.kept_counts()
+KEPT = budget.kept_counts()
 SMALL = StepCounts({"deeco": 60.0, "actors/world": 40.0}, {"a": 2.0}, {"a": 50.0}, {"world": 9.0}, {})
 
 
@@ -91,32 +97,32 @@ def test_many_robots_start_closer_and_for_less_time() -> None:
     assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 0.42 - 1e-9
 
 
-@pytest.mark.skipif(KEPT is None, reason=f"{counts.TABLE.name} is for another version of Python")
+@pytest.mark.skipif(KEPT is None, reason=f"{budget.TABLE.name} is for another version of Python")
 def test_a_step_costs_what_the_kept_counts_say() -> None:
     with ProcessPoolExecutor(
         1, get_context("forkserver")
     ) as pool:  # other tests may have changed this process
-        found = pool.submit(counts.counted, CountedSteps()).result()
+        found = pool.submit(budget.counted, CountedSteps()).result()
     assert KEPT is not None
-    assert list(counts.differences(found, KEPT)) == []
+    assert list(budget.differences(found, KEPT)) == []
 
 
 def test_differences_name_the_packages_that_changed_most() -> None:
     more = replace(SMALL, calls={"deeco": 58.9, "actors/world": 42.0, "actors": 2.0}, sent={"a": 50.9})
-    (sentence,) = counts.differences(more, SMALL)
+    (sentence,) = budget.differences(more, SMALL)
     assert (
         "102.9 Python calls" in sentence
         and "(+2.9%): actors/world +2.0, actors +2.0, deeco -1.1;" in sentence
     )
-    (sentence,) = counts.differences(replace(SMALL, messages={"a": 1.9}), SMALL)
+    (sentence,) = budget.differences(replace(SMALL, messages={"a": 1.9}), SMALL)
     assert "1.9 messages" in sentence and "(-5.0%): a -0.1;" in sentence
 
 
 def test_kept_counts_are_written_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(counts, "TABLE", tmp_path / "python3.11.toml")
-    assert counts.kept_counts() is None
-    counts.TABLE.write_text(counts.written(replace(SMALL, functions={"len": 9.0})))
-    assert counts.kept_counts() == SMALL
+    monkeypatch.setattr(budget, "TABLE", tmp_path / "python3.11.toml")
+    assert budget.kept_counts() is None
+    budget.TABLE.write_text(budget.written(replace(SMALL, functions={"len": 9.0})))
+    assert budget.kept_counts() == SMALL
 
 
 def test_calls_outside_the_project_count_for_their_callers() -> None:
@@ -125,7 +131,7 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
     package: Function = (f"{REPOSITORY}/.venv/lib/p.py", 1, "h")
     built_in: Function = ("~", 0, "<built-in len>")
     lost: Function = ("~", 0, "<lost>")
-    found = profiles.by_room(
+    found = runs.by_room(
         {
             ours: (5, {}),
             theirs: (7, {}),
@@ -134,7 +140,7 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
             lost: (1, {}),
         }
     )
-    assert found == {"deeco": 5 + 3 + 2 + 6, "actors/world": 7 + 1 + 2, profiles.NO_ROOM: 1}
+    assert found == {"deeco": 5 + 3 + 2 + 6, "actors/world": 7 + 1 + 2, runs.NO_ROOM: 1}
 
 
 ACRC = """#!/bin/sh

@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from acrc_testbed.benchmarks.localisation import log
-from acrc_testbed.benchmarks.localisation.log import Course, CourseLogError
 from acrc_testbed.benchmarks.localisation.tracking import (
     BEYOND,
     LOST,
     NEES_BOUNDS,
     PRESETS,
     STEP_US,
+    Course,
+    CourseLogError,
     FilterRun,
     Preset,
     beside_truth,
     localisation,
+    read,
     replay,
 )
 from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, proportion, table_of
@@ -282,7 +283,7 @@ def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> S
 
 
 def _run_all(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
-    course = log.read(file)
+    course = read(file)
     return {
         preset: [_run(course, preset, 1 + seed) for seed in range(seeds)] for preset in (*PRESETS, "odometry")
     }

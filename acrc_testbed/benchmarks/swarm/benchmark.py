@@ -12,8 +12,18 @@ from typing import Final
 from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
-from acrc_testbed.benchmarks.swarm.over_mesh import Memory, MeshFigures, mesh_ms, over_mesh
-from acrc_testbed.benchmarks.swarm.runs import KINDS, MemoryFigures, Range, SwarmTask, in_memory, memory_ms
+from acrc_testbed.benchmarks.swarm.runs import (
+    KINDS,
+    Memory,
+    MemoryFigures,
+    MeshFigures,
+    Range,
+    SwarmTask,
+    in_memory,
+    memory_ms,
+    mesh_ms,
+    over_mesh,
+)
 from actors.console import screen
 from actors.runtime.errors import AcrcError
 

@@ -15,8 +15,7 @@ from typing import Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.commands import spent
-from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average
+from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average, spent
 from actors.console import screen
 from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, wrong_value

@@ -1,28 +1,38 @@
 """Runs of a full swarm for the benchmarks, and their CPU time in one process by package."""
 
+import contextlib
 import cProfile
+import ctypes
 import gc
+import os
+import re
 import tempfile
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from statistics import median
-from typing import Final
+from types import CodeType
+from typing import Any, Final, Literal
 from unittest.mock import patch
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
+from numba import carray, cfunc, types
 
-from acrc_testbed.benchmarks.swarm.profiles import by_room, entries
 from acrc_testbed.results.result import RunResult
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
-from actors.installation.repository import SHIPPED
+from actors.installation.repository import PACKAGES, REPOSITORY, SHIPPED
+from actors.instant import in_seconds
+from actors.messages import Progress
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
+from actors.runtime.process import FinalNote
+from actors.runtime.recording import read_notes
 from actors.runtime.shell import Shell
 from deploy.run import memory_swarm, swarm
 from deploy.run.options import RunOptions
@@ -30,6 +40,147 @@ from deploy.run.plan import RunPlan
 from deploy.scenario.resolve import SpotError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
+
+Function = tuple[str, int, str]
+"""File, line and name, as in `pstats`; a built-in function has the file `~`."""
+Entry = tuple[float, Mapping[Function, float]]
+"""Calls, or seconds, of a function: all, and by caller."""
+_ROUNDS: Final = 50
+"""Longest chain of calls within packages that is attributed to a caller of this project."""
+NO_ROOM: Final = "elsewhere"
+_ADDRESS: Final = re.compile(r" at 0x[0-9a-f]+")
+_OBJECTS: Final = 2
+"""PYMEM_DOMAIN_OBJ of CPython: objects and their contents."""
+
+
+def entries(
+    profile: cProfile.Profile, weight: Literal["callcount", "inlinetime"] = "callcount"
+) -> dict[Function, Entry]:
+    """Return calls, or seconds without callees, of every function; sum functions of one label.
+
+    `pstats` keeps only the last of the functions with one label, such as `__new__` of named tuples.
+    """
+    whole: Counter[Function] = Counter()
+    callers: defaultdict[Function, Counter[Function]] = defaultdict(Counter)
+    for entry in profile.getstats():
+        caller = _label(entry.code)
+        whole[caller] += getattr(entry, weight)
+        for callee in entry.calls or ():
+            callers[_label(callee.code)][caller] += getattr(callee, weight)
+    return {function: (value, callers[function]) for function, value in whole.items()}
+
+
+def _label(code: CodeType | str) -> Function:
+    return ("~", 0, code) if isinstance(code, str) else (code.co_filename, code.co_firstlineno, code.co_name)
+
+
+def by_room(called: Mapping[Function, Entry]) -> dict[str, float]:
+    """Sum `called` by package folder.
+
+    Functions outside this project count for their callers, in proportion; the sum of all is kept.
+    """
+    rooms: defaultdict[str, float] = defaultdict(float)
+    open_calls: dict[Function, float] = {}
+    for function, (calls, _) in called.items():
+        room = room_of(function)
+        if room is None:
+            open_calls[function] = calls
+        else:
+            rooms[room] += calls
+    for _ in range(_ROUNDS):
+        if not open_calls:
+            break
+        open_calls = _passed_up(open_calls, called, rooms)
+    rooms[NO_ROOM] += sum(open_calls.values())
+    return rooms
+
+
+def _passed_up(
+    open_calls: Mapping[Function, float], called: Mapping[Function, Entry], rooms: defaultdict[str, float]
+) -> dict[Function, float]:
+    """Attribute values to the folders of callers; return those whose callers are outside this project."""
+    left: dict[Function, float] = {}
+    for function, calls in open_calls.items():
+        callers = called[function][1]
+        whole = sum(callers.values())
+        if not whole:
+            rooms[NO_ROOM] += calls
+        for caller, times in callers.items():
+            share, room = calls * times / whole, room_of(caller)
+            if room is None:
+                left[caller] = left.get(caller, 0.0) + share
+            else:
+                rooms[room] += share
+    return left
+
+
+def room_of(function: Function) -> str | None:
+    """Return the package folder of a function of this project, with `/`; None for any other function."""
+    path = Path(function[0])
+    if not path.is_relative_to(REPOSITORY):
+        return None
+    inside = path.relative_to(REPOSITORY)
+    return inside.parent.as_posix() if inside.parts[0] in PACKAGES else None
+
+
+def name_of(function: Function) -> str:
+    """Return file and name of a function for display."""
+    file, _, name = function
+    if file == "~":
+        return _ADDRESS.sub("", name.strip("<>"))
+    path = Path(file)
+    if path.is_relative_to(REPOSITORY) and room_of(function):
+        return f"{path.relative_to(REPOSITORY).as_posix()}: {name}"
+    return f"{path.name}: {name}"
+
+
+class _Allocator(ctypes.Structure):
+    """PyMemAllocatorEx of CPython."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("context", "malloc", "calloc", "realloc", "free")]
+
+
+class BlockCount:
+    """Number of memory blocks requested from Python's allocator."""
+
+    def __init__(self) -> None:
+        self.array = np.zeros(1, np.int64)
+
+    @property
+    def blocks(self) -> int:
+        """Return the count so far."""
+        return int(self.array[0])
+
+
+@contextmanager
+def counted_blocks() -> Iterator[BlockCount]:
+    """Count blocks allocated for objects, freed ones included.
+
+    Small tuples, floats and the like from CPython's free lists are not allocated and not counted.
+    """
+    count, before = BlockCount(), _Allocator()
+    ctypes.pythonapi.PyMem_GetAllocator(_OBJECTS, ctypes.byref(before))
+    malloc = _counting(ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(before.malloc))
+    assert not before.context, "the context would not reach the original allocator"
+    address = int(count.array.ctypes.data)
+    counting = _Allocator(address, malloc.address, before.calloc, before.realloc, before.free)
+    ctypes.pythonapi.PyMem_SetAllocator(_OBJECTS, ctypes.byref(counting))
+    try:
+        yield count
+    finally:
+        ctypes.pythonapi.PyMem_SetAllocator(_OBJECTS, ctypes.byref(before))
+
+
+def _counting(plain: Any) -> Any:
+    """Compile a malloc that increments the count at its context's address, then calls `plain`."""
+
+    @cfunc(types.voidptr(types.voidptr, types.uintp))  # type: ignore[untyped-decorator]
+    def malloc(context: Any, size: int) -> Any:
+        carray(context, 1, np.int64)[0] += 1
+        return plain(context, size)
+
+    return malloc
+
 
 KINDS: Final = ("world", "radio", "robots")
 """Kinds of processes of a run; world and radio are one process each."""
@@ -172,3 +323,139 @@ def recorded_bytes(out: Path) -> dict[str, float]:
     for file in out.glob("*/*.mcap"):
         sizes[kind(file.stem)] += file.stat().st_size
     return sizes
+
+
+PARENT: Final = "parent"
+_PROC: Final = Path("/proc")
+_ENDLESS_S: Final = 36_000.0
+"""Longer than any swarm takes to settle all places."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Memory of all processes of one kind, MB."""
+
+    processes: int
+    rss_mb: float
+    """Resident; shared pages count fully in each process."""
+    pss_mb: float
+    """Proportional: a page that n processes share counts 1/n in each."""
+    private_mb: float
+    """Pages of one process only."""
+
+
+@dataclass(frozen=True)
+class MeshFigures:
+    """Figures of a swarm over Zenoh."""
+
+    real_time_factor: Range
+    ms: Range
+    """CPU of all processes from the first step to the last, per robot and simulated second, ms."""
+    startup_s: Range
+    startup_cpu_s: Range
+    """CPU before the first step of all processes but the forkserver, s."""
+    by_actor: dict[str, float]
+    """`ms` by kind of process; medians."""
+    memory: dict[str, Memory]
+
+
+@dataclass(frozen=True)
+class _MeshRun:
+    result: RunResult
+    by_actor: dict[str, float]
+    """CPU from the first step to the last, s."""
+    startup_cpu_s: float
+
+
+def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
+    """Read the memory of one run, and time `task.repeat` others."""
+    memory = _memory_of_run(count, task)
+    runs = [_mesh_run(count, task) for _ in range(task.repeat)]
+    robot_s = count * runs[0].result.simulated_s
+    return MeshFigures(
+        real_time_factor=Range.of([run.result.real_time_factor for run in runs]),
+        ms=Range.of([sum(run.by_actor.values()) / robot_s * 1e3 for run in runs]),
+        startup_s=Range.of([run.result.startup_s for run in runs]),
+        startup_cpu_s=Range.of([run.startup_cpu_s for run in runs]),
+        by_actor={
+            actor: median(run.by_actor[actor] for run in runs) / robot_s * 1e3 for actor in runs[0].by_actor
+        },
+        memory=memory,
+    )
+
+
+def mesh_ms(count: int, task: SwarmTask) -> float:
+    """Return the CPU of all processes of one run per robot and simulated second, ms."""
+    run = _mesh_run(count, task)
+    return sum(run.by_actor.values()) / count / run.result.simulated_s * 1e3
+
+
+def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
+    parent: list[float] = []
+    with planned(count, task, "zenoh") as plan:
+        result = swarm.run_processes(plan, "forkserver", lambda progress: parent.append(time.process_time()))
+        finals = {
+            path.stem: msgspec.json.decode(read_notes(path)["final"], type=FinalNote)
+            for path in plan.out.glob("*/*.mcap")
+        }
+    by_actor = dict.fromkeys(KINDS, 0.0)
+    for actor, final in finals.items():
+        by_actor[kind(actor)] += final.cpu_s - final.startup_cpu_s
+    by_actor[PARENT] = parent[-1] - parent[0]
+    return _MeshRun(result, by_actor, sum(final.startup_cpu_s for final in finals.values()))
+
+
+class _MemoryRead(Exception):  # noqa: N818  # ends a run early
+    """Memory has been read."""
+
+
+def _memory_of_run(count: int, task: SwarmTask) -> dict[str, Memory]:
+    """Read memory by kind of process at the task's simulated time, while the run goes on."""
+    memory: dict[str, Memory] = {}
+
+    def look(progress: Progress) -> None:
+        if in_seconds(progress.instant) < task.simulated_s(count):
+            return
+        pids = actors_of(plan.out) | {PARENT: [os.getpid()]}
+        pids["forkserver"] = [int(_stat(pids["world"][0])[1])]
+        memory.update({name: memory_of(them) for name, them in pids.items()})
+        raise _MemoryRead
+
+    endless = SwarmTask((count,), _ENDLESS_S, None, task.repeat, task.scenario, task.seed)
+    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_MemoryRead):
+        swarm.run_processes(plan, "forkserver", look)
+    return memory
+
+
+def actors_of(out: Path) -> dict[str, list[int]]:
+    """Return the process ids of a run by kind; an actor is identified by its log file."""
+    pids: dict[str, list[int]] = {name: [] for name in KINDS}
+    for entry in _PROC.iterdir():
+        if not entry.name.isdecimal():
+            continue
+        try:
+            log = (entry / "fd" / "1").readlink()
+        except OSError:  # the process has exited, or belongs to another user
+            continue
+        if log.parent.parent == out:
+            pids[kind(log.stem)].append(int(entry.name))
+    return pids
+
+
+def _stat(pid: int) -> list[str]:
+    """Return the fields of proc_pid_stat(5) after the name, which may contain anything."""
+    return (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+
+
+def memory_of(pids: Sequence[int]) -> Memory:
+    """Return the memory of these processes."""
+    sizes = [_sizes((_PROC / str(pid) / "smaps_rollup").read_text()) for pid in pids]
+    return Memory(len(pids), *(sum(size[index] for size in sizes) for index in range(3)))
+
+
+def _sizes(text: str) -> tuple[float, float, float]:
+    """Return RSS, PSS and private memory, MB, from a file smaps_rollup (proc_pid_smaps(5))."""
+    rows = (line.split() for line in text.splitlines()[1:])
+    kib = {row[0].removesuffix(":"): int(row[1]) for row in rows}
+    private = kib["Private_Clean"] + kib["Private_Dirty"]
+    return kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024

@@ -13,8 +13,7 @@ from typing import Final
 import msgspec
 from rich.table import Table
 
-from acrc_testbed.benchmarks.commands import spent
-from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_most, table_of
+from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_most, spent, table_of
 from actors.installation.repository import clone
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote

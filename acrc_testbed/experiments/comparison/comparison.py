@@ -1,16 +1,18 @@
 """Every pair of strategies by every metric: estimates with intervals, over the seeds that both have ended."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from itertools import combinations
+from statistics import median
+from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison import metrics
-from acrc_testbed.experiments.comparison.metrics import JudgedRun, Metric, TimeMetric, horizon, judged
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord, coincide_s
 from acrc_testbed.experiments.statistics.paired_tests import (
     LEAST_PAIRS,
     Interval,
@@ -18,6 +20,131 @@ from acrc_testbed.experiments.statistics.paired_tests import (
     mean_interval,
 )
 from acrc_testbed.experiments.study.study import Study, Variant
+from acrc_testbed.results.outcome import means
+from acrc_testbed.results.result import RunResult
+
+
+class JudgedRun(msgspec.Struct, frozen=True):
+    """What a verdict needs to know of a run; a run that failed has done nothing by its end."""
+
+    places_done: int = 0
+    places_total: int = 0
+    completion_s: float | None = None
+    settled_s: float | None = None
+    simulated_s: float = 0.0
+    contacts: float = math.nan
+    """NaN: unknown, as the next two."""
+    radio: float = math.nan
+    """Octets on the air per robot and s."""
+    driven_m: float = math.nan
+    """By all robots."""
+    failed: bool = False
+    outcomes: dict[str, float] = {}
+    """The strategy's own results, each the mean over robots."""
+
+
+FAILED: Final = JudgedRun(failed=True)
+
+
+def judged(run: RunResult | None) -> JudgedRun:
+    """What a run came to; None: it failed."""
+    if run is None:
+        return FAILED
+    names = (
+        "places_done",
+        "places_total",
+        "completion_s",
+        "settled_s",
+        "simulated_s",
+        "contacts",
+        "driven_m",
+    )
+    known = {name: value for name in names if (value := getattr(run, name)) is not None}
+    return JudgedRun(**known, radio=run.radio_bytes_per_robot_s, outcomes=means(run.outcome))
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number of a run, of which the mean over runs is told."""
+
+    name: str
+    says: str
+    """What it is."""
+    unit: str
+    value: Callable[[JudgedRun], float]
+    """NaN: unknown of this run."""
+    more_is_better: bool
+
+
+@dataclass(frozen=True)
+class TimeMetric:
+    """When something was the case, if it was by the run's end; the mean over runs is restricted to that."""
+
+    name: str
+    says: str
+    event: str
+    """What a run is once it is the case."""
+    at: Callable[[JudgedRun], float | None]
+    """s; None: not by the end."""
+    unit: str = "s"
+
+
+PLACES: Final = Metric("places", "places done", "places", lambda run: float(run.places_done), True)
+METRICS: Final = (
+    PLACES,
+    Metric("contacts", "contacts", "contacts", lambda run: run.contacts, False),
+    Metric("radio", "octets on the air per robot and second", "octets/s", lambda run: run.radio, False),
+    Metric("driven", "metres driven by all robots", "m", lambda run: run.driven_m, False),
+)
+SETTLED: Final = TimeMetric("settled", "running time", "done or given up", lambda run: run.settled_s)
+TIMES: Final = (SETTLED, TimeMetric("completion", "time to complete", "done", lambda run: run.completion_s))
+"""`last_reached_s` is none of them: it rewards a run that gives up early."""
+LEXICOGRAPHIC: Final = "lexicographic"
+"""The order of docs/model-problem.md: more places done, and of as many the shorter running time."""
+NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
+ORDER: Final = (PLACES.name, *(one.name for one in TIMES), LEXICOGRAPHIC, *(one.name for one in METRICS[1:]))
+"""In which metrics are shown: the chapter's first, then what it costs."""
+_BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
+_OWN: Final = "outcome."
+"""Prefix of a result of the strategy's own."""
+CHOICE: Final = f"one of {', '.join(NAMES)} or {_OWN}NAME, of a strategy's own result"
+
+
+def is_metric(name: str) -> bool:
+    """Return whether runs can be compared by the metric of this name."""
+    return name in NAMES or (name.startswith(_OWN) and name != _OWN)
+
+
+def named(name: str) -> Metric | TimeMetric:
+    """Return the metric of this name; of a strategy's own result, `outcome.NAME`, more counts as better."""
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    own = name.removeprefix(_OWN)
+    return Metric(name, name, "", lambda run: run.outcomes.get(own, math.nan), more_is_better=True)
+
+
+def horizon(runs: Sequence[JudgedRun]) -> float:
+    """Until when these runs of one scenario were watched, s; a run ends sooner once nothing is left to do."""
+    return max((run.simulated_s for run in runs), default=0.0)
+
+
+def values(metric: Metric | TimeMetric, runs: Sequence[JudgedRun], until: float) -> list[float]:
+    """A number for each run; of times the horizon `until` where it was not the case by then."""
+    if isinstance(metric, Metric):
+        return [metric.value(run) for run in runs]
+    times = (metric.at(run) for run in runs)
+    return [until if at is None else min(at, until) for at in times]
+
+
+def ranks(runs: Sequence[JudgedRun]) -> list[float]:
+    """The place of each run in the lexicographic order, equal for equal ones; more is better."""
+    keys = [
+        (run.places_done, -math.inf if run.settled_s is None else -run.settled_s, not run.failed)
+        for run in runs
+    ]
+    order = {key: float(place) for place, key in enumerate(sorted(set(keys)))}
+    return [order[key] for key in keys]
+
 
 Floats = NDArray[np.float64]
 StrategyRuns = dict[str, dict[int, JudgedRun]]
@@ -143,7 +270,7 @@ def compare(
         one
         for sample in found
         if len(sample.pairs) >= least
-        for one in _comparisons(sample, [only] if only is not None else metrics.ORDER)
+        for one in _comparisons(sample, [only] if only is not None else ORDER)
     ]
 
 
@@ -157,7 +284,7 @@ def _comparisons(sample: PairedSample, names: Sequence[str]) -> Iterator[Compari
 def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[JudgedRun, JudgedRun]]) -> Scores:
     """A metric of the pairs in which it is known of both runs."""
     runs = [run for pair in pairs for run in pair]
-    found = np.array(metrics.values(metric, runs, horizon(runs))).reshape(-1, 2)
+    found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
     known = found[~np.isnan(found).any(axis=1)]
     if isinstance(metric, Metric):
         return Scores(known[:, 0], known[:, 1], 1 if metric.more_is_better else -1, True)
@@ -166,12 +293,12 @@ def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[JudgedRun, JudgedR
 
 def estimate(sample: PairedSample, name: str) -> Comparison | None:
     """Return one metric of a sample, or None if it is known of fewer than LEAST_PAIRS."""
-    says, unit, in_order = _LEXICOGRAPHIC_SAYS, "", name == metrics.LEXICOGRAPHIC
+    says, unit, in_order = _LEXICOGRAPHIC_SAYS, "", name == LEXICOGRAPHIC
     if in_order:
-        order = np.array(metrics.ranks([run for pair in sample.pairs for run in pair]))
+        order = np.array(ranks([run for pair in sample.pairs for run in pair]))
         found = Scores(order[::2], order[1::2], 1, True)
     else:
-        metric = metrics.named(name)
+        metric = named(name)
         says, unit, found = metric.says, metric.unit, scores(metric, sample.pairs)
     if found.ones.size < LEAST_PAIRS:
         return None
@@ -194,3 +321,101 @@ def estimate(sample: PairedSample, name: str) -> Comparison | None:
 
 def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+_FEW: Final = 4
+"""Combinations of which each is told by itself."""
+
+
+@dataclass(frozen=True)
+class Coincidence:
+    """Two strategies in one variant, over the seeds that both have a run of."""
+
+    one: str
+    other: str
+    variant: tuple[tuple[str, Any], ...]
+    seconds: tuple[int, ...]
+    """For each seed, for how many whole seconds from the start on all robots were in the same places."""
+    whole: tuple[int, ...]
+    """Seeds whose two runs are the same from beginning to end."""
+
+    @property
+    def half_s(self) -> int:
+        """So many seconds coincide in at least half of the pairs."""
+        return sorted(self.seconds, reverse=True)[(len(self.seconds) - 1) // 2]
+
+    @property
+    def sharing(self) -> int:
+        """How many pairs coincide for that long."""
+        return sum(seconds >= self.half_s for seconds in self.seconds)
+
+
+def coincidences(records: Iterable[TrialRecord]) -> list[Coincidence]:
+    """Of every two strategies in every variant; failed runs have none."""
+    traces: dict[str, tuple[tuple[tuple[str, Any], ...], dict[str, dict[int, str]]]] = {}
+    for record in records:
+        if record.trace:
+            variant = tuple(record.variant.items())
+            _, by_strategy = traces.setdefault(repr(variant), (variant, {}))
+            by_strategy.setdefault(record.strategy, {})[record.seed] = record.trace
+    return [
+        _coincidence(one, other, variant, mine, theirs)
+        for variant, strategies in traces.values()
+        for (one, mine), (other, theirs) in combinations(strategies.items(), 2)
+        if mine.keys() & theirs.keys()
+    ]
+
+
+def _coincidence(
+    one: str, other: str, variant: tuple[tuple[str, Any], ...], mine: dict[int, str], theirs: dict[int, str]
+) -> Coincidence:
+    seeds = [seed for seed in mine if seed in theirs]
+    return Coincidence(
+        one,
+        other,
+        variant,
+        tuple(coincide_s(mine[seed], theirs[seed]) for seed in seeds),
+        tuple(seed for seed in seeds if mine[seed] == theirs[seed]),
+    )
+
+
+def coincidence_sentences(found: Sequence[Coincidence]) -> list[str]:
+    """A sentence for each, and one more where whole runs coincide; many combinations have one together."""
+    pairs: dict[tuple[str, str], list[Coincidence]] = {}
+    for one in found:
+        pairs.setdefault((one.one, one.other), []).append(one)
+    lines: list[str] = []
+    for same in pairs.values():
+        lines += _together(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
+    return lines
+
+
+def _alone(one: Coincidence) -> Iterator[str]:
+    where = "".join(f", {key} = {value}" for key, value in one.variant)
+    yield (
+        f"{one.one} and {one.other}{where}: the first {one.half_s} s of {one.sharing} of"
+        f" {len(one.seconds)} pairs coincide ({_range(one.seconds)})"
+    )
+    if one.whole:
+        seeds = ", ".join(map(str, one.whole[:10])) + (" …" if len(one.whole) > 10 else "")
+        yield f"    {len(one.whole)} from beginning to end, so they tell no difference: seeds {seeds}"
+
+
+def _together(same: Sequence[Coincidence]) -> Iterator[str]:
+    """All combinations of two strategies in one sentence."""
+    seconds = [second for one in same for second in one.seconds]
+    name = f"{same[0].one} and {same[0].other}, in {len(same)} combinations"
+    yield f"{name}: {len(seconds)} pairs coincide at first ({_range(seconds)})"
+    whole = [one for one in same if one.whole]
+    if whole:
+        most = max(whole, key=lambda one: len(one.whole))
+        where = ", ".join(f"{key} = {value}" for key, value in most.variant)
+        count = sum(len(one.whole) for one in whole)
+        yield (
+            f"    {count} from beginning to end, so they tell no difference, in {len(whole)} combinations;"
+            f" most ({len(most.whole)}) with {where}"
+        )
+
+
+def _range(seconds: Sequence[int]) -> str:
+    return f"least {min(seconds)} s, median {median(seconds):g} s, most {max(seconds)} s"

@@ -4,11 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from acrc_testbed.experiments.comparison.across_cells import AcrossCells
-from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample
-from acrc_testbed.experiments.comparison.family import ComparedMetric, PairVerdict
-from acrc_testbed.experiments.comparison.judgement import CampaignJudgement
-from acrc_testbed.experiments.comparison.metrics import named
+from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample, named
+from acrc_testbed.experiments.comparison.judgement import AcrossCells, CampaignJudgement
+from acrc_testbed.experiments.comparison.verdicts import ComparedMetric, PairVerdict
 from acrc_testbed.experiments.report import quantities
 from acrc_testbed.experiments.report.cases import REAL, CaseSource
 from acrc_testbed.experiments.report.quantities import Cell, NumberTable

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
+from acrc_testbed.experiments.statistics.models import Completion
 from acrc_testbed.experiments.statistics.paired_tests import CONFIDENCE, Interval
-from acrc_testbed.experiments.statistics.survival import Completion
 from acrc_testbed.results.outcome import means
 from acrc_testbed.results.result import RobotResult, RunResult
 from actors.ieee802154 import airtime_ns

@@ -18,8 +18,8 @@ from acrc_testbed.experiments.report.section import (
     medians,
     spread_cells,
 )
+from acrc_testbed.experiments.statistics.models import Completion, kaplan_meier, restricted_mean
 from acrc_testbed.experiments.statistics.paired_tests import Interval, mean_interval
-from acrc_testbed.experiments.statistics.survival import Completion, kaplan_meier, restricted_mean
 from acrc_testbed.results.result import RunResult
 
 _MOST_PANELS: Final = 12

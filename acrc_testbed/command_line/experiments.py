@@ -95,7 +95,7 @@ def campaign(
 
     It runs each strategy in each variant of a scenario. An interrupted campaign is resumed.
     """
-    from acrc_testbed.command_line.experiments import campaigns
+    from acrc_testbed.command_line import campaigns
     from acrc_testbed.experiments.campaign.campaign import CampaignOptions
     from acrc_testbed.experiments.study.study_wishes import StudyWishes
     from actors.robot.behaviour.foreign import permit_of
@@ -128,7 +128,7 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    from acrc_testbed.command_line.experiments.causes import causes as print_causes
+    from acrc_testbed.command_line.causes import causes as print_causes
 
     print_causes(folder, json_output=json)
 
@@ -146,9 +146,9 @@ def compare(
     json: Json = False,
 ) -> None:
     """Say which strategies differ, by how much, how surely."""
-    from acrc_testbed.command_line.experiments import results
+    from acrc_testbed.command_line import campaigns
 
-    results.compare(folder, metric, json_output=json)
+    campaigns.compare(folder, metric, json_output=json)
 
 
 def report(
@@ -167,7 +167,7 @@ def report(
     json: Json = False,
 ) -> None:
     """Write an HTML report of runs, with the data behind it."""
-    from acrc_testbed.command_line.experiments import campaigns
+    from acrc_testbed.command_line import campaigns
 
     campaigns.report(folders, out, json=json)
 
@@ -184,7 +184,7 @@ def bundle(
     json: Json = False,
 ) -> None:
     """Pack a campaign so that others can check and repeat it."""
-    from acrc_testbed.command_line.experiments import campaigns
+    from acrc_testbed.command_line import campaigns
 
     campaigns.bundle(folder, out, tuple(author or ()), json=json)
 
@@ -216,12 +216,12 @@ def plan(
     json: Json = False,
 ) -> None:
     """Compute how many pairs of runs an effect needs."""
-    from acrc_testbed.command_line.experiments import results
+    from acrc_testbed.command_line import campaigns
 
     if pilot is not None:
-        results.plan_from_pilot(pilot, metric, power, comparisons, json=json)
+        campaigns.plan_from_pilot(pilot, metric, power, comparisons, json=json)
     else:
-        results.plan(a12, power, correlation, comparisons, json=json)
+        campaigns.plan(a12, power, correlation, comparisons, json=json)
 
 
 def freeze(
@@ -243,7 +243,7 @@ def freeze(
     The plan has the commit, margins, primary comparisons, number of seeds, stop rule, and a hash of every
     file that the study reads. Campaigns are held against it, and acrc compare says what was declared before.
     """
-    from acrc_testbed.command_line.experiments import campaigns
+    from acrc_testbed.command_line import campaigns
 
     campaigns.freeze(study, out, until_decided=until_decided, json=json)
 

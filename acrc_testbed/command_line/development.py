@@ -32,7 +32,7 @@ class Check:
 CHECKS: Final = (
     Check("ruff format --check", ("-m", "ruff", "format", "--check", ".")),
     Check("ruff check", ("-m", "ruff", "check", ".")),
-    Check("portable arithmetic", ("-m", "acrc_testbed.command_line.development.portability")),
+    Check("portable arithmetic", ("-m", "acrc_testbed.command_line.portability")),
     Check("mypy", ("-m", "mypy")),
     Check("lint-imports", ("-c", "import sys; from importlinter import cli; cli.lint_imports_command()")),
 )

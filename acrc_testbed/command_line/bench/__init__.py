@@ -1,1 +1,0 @@
-"""Claims and benchmarks on the command line: `acrc verify` and `acrc bench`."""

@@ -1,0 +1,420 @@
+"""Commands that read campaigns: compare, study plan."""
+
+import dataclasses
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+
+from acrc_testbed.command_line.options import answer
+from acrc_testbed.experiments.campaign import campaign as campaigns
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.campaign import CampaignOptions
+from acrc_testbed.experiments.campaign.store import declared, differing, protection
+from acrc_testbed.experiments.comparison import comparison, verdicts
+from acrc_testbed.experiments.comparison.comparison import (
+    Comparison,
+    PairedSample,
+    coincidence_sentences,
+    coincidences,
+    samples,
+)
+from acrc_testbed.experiments.comparison.judgement import (
+    CampaignJudgement,
+    across_sentences,
+    failures,
+    judge,
+    summaries,
+    verdict,
+)
+from acrc_testbed.experiments.comparison.verdicts import (
+    Promise,
+    ceilings,
+    foreseen,
+    primary,
+    promises,
+    step_names,
+    tests_of,
+)
+from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
+from acrc_testbed.experiments.study import frozen_plan
+from acrc_testbed.experiments.study.study import Study, load_study
+from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
+from acrc_testbed.results.seal import seal
+from actors.console import print_table, screen
+from actors.installation.usage import OptionError, typed, wrong_value
+from actors.installation.version import software
+from actors.processes.signals import Interrupted
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.sandbox import choose
+from deploy.clusters.address import plain
+from deploy.run import out_folder
+from deploy.run.progress import lines
+
+
+def campaign(
+    wishes: StudyWishes,
+    out: Path | None,
+    options: CampaignOptions,
+    permit: Permit,
+    *,
+    plan: Path | None,
+    until_decided: bool,
+    json_output: bool,
+) -> None:
+    """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
+    if options.on is not None:
+        options = replace(options, on=plain(options.on))  # said before anything is written
+    wishes, taken_for = understood(wishes)
+    study = study_of(wishes)
+    if study.isolated and options.on is None:
+        choose(True)  # refused here, not run by run
+    source = path_of(wishes)
+    hints, modules = check(study, permit, source)
+    plan_file = store.plan_of(plan, None if study.tuning else source)
+    options = replace(options, modules=modules)
+    folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
+    kept = store.create(folder.absolute(), study)
+    watch = verdicts.Watch(kept) if until_decided else None
+    if watch is not None:
+        kept.declare_looks()
+    frozen = store.take_in(kept, plan_file, source, looks=until_decided)
+    say = screen(stderr=True)
+    least = LEAST_PAIRS if watch is None else watch.rules.least
+    for line in [] if json_output else (*taken_for, *hints, *foreseen(study, least), *frozen):
+        say.print(line)
+    try:
+        progress = _carried_out(kept, options, watch, quiet=json_output)
+    except Interrupted as interrupt:
+        say.print(f"acrc: ended from outside; the same command resumes from {folder}")
+        raise typer.Exit(interrupt.exit_code) from None
+    finally:
+        campaigns.write(kept)
+        seal(kept.folder)
+    different = differing(kept)
+    if json_output:
+        _print_json(kept, folder, progress)
+    else:
+        console = screen()
+        for line in _lines(kept, folder, progress, watch):
+            console.print(line)
+    for line in different:
+        say.print(f"acrc: {line}", style="bold red")
+    if different:
+        raise typer.Exit(1)
+
+
+def _lines(
+    kept: store.Store, folder: Path, progress: campaigns.CampaignProgress, watch: verdicts.Watch | None
+) -> Iterator[str]:
+    """What is said at the end."""
+    yield from protection(kept)
+    yield from _causes(kept)
+    yield from summaries(kept.records())
+    yield from coincidence_sentences(coincidences(kept.records()))
+    if watch is not None:
+        yield from verdicts.look_sentences(watch.looked_at(), watch.rules)
+    yield (
+        f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
+        f" results.csv and results.parquet; {typed('compare', folder)} says what they show"
+    )
+
+
+def _causes(kept: store.Store) -> list[str]:
+    """Why runs failed, a line for each cause."""
+    found: dict[str, list[str]] = {}
+    for record in kept.records():
+        if record.failure is not None:
+            found.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
+    return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
+
+
+def _print_json(kept: store.Store, folder: Path, progress: campaigns.CampaignProgress) -> None:
+    told = {
+        "out": str(folder),
+        **msgspec.to_builtins(progress),
+        "protection": protection(kept),
+        "differing": differing(kept),
+        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
+        "coincide": [msgspec.to_builtins(one) for one in coincidences(kept.records())],
+    }
+    sys.stdout.write(json.dumps(told) + "\n")
+
+
+def _carried_out(
+    kept: store.Store, options: CampaignOptions, watch: verdicts.Watch | None, *, quiet: bool
+) -> campaigns.CampaignProgress:
+    with shown(quiet=quiet) as follow:
+        if watch is None:
+            return campaigns.carry_out(kept, options, follow)
+        return campaigns.carry_out(kept, options, follow, watch.enough)
+
+
+@contextmanager
+def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
+    """Says on standard error how far the campaign is: by a bar at a terminal, else by a line now and then."""
+    console = screen(stderr=True, soft_wrap=False)
+    if quiet:
+        yield lambda progress: None
+        return
+    if not console.is_terminal:
+        say = lines(console)
+        yield lambda progress: say(f"{progress.done} of {progress.total} runs{_stands(progress)}")
+        return
+    bar = Progress(
+        TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[stands]}"),
+        console=console,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("runs", total=None, stands="")
+        yield lambda progress: bar.update(
+            task, total=progress.total, completed=progress.done, stands=_stands(progress).removeprefix(", ")
+        )
+
+
+def _stands(progress: campaigns.CampaignProgress) -> str:
+    """What there is to say beside how many runs have ended, each behind a comma."""
+    failed = f", {progress.failed} failed" if progress.failed else ""
+    decided = ", decided" if progress.enough else ""
+    if not progress.left_s:
+        return failed + decided
+    checking = ", repeating some to check them" if progress.done == progress.total else ""
+    return f"{failed}{decided}{checking}, about {_span(progress.left_s)} left"
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: bool) -> None:
+    """Freeze the study beside its file, or where it is asked for. Raises AcrcError over a file."""
+    target = out or study_file.with_suffix(frozen_plan.SUFFIX)
+    if target.exists():
+        raise AcrcError(f"{target}: is there already; must be another file, for what is frozen stays")
+    study = load_study(study_file)
+    step_names(study)
+    looks = verdicts.rules_for(study).differ.looks if until_decided else ()
+    content = frozen_plan.freeze(study, software(), looks)
+    with out_folder.writing(target):
+        regular_file.write(target, content)
+    plan = frozen_plan.read(target)
+    said = [
+        f"Frozen {declared(plan)}",
+        f"written to {target}; a hash proves no date: publish it before the first run to prove one",
+    ]
+    answer(said, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)
+
+
+def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
+    """Write the report beside the first folder's content, or where it is asked for."""
+    from acrc_testbed.experiments.report import report as reports  # draws with matplotlib
+
+    target = out or folders[0] / "report"
+    with out_folder.writing(target):
+        page = reports.write(folders, out or regular_file.no_link(target))
+    said = f"written to {page}, with its pictures and tables beside it"
+    answer([said], {"page": page}, json=json)
+
+
+def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
+    """Write the bundle beside the campaign's folder, or where it is asked for."""
+    from acrc_testbed.experiments.bundle import bundle as bundles  # draws with matplotlib
+
+    target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
+    with out_folder.writing(target):
+        has_software = bundles.make(folder, target, authors)
+    said = [f"written to {target}; unpack it and call ./reproduce.sh to repeat the runs"]
+    if not has_software:
+        said.append("without the software: it was changed after its last commit, or that commit is gone")
+    if not authors:
+        said.append("its CITATION.cff names no author; give --author NAME")
+    answer(said, {"file": target, "has_software": has_software, "authors": authors}, json=json)
+
+
+def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
+    """Compare every pair of strategies of a campaign, and print what comes of it.
+
+    Exit code 1 if a repeated run was another one in memory: then it says so before and after all else.
+    """
+    if metric is not None and not comparison.is_metric(metric):
+        raise wrong_value("--metric", metric, comparison.CHOICE)
+    kept = store.load(folder)
+    found = judge(kept, metric)
+    different = differing(kept)
+    _warn(different)
+    if json_output:
+        sys.stdout.write(json.dumps(_comparison_json(found)) + "\n")
+    else:
+        _print_comparison(kept, found)
+        _warn(different)
+    if different:
+        raise typer.Exit(1)
+
+
+def _warn(different: Sequence[str]) -> None:
+    console = screen(stderr=True)
+    for line in different:
+        console.print(f"acrc: {line}", style="bold red")
+
+
+def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
+    return {
+        "failures": found.failures,
+        "declared": found.declared,
+        "verdicts": [
+            {
+                "one": one.sample.one,
+                "other": one.sample.other,
+                "variant": one.sample.variant,
+                "says": verdict(one),
+                "decided_by": one.deciding.metric if one.deciding is not None else None,
+                "steps": [
+                    {
+                        "metric": step.metric, "pairs": len(step.sample.pairs),
+                        **step.test._asdict(), "tested": step.tested, "adjusted": step.adjusted,
+                        "threshold": step.threshold, "differs": step.differs, "margin": step.margin,
+                        "equivalence_p": step.equivalence_p, "equivalent": step.equivalent,
+                    }
+                    for step in one.steps
+                ],
+            }
+            for one in found.verdicts
+        ],
+        "across_cells": [
+            one._asdict()
+            | {
+                "fitted": None if one.fitted is None else dataclasses.asdict(one.fitted),
+                "without": [each._asdict() for each in one.without],
+                "says": across_sentences(one),
+            }
+            for one in found.across
+        ],
+        "too_few": list(found.too_few),
+        "estimates": [dataclasses.asdict(one) for one in found.estimates],
+    }  # fmt: skip
+
+
+def _print_comparison(kept: store.Store, found: CampaignJudgement) -> None:
+    console = screen()
+    for line in (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family):
+        console.print(line)
+    for one in found.verdicts:
+        console.print(verdict(one))
+    for across in found.across:
+        for line in across_sentences(across):
+            console.print(line)
+    if found.estimates:
+        console.print("Estimates with 95 % intervals, of which none is a test:")
+    for table in _tables(found.estimates):
+        print_table(console, table)
+    for line in _about(kept, found):
+        console.print(line)
+
+
+def _about(kept: store.Store, found: CampaignJudgement) -> Iterator[str]:
+    """What is to be known beside the tests."""
+    if kept.looks is not None:
+        yield from verdicts.look_sentences(found.looks, verdicts.rules_for(kept.study))
+    yield from coincidence_sentences(coincidences(kept.records()))
+    if kept.study.tuning:
+        yield "These are tuning seeds: test what was chosen with them on other seeds."
+
+
+def _tables(made: Sequence[Comparison]) -> Iterator[Table]:
+    """One for each pair of strategies in each variant; a row for each metric."""
+    for (one, other, variant), group in groupby(made, key=lambda c: (c.one, c.other, c.variant)):
+        title = ", ".join([f"{one} and {other}", *(f"{key} = {value}" for key, value in variant)])
+        table = Table("metric", one, other, "difference", "better", "worse", "A12", title=title)
+        for each in group:
+            table.add_row(
+                each.metric,
+                "" if each.ones is None else f"{each.ones:.4g}",
+                "" if each.others is None else f"{each.others:.4g}",
+                "" if each.difference is None else f"{_interval(each.difference, '+.3g')} {each.unit}",
+                str(each.better),
+                str(each.worse),
+                _interval(each.effect, ".2f"),
+            )
+        yield table
+
+
+def _interval(found: Interval, form: str) -> str:
+    return f"{found.value:{form}} [{found.low:{form}}, {found.high:{form}}]"
+
+
+def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
+    """Print the number of pairs that an effect needs; a comparison has two tests, of places and of times."""
+    tests = 2 * comparisons
+    try:
+        pairs = pairs_needed(Effect(a12, correlation, power, tests))
+    except ValueError as error:
+        raise OptionError(f"--a12: {error}") from None
+    said = (
+        f"{pairs} pairs of runs show an effect of A12 = {a12:g} with probability {power:g} at 5 % shared by "
+        f"{tests} tests, if two runs with the same seed correlate by {correlation:g}."
+    )
+    told = {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests}
+    answer([said], told, json=json)
+
+
+def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons: int, *, json: bool) -> None:
+    """Print how often campaigns of a size would tell the declared strategies apart, and what is too easy."""
+    if comparisons > 1:
+        raise OptionError("--comparisons: cannot be combined with --pilot, whose study declares them")
+    kept = store.load(folder)
+    if metric is not None and not comparison.is_metric(metric):
+        raise wrong_value("--metric", metric, comparison.CHOICE)
+    study = msgspec.structs.replace(kept.study, primary_metric=metric or kept.study.primary_metric)
+    records = list(kept.records())
+    found = primary(samples(records, study), study)
+    if not found or not all(sample.pairs for sample in found):
+        raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
+    made = list(promises(found, study, power))
+    if json:
+        names = [f"{sample.one} and {sample.other}{sample.where}" for sample in found]
+        told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
+        answer([], told, json=True)
+        return
+    console = screen()
+    for line in failures(records, study):
+        console.print(line)
+    _print_promises(console, found, made, study, power)
+    for line in ceilings(records):
+        console.print(line)
+    if not kept.study.tuning:
+        console.print(
+            "These are seeds of tests, which have been looked at now; a pilot with --tuning has its own."
+        )
+
+
+def _print_promises(
+    console: Console, found: Sequence[PairedSample], made: Sequence[Promise], study: Study, power: float
+) -> None:
+    names = [f"{sample.one} and {sample.other}{sample.where}" for sample in found]
+    known = min(len(sample.pairs) for sample in found)
+    title = f"Share of campaigns that tell them apart, by {tests_of(study)} tests"
+    table = Table("pairs", *names, title=title)
+    for one in made:
+        shares = zip(one.shares, one.cautious, strict=True)
+        table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
+    print_table(console, table)
+    console.print(f"In brackets: if the {known} seeds of the pilot are themselves drawn.")
+    last = made[-1]
+    if min(last.shares) >= power:
+        console.print(f"{last.pairs} pairs tell each of them apart with probability {power:g}.")
+    else:
+        open_ones = [name for name, share in zip(names, last.shares, strict=True) if share < power]
+        console.print(
+            f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(open_ones)}.", markup=False
+        )

@@ -1,1 +1,0 @@
-"""What a change to the testbed itself must pass: checks and test suite."""

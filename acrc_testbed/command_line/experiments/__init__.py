@@ -1,1 +1,0 @@
-"""The commands of experiments; what each needs is imported once it is called."""
