@@ -20,14 +20,27 @@ class EstimateQuality(MessagePart, frozen=True):
     """False: it looks for itself; then Drive has no pose."""
 
 
+class ParticleCloud(MessagePart, frozen=True):
+    """Where particles of the filter are, at most 300."""
+
+    least: float
+    """m, map frame; what is 0 in `points`, ..."""
+    greatest: float
+    """... and what would be 65 536."""
+    points: bytes
+    """uint16, x and y of each, rounded down."""
+
+
 class CostWindow(MessagePart, frozen=True):
-    """The local cost map that navigation steered by."""
+    """The local cost map that navigation steers by: `CostMap.restore` has all costs from it."""
 
     corner: tuple[float, float, float]
     """Pose of its south-west corner, map frame: x, y, m, heading, rad."""
-    rows: int
-    costs: bytes
-    """uint8, row by row, the southernmost first; costs as costmap_2d has them."""
+    side: int
+    """Rows and columns."""
+    marked: bytes
+    """Indices of the marked cells, row by row, the southernmost row first; uint16, uint32 where there are
+    more than 65 536 cells."""
 
 
 class PerceptionSample(MessagePart, frozen=True):
@@ -35,13 +48,13 @@ class PerceptionSample(MessagePart, frozen=True):
 
     sensor: tuple[float, float, float] | None
     """Pose of the range sensor at the last scan, map frame, by the present estimate; None: no scan yet."""
-    particles: bytes | None
-    """float32, x and y of every particle, at most 300, m, map frame; None: as before, or there are none."""
+    particles: ParticleCloud | None
+    """None: as before, or there are none."""
     plan: bytes | None
     """float32, x and y of every fourth point of the plan and of its last, m, map frame; empty: it has none;
     None: as before."""
     window: CostWindow | None
-    """None: navigation has not steered lately."""
+    """None: navigation has not steered since the last sample."""
 
 
 class Activity(MessagePart, frozen=True):
@@ -79,7 +92,7 @@ class ValueChange(MessagePart, frozen=True):
     path: str
     """Such as `destination`, `parameters.speed`, or `bids[r2]` in a mapping."""
     before: str | None
-    """None: the mapping had no such key."""
+    """None: the mapping had no such key; empty: what it became with this path's last change."""
     after: str | None
 
 

@@ -371,7 +371,9 @@ ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
 ANSWERED: Final = Topic("swarm/infra/answered", Answered, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
-INTROSPECTION: Final = Topic("swarm/up/{id}/introspection", Introspection, is_recorded_only=True)
+INTROSPECTION: Final = Topic(
+    "swarm/up/{id}/introspection", Introspection, is_recorded_only=True, is_packed=False
+)
 FRAME_OUTCOMES: Final = Topic("swarm/infra/frame_outcomes", FrameOutcomes, is_recorded_only=True)
 FLOOR_CHANGED: Final = Topic("swarm/infra/floor_changed", FloorChanged, is_recorded_only=True)
 

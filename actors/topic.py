@@ -32,6 +32,7 @@ class Topic(Generic[M]):
         is_telemetry: bool = False,
         is_from_outside: bool = False,
         is_recorded_only: bool = False,
+        is_packed: bool = True,
     ) -> None:
         self.pattern = pattern
         self.kind = kind
@@ -43,6 +44,8 @@ class Topic(Generic[M]):
         """No actor publishes them, so they cannot be balanced against what was received."""
         self.is_recorded_only = is_recorded_only
         """Its sender records them in full and publishes none: outside digest, counts and barrier."""
+        self.is_packed = is_packed
+        """Where they are only recorded, they are deflated; False: they are compact as they are."""
         self._keys: dict[str, str] = {}
 
     def key(self, robot: str = "") -> str:

@@ -60,6 +60,15 @@ Modules = Annotated[
     list[Path] | None,
     typer.Option("--modules", metavar="DIR", help="Load strategies from this folder, too. Repeatable."),
 ]
+Record = Annotated[
+    str,
+    typer.Option(
+        metavar="full|lean",
+        help="Record also what viewers and exports show of each robot's inside (full), or only what results "
+        "and causes need (lean).",
+        autocompletion=lambda: ["full", "lean"],
+    ),
+]
 Trust = Annotated[
     bool,
     typer.Option(

@@ -14,6 +14,7 @@ from acrc_testbed.command_line import options
 from acrc_testbed.command_line.options import (
     Json,
     Modules,
+    Record,
     Robots,
     ScenarioFile,
     Seed,
@@ -57,6 +58,7 @@ def run(
         ),
     ] = None,
     setting: Setting = None,
+    record: Record = "full",
     speed: Annotated[
         str | None,
         typer.Option(
@@ -184,7 +186,7 @@ def run(
 
     permit = foreign.permit_of(modules, trust=trust)
     from deploy.clusters.address import plain
-    from deploy.run.options import RunOptions, checked, folder_name
+    from deploy.run.options import RunOptions, checked, folder_name, record_detail
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
     overrides = Overrides(
@@ -200,6 +202,7 @@ def run(
     name = folder_name(scenario or DEFAULT_SCENARIO)
     options = RunOptions(
         out or Path("runs", name),
+        record=record_detail(record),
         speed=speed or ("1" if control else "max"),
         bus=bus,
         spawn=spawn,

@@ -10,16 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.replay.run_recordings import told as first_record
+from actors.instant import Instant
 from actors.introspection import (
+    CostWindow,
     DecisionRecord,
     EstimateQuality,
     GoalState,
     Introspection,
     KnowledgeCommit,
+    ParticleCloud,
     PerceptionSample,
+    ValueChange,
 )
 from actors.messages import NO_ECHO_MM, Drive, Heard, Received, Scan, Senses
 from actors.portable import arrays
+from actors.robot.cost_maps.cost_map import CostMap, CostMapParameters
+from actors.robot.introspection import cell_type
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
@@ -33,8 +39,6 @@ Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
 _LATEST: Final = 10**15
 """µs; no run lasts longer."""
-_MOST_CELLS: Final = 1_000_000
-"""Of a cost window."""
 _MOST_FIELDS: Final = 1000
 """Of a robot's knowledge."""
 NOT_RECORDED: Final = "what it computed was not recorded; record the run with --record full"
@@ -58,12 +62,8 @@ class IntrospectionError(AcrcError):
     """Introspection that contradicts itself."""
 
 
-class _LocalMap(msgspec.Struct, frozen=True):
-    cell: float
-
-
 class _Stack(msgspec.Struct, frozen=True):
-    local_map: _LocalMap
+    local_map: CostMapParameters
 
 
 class _PerceptionSetup(msgspec.Struct, frozen=True):
@@ -78,7 +78,8 @@ def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "Proces
     """Return the empty model of a robot's process; `run`: first record of its recording. RecordingError."""
     setup = first_record(path, run, _PerceptionSetup, "a robot")
     model = load_model(located_model(setup.model, path.parent), setup.sensor)
-    return ProcessModel(process, model.sensor, setup.stack.local_map.cell)
+    local = CostMap(model.sensor, model.footprint.circumradius, setup.stack.local_map)
+    return ProcessModel(process, model.sensor, local)
 
 
 class PointSets(NamedTuple):
@@ -205,9 +206,9 @@ class _Step(NamedTuple):
 class ProcessModel:
     """Folds the messages of one process of a robot."""
 
-    def __init__(self, process: RecordedProcess, sensor: RangeSensor, cell: float) -> None:
-        """`cell`: edge of a cell of the local cost map, m."""
-        self.process, self._sensor, self._cell = process, sensor, cell
+    def __init__(self, process: RecordedProcess, sensor: RangeSensor, local: CostMap) -> None:
+        """`local`: a cost map like the robot's."""
+        self.process, self._sensor, self._local = process, sensor, local
         angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
         self._rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
         self._scan: Scan | None = None
@@ -217,6 +218,8 @@ class ProcessModel:
         """Of frames by when they were received, µs."""
         self._quality: EstimateQuality | None = None
         self._knowledge: dict[str, str] = {}
+        self._values: dict[tuple[str, str], str | None] = {}
+        """As JSON, by component and path."""
         self._commits = 0
         self._is_recorded = False
 
@@ -263,7 +266,26 @@ class ProcessModel:
         """Return a change of knowledge with its number and the frame that brought what it used."""
         self._commits += 1
         via = None if commit.replica is None else self._senders.get(commit.replica.heard)
+        changed = tuple(self._whole(commit.component, one) for one in commit.changed)
+        commit = msgspec.structs.replace(commit, changed=changed)
         return StepCommit(step, second, self._commits - 1, commit, via)
+
+    def _whole(self, component: str, change: ValueChange) -> ValueChange:
+        """Return the change with the value before it, also where that is the one of the last change."""
+        place = component, change.path
+        before = self._values.get(place) if change.before == "" else change.before
+        self._values[place] = change.after
+        return msgspec.structs.replace(change, before=before)
+
+    def costs(self, window: CostWindow) -> NDArray[np.uint8]:
+        """Return all costs of a window, (rows, columns). Raises ValueError for one of another size."""
+        side, cells = self._local.side, np.frombuffer(window.marked, cell_type(self._local.side))
+        if window.side != side or (len(cells) and cells.max() >= side * side):
+            raise ValueError(f"a cost window has {window.side} rows, but must have {side}, and all its marks")
+        marks = np.zeros(side * side, np.uint8)
+        marks[cells] = 1
+        self._local.restore(Instant(0), self._local.corner, marks.reshape(side, side))
+        return self._local.costs()
 
     def words(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
         """Return all fields of the knowledge in words after these changes."""
@@ -287,7 +309,7 @@ class ProcessModel:
     @property
     def cell(self) -> float:
         """Edge of a cell of the local cost map, m."""
-        return self._cell
+        return self._local.parameters.cell
 
     @property
     def is_recorded(self) -> bool:
@@ -350,14 +372,11 @@ class _Part:
 
     def _sample(self, second: float, sample: PerceptionSample) -> None:
         if sample.particles is not None:
-            self._particles.append((second, _points(sample.particles)))
+            self._particles.append((second, _cloud(sample.particles)))
         if sample.plan is not None:
             self._plans.append((second, _points(sample.plan)))
         if (window := sample.window) is not None:
-            if window.rows < 1 or len(window.costs) % window.rows or len(window.costs) > _MOST_CELLS:
-                raise ValueError(f"a cost window of {len(window.costs)} cells has {window.rows} rows")
-            costs = np.frombuffer(window.costs, np.uint8).reshape(window.rows, -1)
-            self._windows.append((second, costs, window.corner))
+            self._windows.append((second, self._model.costs(window), window.corner))
 
     def _at(self, instant: int) -> float:
         if abs(instant) > _LATEST:
@@ -393,6 +412,15 @@ class _Part:
             commits=tuple(self._commits),
             is_recorded=self._model.is_recorded,
         )
+
+
+def _cloud(cloud: ParticleCloud) -> Singles:
+    """Return the particles, (k, 2). Raises ValueError for bytes that are no points."""
+    if len(cloud.points) % 4:
+        raise ValueError(f"{len(cloud.points)} bytes are no particles of 4 bytes each")
+    step = (cloud.greatest - cloud.least) / 65_536
+    points = cloud.least + (np.frombuffer(cloud.points, "<u2") + 0.5) * step
+    return points.astype(np.float32).reshape(-1, 2)
 
 
 def _points(data: bytes) -> Singles:

@@ -29,7 +29,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import Goal, GoalPhase, GoalStatus, Plan
 from actors.robot.core import RobotCore
-from actors.robot.local_planning.steering import BaseLocalPlanner, Cycle
+from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
@@ -42,8 +42,6 @@ _PARTICLES: Final = 300
 """So many of the filter's particles are kept: more are a blot."""
 _WAY_POINTS: Final = 4
 """Every so manieth point of a plan is kept: they are a cell apart."""
-_FRESH: Final = Duration(1_000_000)
-"""A cost map by which nobody has steered for so long is not kept, µs."""
 _PHASES: Final = {
     GoalPhase.PLANNING: "planning",
     GoalPhase.CONTROLLING: "driving",
@@ -77,7 +75,7 @@ class Perception:
         self._updated = False
         self._here = Pose(0.0, 0.0, 0.0)
         self._sweep: Sweep | None = None
-        self._cycle: Cycle | None = None
+        self._steered: Instant | None = None
         self._plan: Plan | None = None
         self._cloud: object = None
         self._heard: dict[str, int] = {}
@@ -118,9 +116,6 @@ class Perception:
 
         cast(Any, core).advance = watched
         cast(Any, core.localisation).update = noted
-        local_planner = core.navigation.local_planner
-        if isinstance(local_planner, BaseLocalPlanner):
-            local_planner.witness = self._steered
 
     @property
     def has_looked(self) -> bool:
@@ -159,9 +154,6 @@ class Perception:
             "held": _held(self._held),
             "goals": tuple(self._goals),
         }
-
-    def _steered(self, cycle: Cycle) -> None:
-        self._cycle = cycle
 
     def _step(self, outputs: Sequence[Output]) -> None:
         """What happens seldom is looked for in every step, the rest where it is due."""
@@ -244,13 +236,14 @@ class Perception:
 
     def _weigh(self) -> None:
         """The costs by which the robot steers now."""
-        cycle, self._cycle = self._cycle, None
-        if cycle is None or self._now - cycle.instant > _FRESH:
+        planner = self._robot_core.navigation.local_planner
+        if not isinstance(planner, BaseLocalPlanner) or planner.steered == self._steered:
             return
-        corner = Pose(cycle.corner.column * self._cell, cycle.corner.row * self._cell, 0.0)
+        self._steered, local = planner.steered, planner.local
+        corner = Pose(local.corner.column * self._cell, local.corner.row * self._cell, 0.0)
         self._told["costs_at"].append(self._now)
-        self._told["costs"].append(cycle.costs)
-        self._told["corners"].append(tuple(cycle.estimate.frame(cycle.here).compose(corner)))
+        self._told["costs"].append(local.costs())
+        self._told["corners"].append(tuple(self._estimate.pose.frame(self._here).compose(corner)))
 
     def _meet(self, node: Node) -> None:
         """Which replicas are newer, and which are gone."""

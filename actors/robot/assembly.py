@@ -1,5 +1,6 @@
 """A robot from its parts: which localiser, which local planner, whose behaviour."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final
@@ -17,6 +18,7 @@ from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.cost_maps import cost_map, ray_tracing
 from actors.robot.cost_maps.cost_map import CostMap
+from actors.robot.introspection import Introspector
 from actors.robot.local_planning import disc_dwa, dwa, local_planner, map_grid
 from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
 from actors.robot.local_planning.local_planner import DwaLocalPlanner
@@ -34,6 +36,7 @@ from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
 from actors.settings import Count
+from deeco.node import looking_on
 
 KERNELS: Final = (
     *(foundations, arrays, draws, raster, potential, ray_tracing, cost_map, map_grid, local_planner),
@@ -120,12 +123,13 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
     stack = setup.stack
     common = common_ground(plan, model, stack)
-    parts = RobotParts(
-        sweeps=Sweeps(model.sensor),
-        localisation=_localisation(setup, model, common.field),
-        navigation=navigator(common, model, stack),
-        behaviour=behaviour_of(setup.behaviour, start(setup, model, common.floor)),
-    )
+    localisation, navigation = _localisation(setup, model, common.field), navigator(common, model, stack)
+    introspector = None
+    if setup.detail == "full":
+        introspector = Introspector(setup.id, model.sensor, localisation, navigation)
+    with nullcontext() if introspector is None else looking_on(introspector):
+        behaviour = behaviour_of(setup.behaviour, start(setup, model, common.floor))
+    parts = RobotParts(Sweeps(model.sensor), localisation, navigation, behaviour, introspector=introspector)
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )

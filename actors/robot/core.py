@@ -15,6 +15,7 @@ from actors.instant import Instant, in_seconds
 from actors.message_limits import senses_fault
 from actors.messages import (
     DRIVE,
+    INTROSPECTION,
     RECEIVED,
     SENSES,
     TRANSMIT,
@@ -27,12 +28,14 @@ from actors.messages import (
 from actors.robot.behaviour.decisions import RobotLimits, fault, outcome_fault
 from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import Behaviour, Decision, View
+from actors.robot.introspection import Introspector
 from actors.robot.localisation import Localisation
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at
 from actors.runtime.errors import AcrcError
 from deeco.knowledge import made
+from deeco.node import looking_on
 
 _LIMITS: Final = RobotLimits()
 
@@ -62,6 +65,8 @@ class RobotParts:
     navigation: Navigator
     behaviour: Behaviour
     moving: MotionThresholds = MotionThresholds()
+    introspector: Introspector | None = None
+    """None: only results and causes are recorded."""
 
 
 class RobotCore:
@@ -87,6 +92,8 @@ class RobotCore:
         self._finished = False
         self._senses, self._received = at(SENSES, robot), at(RECEIVED, robot)
         self._drive, self._transmit = at(DRIVE, robot), at(TRANSMIT, robot)
+        self._introspection = at(INTROSPECTION, robot)
+        self._introspector = parts.introspector
 
     @property
     def navigation(self) -> Navigator:
@@ -138,7 +145,13 @@ class RobotCore:
         if senses.halt:
             self._finished = True
             return ()
-        outputs = self._outputs(*self._act(senses, events))
+        if self._introspector is None:
+            outputs = self._outputs(*self._act(senses, events))
+        else:
+            with looking_on(self._introspector):  # a successor's node is made in a later step
+                outputs = self._outputs(*self._act(senses, events))
+            told = self._introspector.end(self._step, self._parts.behaviour)
+            outputs += () if told is None else (Output(self._introspection, told),)
         self._step += 1
         return outputs
 
@@ -161,11 +174,15 @@ class RobotCore:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
         here = made(Pose, (odometry.x, odometry.y, odometry.heading))
         sweep = parts.sweeps.take(instant, here, senses.scan)
+        newest = sweep
         for scan in senses.earlier_scans:
             earlier = parts.sweeps.placed(scan)
+            newest = earlier if sweep is None else sweep
             parts.localisation.update(here, earlier)
             parts.navigation.sense(instant, here, earlier)
         estimate = parts.localisation.update(here, sweep)
+        if self._introspector is not None:
+            self._introspector.begin(instant, here, estimate, newest)
         pose = estimate.pose
         velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
         parts.navigation.sense(instant, here, sweep)

@@ -7,12 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.silence import Timeout
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
+from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 
 SLOWEST = 0.01
@@ -30,6 +31,9 @@ class RunOptions:
     out: Path
     """Absolute path of a new or empty folder for everything that the run writes."""
     _: KW_ONLY
+    record: RecordDetail = "full"
+    """How much the actors record; `lean`: what results and causes need, without what viewers and exports show
+    of a robot's inside."""
     speed: str = "max"
     """Simulated seconds per second as a number, or "max"."""
     bus: str = "zenoh"
@@ -76,6 +80,13 @@ class RunOptions:
     """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
     recorded: RecordedModules | None = None
     """What must be in them, for a run in memory; None: whatever is."""
+
+
+def record_detail(text: str) -> RecordDetail:
+    """Return what `--record` says. Raises OptionError."""
+    if text not in get_args(RecordDetail):
+        raise wrong_value("--record", text, _choice(get_args(RecordDetail)))
+    return cast(RecordDetail, text)
 
 
 def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:

@@ -215,12 +215,13 @@ def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSet
         msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
         for robot in plan.world.robots
     )
-    return msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+    return msgspec.structs.replace(plan.world, map=_MAP, robots=robots, detail=plan.options.record)
 
 
 def told_radio(plan: RunPlan) -> RadioSetup:
     """The air, its map as it is called in a folder of the run."""
-    return msgspec.structs.replace(plan.radio, map=_MAP if plan.radio.map else "", detail="full")
+    place = _MAP if plan.radio.map else ""
+    return msgspec.structs.replace(plan.radio, map=place, detail=plan.options.record)
 
 
 def radio_program(plan: RunPlan) -> Program:
@@ -277,7 +278,7 @@ def robot_program(
 
 def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
     """What the robot is told, with a model of the user's own as it lies beside its set-up."""
-    told = robot_setup(plan, robot)
+    told = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
     return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 
 

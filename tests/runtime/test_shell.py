@@ -96,7 +96,7 @@ class Introspective(Answerer):
         step = self.step
         outputs = super().advance(inputs)
         size = self._noise * step
-        sample = PerceptionSample(None, random.Random(step).randbytes(size), bytes(size), None)
+        sample = PerceptionSample(None, None, random.Random(step).randbytes(size), None)
         told = Introspection(step, 0, sample=sample)
         return (to(INTROSPECTION, told, self._robot), *outputs) if outputs else ()
 
@@ -279,7 +279,7 @@ def test_a_message_that_is_only_recorded_is_there_in_full_and_nowhere_else(tmp_p
         told = decode(INTROSPECTION, one.key, one.payload)  # type: ignore[arg-type]
         assert isinstance(told, Introspection)
         assert told.sample is not None
-        assert told.sample.particles == random.Random(one.step).randbytes(50_000 * one.step)
+        assert told.sample.plan == random.Random(one.step).randbytes(50_000 * one.step)
     again = ReplayBus(path)
     replay(Shell(Introspective("r22", 50_000), again, again, actor="r22"), again)
     assert again.compared == 10

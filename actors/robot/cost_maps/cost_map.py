@@ -214,6 +214,11 @@ class CostMap:
         """Row and column, counted from the odometry frame's origin, of the window's south-west cell."""
 
     @property
+    def side(self) -> int:
+        """Rows and columns of the window."""
+        return len(self._marks)
+
+    @property
     def squared(self) -> NDArray[np.int16]:
         """Squared distance from each cell to the nearest marked one, cells²: (rows, columns), capped."""
         if self._squared is None:
@@ -259,6 +264,10 @@ class CostMap:
         self._marks[:] = 0
         self._marks[inner, inner] = kept
         self._squared = None
+
+    def marked(self) -> NDArray[np.int64]:
+        """Indices of the marked cells, row by row, the southernmost row first: (k,)."""
+        return np.flatnonzero(self._marks.view(np.bool_))
 
     def marks(self) -> NDArray[np.float64]:
         """Centres of the marked cells: (k, 2), m, odometry frame, from south to north, west to east."""

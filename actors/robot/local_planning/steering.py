@@ -1,7 +1,7 @@
 """What a local planner is asked and says: so much is the same whatever it chooses by."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple
 
@@ -10,7 +10,6 @@ from msgspec import Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.floor.grid import Cell
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import hypot
@@ -224,27 +223,6 @@ class Steering(NamedTuple):
 NOWHERE: Final = Steering(STILL, False)
 
 
-class Cycle(NamedTuple):
-    """One choice of a local planner: what it was made from, and what was chosen."""
-
-    instant: Instant
-    here: Pose
-    """The body's pose, m and rad, odometry frame."""
-    estimate: Pose
-    """The same, map frame."""
-    velocity: Twist
-    """The base's own."""
-    way: NDArray[np.float64]
-    """(n, 2): the plan, m, map frame."""
-    corner: Cell
-    """Row and column of the window's south-west cell, counted from the odometry frame's origin."""
-    costs: NDArray[np.uint8]
-    """(rows, columns) of the window, row 0 the southernmost: costs as costmap_2d has them."""
-    turning: bool
-    """True while the robot turns on the spot."""
-    steering: Steering
-
-
 class BaseLocalPlanner(ABC):
     """Follows one plan at a time."""
 
@@ -256,8 +234,13 @@ class BaseLocalPlanner(ABC):
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._way: NDArray[np.float64] = np.zeros((0, 2))
         self._turning = False
-        self.witness: Callable[[Cycle], None] | None = None
-        """Is told of every cycle; for those who execute a robot again to look into it."""
+        self.steered: Instant | None = None
+        """When it chose last, with a fresh scan; None: never."""
+
+    @property
+    def local(self) -> CostMap:
+        """Its local cost map."""
+        return self._local
 
     @property
     def period(self) -> Duration:
@@ -282,12 +265,8 @@ class BaseLocalPlanner(ABC):
         """
         if not self._local.age(instant) <= in_seconds(self._p.scan_patience):
             return NOWHERE
-        steering = self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
-        if self.witness is not None:
-            local = self._local
-            given = instant, here, estimate, velocity, self._way, local.corner, local.costs()
-            self.witness(Cycle(*given, self._turning, steering))
-        return steering
+        self.steered = instant
+        return self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
 
     @abstractmethod
     def reached(self, estimate: Pose, velocity: Twist) -> bool:

@@ -154,6 +154,10 @@ class Packer(_WithScans):
         data = deflate.compress(payload) + deflate.flush(zlib.Z_SYNC_FLUSH)
         return COMPUTED, data[: -len(_FLUSHED)]
 
+    def as_it_is(self, payload: bytes) -> tuple[Encoding, bytes]:
+        """The same for a message that packing would make hardly smaller."""
+        return MESSAGES, payload
+
     def _with_scan(self, payload: bytes, at: int, size: int) -> bytes | None:
         begin = at + 3
         run = self._scans.packed(payload[begin : begin + size])

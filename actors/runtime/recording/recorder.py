@@ -67,6 +67,10 @@ _PACKING: Final = {
 _KINDS: Final = {topic.pattern.rpartition("/")[2]: topic.kind for topic in TOPICS}
 
 
+_COMPACT: Final = frozenset(topic.pattern.rpartition("/")[2] for topic in TOPICS if not topic.is_packed)
+"""Last parts of the keys whose messages are recorded as they are."""
+
+
 def kind_on(key: str) -> type[Message] | None:
     """The type of what travels on a key; None for a key that is none of this project."""
     return _KINDS.get(key.rpartition("/")[2])
@@ -203,7 +207,8 @@ class Recorder:
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message that is only recorded: it is kept in full."""
-        encoding, data = self._packer.computed(payload)
+        compact = key.rpartition("/")[2] in _COMPACT
+        encoding, data = self._packer.as_it_is(payload) if compact else self._packer.computed(payload)
         self._noted += (("out", key, step, sequence, data, len(payload), None, encoding),)
         self._noted_size += len(data)
         if self._noted_size > io.DEFAULT_BUFFER_SIZE:

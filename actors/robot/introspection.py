@@ -1,0 +1,468 @@
+"""Records what a robot computes: reads, draws no random number and changes nothing.
+
+Its messages are outputs of the robot's core that only the robot's own recording has. A strategy whose
+knowledge cannot be shown loses those rows, never the robot.
+"""
+
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from actors.geometry import CERTAIN, Point, Pose
+from actors.instant import Duration, Instant, milliseconds
+from actors.introspection import (
+    Activity,
+    CostWindow,
+    DecisionRecord,
+    EstimateQuality,
+    GoalState,
+    Introspection,
+    KnowledgeCommit,
+    ParticleCloud,
+    PerceptionSample,
+    ReplicaContact,
+    ReplicaUse,
+    ValueChange,
+)
+from actors.robot.behaviour.decisions import Deciding
+from actors.robot.behaviour.node_host import node_of
+from actors.robot.behaviour.ports import Behaviour, Goal, GoalPhase, GoalStatus, Plan
+from actors.robot.local_planning.steering import BaseLocalPlanner
+from actors.robot.localisation import Estimate, Localisation
+from actors.robot.navigation.navigator import Navigator
+from actors.robot.sweep import Sweep
+from actors.robot_model import RangeSensor
+from actors.runtime.errors import printable
+from actors.task.task import PlaceKey
+from deeco.knowledge import Knowledge
+from deeco.local import Commit
+from deeco.node import Node, Onlooker, onlooker
+from deeco.replication.network import Replica
+
+PERIOD: Final = milliseconds(500)
+"""Between two samples: as often as a person can follow."""
+ACTIVITIES: Final = (
+    "driving", "planning", "no trajectory", "backing out", "blocked", "adopted", "elsewhere", "paused",
+    "aborted", "idle",
+)  # fmt: skip
+"""Activities of a robot. "adopted": it drives to a place that was another's; "elsewhere": to a point that is
+nobody's place; "no trajectory": navigation has a plan and finds no trajectory along it; "blocked": its
+component considers it blocked; "aborted": navigation has given up; "idle": it has no goal."""
+_PHASES: Final = {
+    GoalPhase.PLANNING: "planning",
+    GoalPhase.CONTROLLING: "driving",
+    GoalPhase.OBSTRUCTED: "no trajectory",
+    GoalPhase.RETREATING: "backing out",
+    GoalPhase.PAUSED: "paused",
+}
+_PARTICLES: Final = 300
+"""Particles in a sample; more would be a blot."""
+_PLAN_STRIDE: Final = 4
+"""Every fourth point of a plan is kept: they are a cell apart."""
+_LONGEST: Final = 160
+"""Characters of a value in words."""
+_LONGEST_JSON: Final = 20_000
+"""Characters of a value as JSON."""
+_MOST_CHANGES: Final = 500
+"""Changed values of one commit."""
+_DEEPEST: Final = 3
+"""Values nested deeper are left out of words."""
+
+
+class Introspector:
+    """Collects what changed in one robot, step by step; told by its node of commits and replicas."""
+
+    def __init__(
+        self,
+        robot: str,
+        sensor: RangeSensor,
+        localisation: Localisation,
+        navigation: Navigator,
+        period: Duration = PERIOD,
+    ) -> None:
+        self._robot, self._sensor, self._period = robot, sensor, period
+        self._localisation, self._navigation = localisation, navigation
+        planner = navigation.local_planner
+        self._planner = planner if isinstance(planner, BaseLocalPlanner) else None
+        self._outer: Onlooker | None = onlooker()
+        self._instant, self._due = Instant(0), Instant(0)
+        self._here = Pose(0.0, 0.0, 0.0)
+        self._estimate = Estimate(self._here, CERTAIN)
+        self._quality: EstimateQuality | None = None
+        self._sweep: Sweep | None = None
+        self._steered: Instant | None = None
+        self._plan: Plan | None = None
+        self._particles = b""
+        self._goal: Goal | None = navigation.goal
+        self._acted: object = self
+        """The goal by which the activity was told last."""
+        self._knowledge: Any = None
+        self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
+        self._heard: dict[str, int] = {}
+        self._news: dict[str, int] = {}
+        self._shown: dict[tuple[str, str], object] = {}
+        """By component and path the value that a change brought last."""
+        self._commits: list[tuple[Commit, Replica | None]] = []
+        self._values: dict[str, object] = {}
+        self._words: dict[str, str] = {}
+
+    def deployed(self, component: Knowledge, now: Instant) -> None:
+        """See `deeco.node.Onlooker`, as for the next ones."""
+        if self._outer is not None:
+            self._outer.deployed(component, now)
+
+    def committed(self, commit: Commit, replica: Replica | None) -> None:
+        """A component has other knowledge."""
+        self._commits.append((commit, replica))
+        if self._outer is not None:
+            self._outer.committed(commit, replica)
+
+    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+        """The node has a newer replica."""
+        self._news[replica.id] = int(replica.contact(now).heard)
+        if self._outer is not None:
+            self._outer.heard(component, replica, now)
+
+    def begin(self, instant: Instant, here: Pose, estimate: Estimate, sweep: Sweep | None) -> None:
+        """A step begins. `here`: the odometry's pose; `sweep`: the last scan since the last step."""
+        self._instant, self._here, self._estimate = instant, here, estimate
+        if sweep is not None:
+            self._sweep = sweep
+
+    def end(self, step: int, behaviour: Behaviour) -> Introspection | None:
+        """Return what changed in the step; None if nothing did."""
+        instant, estimate = self._instant, self._estimate
+        node = node_of(behaviour)
+        knowledge = None if node is None else _knowledge(node, self._robot)
+        is_due = instant >= self._due
+        told = Introspection(
+            step,
+            instant,
+            self._changed_quality(estimate),
+            None if estimate.located else _triple(estimate.pose),
+            self._changed_activity(knowledge),
+            self._changed_goal(),
+            () if node is None else self._changed_contacts(node),
+            self._taken_commits() if self._commits else (),
+            self._sample() if is_due else None,
+            self._changed_words(knowledge) if is_due and knowledge is not None else (),
+        )
+        if is_due:
+            self._due = Instant((instant // self._period + 1) * self._period)
+        return None if msgspec.structs.astuple(told)[2:] == _NOTHING else told
+
+    def _changed_quality(self, estimate: Estimate) -> EstimateQuality | None:
+        last = self._quality
+        if (
+            last is not None
+            and last.covariance == estimate.covariance
+            and last.lost == estimate.lost
+            and last.located == estimate.located
+        ):
+            return None
+        covariance = tuple(float(one) for one in estimate.covariance)
+        self._quality = EstimateQuality(covariance, estimate.lost, estimate.located)
+        return self._quality
+
+    def _changed_goal(self) -> GoalState | None:
+        goal = self._navigation.goal
+        if goal is self._goal or goal == self._goal:
+            return None
+        self._goal = goal
+        return goal_state(goal)
+
+    def _changed_contacts(self, node: Node) -> tuple[ReplicaContact, ...]:
+        news, replicas = self._news, node.replicas
+        if news:
+            self._news = {}
+            self._heard |= news
+        if len(replicas) == len(self._heard):
+            return tuple([ReplicaContact(peer, heard) for peer, heard in news.items()]) if news else ()
+        present = {one.id for one in replicas}
+        gone = sorted(self._heard.keys() - present)
+        for peer in gone:
+            del self._heard[peer]
+        found = [ReplicaContact(peer, heard) for peer, heard in news.items() if peer in present]
+        return (*found, *(ReplicaContact(peer, None) for peer in gone))
+
+    def _changed_activity(self, knowledge: Any) -> Activity | None:
+        goal = self._navigation.goal
+        if knowledge is self._knowledge and goal is self._acted:
+            return None
+        self._knowledge, self._acted = knowledge, goal
+        key = getattr(getattr(knowledge, "destination", None), "key", None)
+        destination = key if isinstance(key, PlaceKey) else None
+        elsewhere = getattr(knowledge, "waypoint", None) is not None
+        activity = _activity(self._robot, goal, destination, elsewhere, _is_blocked(knowledge))
+        point = None if goal is None or activity == "idle" else goal.point
+        now = (activity, destination, point)
+        if now == self._activity:
+            return None
+        self._activity = now
+        name = "" if destination is None else in_words(destination)
+        return Activity(activity, name, None if point is None else (point.x, point.y))
+
+    def _taken_commits(self) -> tuple[KnowledgeCommit, ...]:
+        commits, self._commits = self._commits, []
+        return tuple([self._commit(commit, replica) for commit, replica in commits])
+
+    def _commit(self, commit: Commit, replica: Replica | None) -> KnowledgeCommit:
+        instant = commit.instant
+        return KnowledgeCommit(
+            instant,
+            commit.after.id,
+            commit.by,
+            commit.adaptation,
+            commit.peer,
+            0 if commit.heard is None else instant - commit.heard,
+            self._changes(commit),
+            None if replica is None else _use(replica, instant),
+            decision(commit),
+        )
+
+    def _changes(self, commit: Commit) -> tuple[ValueChange, ...]:
+        found: list[ValueChange] = []
+        component, shown = commit.after.id, self._shown
+        try:
+            for path, before, after in differences(commit.before, commit.after):
+                if len(found) == _MOST_CHANGES:
+                    break
+                known = shown.get((component, path), self) is before
+                shown[component, path] = after
+                found.append(ValueChange(path, "" if known else as_json(before), as_json(after)))
+        except Exception as error:  # comparing and showing values calls the user's code
+            found.append(ValueChange("", None, f"cannot be shown: {type(error).__name__}"))
+        return tuple(found)
+
+    def _changed_words(self, knowledge: Knowledge) -> tuple[tuple[str, str], ...]:
+        """Return names and values of the fields that read otherwise than before, but for the parameters."""
+        found = []
+        kind: Any = type(knowledge)
+        for name in _field_names(kind):
+            value = getattr(knowledge, name, None)
+            if name == "parameters" or (name in self._values and self._values[name] is value):
+                continue
+            self._values[name] = value
+            text = short_words(value)
+            if self._words.get(name) != text:
+                self._words[name] = text
+                found.append((name.replace("_", " "), text))
+        return tuple(found)
+
+    def _sample(self) -> PerceptionSample:
+        correction, sensor = self._estimate.pose.frame(self._here), None
+        if self._sweep is not None:
+            sensor = _triple(correction.compose(self._sweep.pose).compose(self._sensor.mount))
+        return PerceptionSample(
+            sensor, self._changed_particles(), self._changed_plan(), self._window(correction)
+        )
+
+    def _changed_particles(self) -> ParticleCloud | None:
+        particles = getattr(self._localisation, "particles", None)
+        if particles is None:
+            return None
+        some = particles[:: -(-len(particles) // _PARTICLES), :2]
+        if (known := some.tobytes()) == self._particles:
+            return None
+        self._particles = known
+        least, most = float(some.min()), float(some.max())
+        greatest = least + (most - least) * (65_536 / 65_535) + 1e-6
+        points = ((some - least) * (65_536 / (greatest - least))).astype("<u2")
+        return ParticleCloud(least, greatest, points.tobytes())
+
+    def _changed_plan(self) -> bytes | None:
+        plan = self._navigation.plan
+        if plan is self._plan:
+            return None
+        self._plan = plan
+        if plan is None:
+            return b""
+        return np.concatenate((plan.way[::_PLAN_STRIDE], plan.way[-1:])).astype(np.float32).tobytes()
+
+    def _window(self, correction: Pose) -> CostWindow | None:
+        planner = self._planner
+        if planner is None or planner.steered == self._steered:
+            return None
+        self._steered, local = planner.steered, planner.local
+        cell, side = local.parameters.cell, local.side
+        corner = Pose(local.corner.column * cell, local.corner.row * cell, 0.0)
+        return CostWindow(
+            _triple(correction.compose(corner)), side, local.marked().astype(cell_type(side)).tobytes()
+        )
+
+
+def _triple(pose: Pose) -> tuple[float, float, float]:
+    return (pose.x, pose.y, pose.heading)
+
+
+def cell_type(side: int) -> str:
+    """Return the type of the cells' indices in a window of so many rows and columns."""
+    return "<u2" if side * side <= 65_536 else "<u4"
+
+
+_NOTHING: Final = msgspec.structs.astuple(Introspection(0, 0))[2:]
+
+
+def _knowledge(node: Node, robot: str) -> Any:
+    """Return the robot's component's knowledge; None for a component of another name."""
+    try:
+        return node.knowledge(robot)
+    except KeyError:
+        return None
+
+
+def _is_blocked(knowledge: Any) -> bool:
+    blocked = getattr(knowledge, "is_blocked", None)
+    if not callable(blocked):
+        return False
+    try:
+        return bool(blocked())
+    except Exception:  # the user's code, which nobody but this asks here
+        return False
+
+
+def _activity(
+    robot: str, goal: Goal | None, destination: PlaceKey | None, elsewhere: bool, blocked: bool
+) -> str:
+    """Return the activity; of several that hold, the one that matters most to a person who looks on."""
+    if blocked:
+        return "blocked"
+    if goal is None or goal.status is GoalStatus.SUCCEEDED:
+        return "idle" if destination is None and not elsewhere else "planning"
+    if goal.status is GoalStatus.ABORTED:
+        return "aborted"
+    phase = "planning" if goal.phase is None else _PHASES[goal.phase]
+    if phase != "driving":
+        return phase
+    if elsewhere:
+        return "elsewhere"
+    return "adopted" if destination is not None and destination.owner != robot else phase
+
+
+def goal_state(goal: Goal | None) -> GoalState:
+    """Return a goal's state as it is recorded."""
+    if goal is None:
+        return GoalState(None)
+    status, reason, phase = (one and one.value for one in (goal.status, goal.reason, goal.phase))
+    return GoalState((goal.point.x, goal.point.y), status, reason, phase)
+
+
+def _use(replica: Replica, now: Instant) -> ReplicaUse:
+    contact = replica.contact(now)
+    return ReplicaUse(*replica.version, contact.heard, contact.hops, contact.rssi_dbm)
+
+
+def decision(commit: Commit) -> DecisionRecord | None:
+    """Return what a commit decided, as `actors.robot.behaviour.decisions` has it; None if nothing."""
+    before: Any = commit.before
+    after: Any = commit.after
+    if not (commit.adaptation and isinstance(after, Deciding)):
+        return None
+    words = after.decided_since(before)
+    if not words:
+        return None
+    old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
+    return DecisionRecord(words, old, new)
+
+
+ABSENT: Final = object()
+"""Stands where a mapping has no such key."""
+
+
+class PathDifference(NamedTuple):
+    """A part of knowledge with two values."""
+
+    path: str
+    before: object
+    after: object
+
+
+@cache
+def _field_names(kind: Hashable) -> tuple[str, ...]:
+    """Return the names of a dataclass's fields; none of another type."""
+    return tuple(one.name for one in fields(kind)) if is_dataclass(kind) else ()
+
+
+_ATOMS: Final = frozenset({bool, int, float, str, bytes, tuple, Point, Pose})
+"""Types whose values have no parts that are compared one by one."""
+
+
+def differences(before: object, after: object, path: str = "") -> Iterator[PathDifference]:
+    """Yield where two values differ: by field and key, as deep as both are of one kind; tuples as a whole."""
+    if before is after:
+        return
+    kind: Any = type(after)
+    is_alike = type(before) is kind
+    if is_alike and (names := _field_names(kind)):
+        for name in names:
+            one, other = getattr(before, name), getattr(after, name)
+            if one is other:
+                continue
+            there = f"{path}.{name}" if path else name
+            if type(other) in _ATOMS:
+                if one != other:
+                    yield PathDifference(there, one, other)
+            else:
+                yield from differences(one, other, there)
+    elif isinstance(before, Mapping) and isinstance(after, Mapping):
+        for key in dict.fromkeys([*before, *after]):
+            yield from differences(before.get(key, ABSENT), after.get(key, ABSENT), f"{path}[{key}]")
+    elif before != after:
+        yield PathDifference(path, before, after)
+
+
+_JSON: Final = msgspec.json.Encoder(enc_hook=repr, order="deterministic")
+
+
+def as_json(value: object) -> str | None:
+    """Return a value of knowledge as JSON, at most so long; None for ABSENT."""
+    if value is ABSENT:
+        return None
+    text = _JSON.encode(value).decode()
+    if len(text) <= _LONGEST_JSON:
+        return text
+    return msgspec.json.encode(f"{text[:_LONGEST]}… ({len(text)} characters)").decode()
+
+
+def short_words(value: object) -> str:
+    """Return a value in words, at most so long, whatever it is."""
+    try:
+        text = printable(in_words(value))
+    except Exception as error:  # its own code failed
+        return f"cannot be shown: {type(error).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def in_words(value: Any, deep: int = 0) -> str:
+    """Return a value as short as it can be told: a place as "r1/3", a point by its coordinates."""
+    key = value if isinstance(value, PlaceKey) else getattr(value, "key", None)
+    if isinstance(key, PlaceKey):
+        return f"{key.owner}/{key.place}"
+    if value is None or value == ():
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    if isinstance(value, Enum):
+        return str(value.value)
+    return _composed(value, deep)
+
+
+def _composed(value: Any, deep: int) -> str:
+    """Return a value in words that may be made of others."""
+    if is_dataclass(value):
+        parts = [getattr(value, one.name) for one in fields(value)]
+    elif isinstance(value, tuple | list | frozenset):
+        parts = list(value)
+    else:
+        return str(value)
+    if deep == _DEEPEST:
+        return "…"
+    told = [in_words(one, deep + 1) for one in parts]
+    if isinstance(value, frozenset):
+        told.sort()
+    return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(told)
