@@ -10,8 +10,7 @@ import pytest
 
 from acrc_testbed.command_line import replaying
 from acrc_testbed.replay import record_replay
-from acrc_testbed.replay.recheck import RecheckError, recheck
-from acrc_testbed.replay.record_replay import Onlook, replay_actor
+from acrc_testbed.replay.record_replay import Onlook, RecheckError, recheck, replay_actor
 from acrc_testbed.replay.run_recordings import code_folders, recordings, setup_of
 from acrc_testbed.run_model.recorded import world_setup
 from acrc_testbed.run_model.simulated import read_run
