@@ -8,9 +8,10 @@ in the struct. Dataclasses are decoded in the same way.
 import codecs
 import dataclasses
 import math
+import operator
 import re
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -46,11 +47,13 @@ MOST_PARTS: Final = 32
 """Of a dotted key; time grows with their square, and no file of this project has more than three."""
 MOST_BITS: Final = 1023
 """Of a whole number; a longer one is none as a float, and from 14 000 bits on Python cannot even show it."""
-_TOKENS: Final = re.compile(
-    r'(?P<skipped>"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|\'{3}(?:[^\']|\'(?!\'\'))*\'{0,3}|#[^\n]*)'
-    r"|(?P<part>[A-Za-z0-9_-]+|\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*')|(?P<dot>\.)|(?P<blank>[ \t]+)|(?P<other>.)",
+_TEXT: Final = re.compile(
+    r"""\"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|'{3}(?:[^']|'(?!''))*'{0,3}"""
+    r"""|"(?:[^"\\\n]|\\.)*"?|'[^'\n]*'?|#[^\n]*""",
     re.DOTALL,
 )
+"""Strings, also unfinished ones, and comments: in time that grows with their length alone."""
+_KEY: Final = re.compile(r"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++)+")
 _WITHIN: Final = f"within ±{GREATEST_COORDINATE:.0f}"
 A_POSE: Final = f"a pose [x, y, heading] in m, m and rad, {_WITHIN}"
 A_POINT: Final = f"a point [x, y] in m, {_WITHIN}"
@@ -167,22 +170,11 @@ def loads(text: str) -> dict[str, Any]:
 
 
 def _check_keys(text: str) -> None:
-    parts = dots = 0
-    for token in _TOKENS.finditer(text):
-        match token.lastgroup:
-            case "dot":
-                dots += 1
-            case "part" if dots == parts:
-                parts += 1
-                if parts > MOST_PARTS:
-                    line = text.count("\n", 0, token.start()) + 1
-                    raise ValueError(f"line {line} has a key of more than {MOST_PARTS} parts")
-            case "part":
-                parts, dots = 1, 0
-            case "blank":
-                pass
-            case _:
-                parts = dots = 0
+    bare = _TEXT.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
+    for key in _KEY.finditer(bare):
+        if key.group().count(".") >= MOST_PARTS:
+            line = bare.count("\n", 0, key.start()) + 1
+            raise ValueError(f"line {line} has a key of more than {MOST_PARTS} parts")
 
 
 def _values(content: object) -> Iterator[object]:
@@ -292,11 +284,12 @@ def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
     """The fields that hold a number with bounds, or a choice."""
     found = list[tuple[str, Sequence[Meta], Sequence[Any]]]()
     for name, field in fields_of(kind).items():
-        for arm in (field.hint, *get_args(field.hint)):
-            plain_kind, metas = _stripped(arm)
-            choices = get_args(plain_kind) if get_origin(plain_kind) is Literal else ()
-            if choices or (plain_kind in {int, float, Duration} and metas):
-                found.append((name, metas, choices))
+        is_union = get_origin(field.hint) in {Union, UnionType}
+        arms = [one for one in get_args(field.hint) if one is not NoneType] if is_union else [field.hint]
+        plain_kind, metas = _stripped(arms[0])
+        choices = get_args(plain_kind) if get_origin(plain_kind) is Literal else ()
+        if len(arms) == 1 and (choices or (metas and plain_kind in {int, float, Duration})):
+            found.append((name, metas, choices))
     return found
 
 
@@ -387,24 +380,26 @@ def _scalar(kind: Any, choices: Sequence[Any], value: Any) -> Any:
     return value
 
 
+_TESTS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
+    "ge": operator.ge,
+    "gt": operator.gt,
+    "le": operator.le,
+    "lt": operator.lt,
+    "multiple_of": lambda value, bound: value % bound == 0,
+    "pattern": lambda value, bound: re.search(bound, value) is not None,
+    "min_length": lambda value, bound: len(value) >= bound,
+    "max_length": lambda value, bound: len(value) <= bound,
+}
+
+
 def _fits(value: Any, metas: Sequence[Meta]) -> bool:
     """Return whether a value is within bounds; a number without an upper one must be finite."""
-    for meta in metas:
-        number = isinstance(value, int | float)
-        if number and not (
-            math.isfinite(value)
-            and (meta.ge is None or value >= meta.ge)
-            and (meta.gt is None or value > meta.gt)
-            and (meta.le is None or value <= meta.le)
-            and (meta.lt is None or value < meta.lt)
-            and (meta.multiple_of is None or value % meta.multiple_of == 0)
-        ):
-            return False
-        if meta.pattern is not None and not re.search(meta.pattern, value):
-            return False
-        if not number and not (meta.min_length or 0) <= len(value) <= (meta.max_length or math.inf):
-            return False
-    return True
+    return not (isinstance(value, float) and not math.isfinite(value)) and all(
+        test(value, bound)
+        for meta in metas
+        for name, test in _TESTS.items()
+        if (bound := getattr(meta, name)) is not None
+    )
 
 
 def _is_table(kind: Any) -> bool:
@@ -444,22 +439,21 @@ def _number_words(kind: Any, metas: Sequence[Meta]) -> str:
     if kind not in {int, float, Duration}:
         return ""
     bounds = {
-        name: _in_seconds(bound) if kind is Duration else bound
+        name: bound
         for meta in metas
         for name in ("gt", "ge", "lt", "le")
         if (bound := getattr(meta, name)) is not None
     }
-    unit = next((one.extra["unit"] for one in metas if one.extra), "seconds" if kind is Duration else "")
-    noun = ("a whole number" if kind is int else "a number") + (f" of {unit}" if unit else "")
+    unit = next((f" of {one.extra['unit']}" for one in metas if one.extra), "")
     if kind is Duration:
-        bounds = bounds or {"le": LONGEST_S}
+        bounds = {name: _in_seconds(bound) for name, bound in bounds.items()} or {"le": LONGEST_S}
+        unit = " of seconds"
+    noun = f"a whole number{unit}" if kind is int else f"a number{unit}"
     if not bounds:
         return noun if kind is int else "a finite number"
-    between = " "
-    if [*bounds] in (["ge"], ["le"]):
-        between = ", " if unit else " of "
+    between = " " if len(bounds) > 1 or "gt" in bounds or "lt" in bounds else ", " if unit else " of "
     return noun + between + wording.span(**bounds)
 
 
 def _in_seconds(bound: float) -> float:
-    return in_seconds(int(bound)) if bound % seconds(1) else int(bound) // seconds(1)
+    return int(bound) / seconds(1) if bound % seconds(1) else int(bound) // seconds(1)
