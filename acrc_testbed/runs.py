@@ -1,8 +1,7 @@
 """Runs: made, opened, and looked at as tables and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -115,36 +114,26 @@ def run(
     of your own is a module in the working directory or in a folder of `modules`.
     """
     from acrc_testbed.recordings.topics import Standing, standing
-    from actors.processes.kernels import compile_kernels
-    from actors.robot.behaviour.foreign import Permit, admitted, permit_of
-    from cleaning.strategies import entry
-    from deploy.run import out_folder, swarm
-    from deploy.run.options import RunOptions, checked, folder_name
-    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
+    from actors.robot.behaviour.foreign import Permit, permit_of
+    from deploy.run.options import RunOptions, folder_name
+    from deploy.run.start import claimed, prepare_run, start_run
+    from deploy.scenario.scenario_file import Overrides
 
     file = file_of("scenarios", scenario)
     own = tuple((settings or {}).items())
     overrides = Overrides(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
-    chosen = load_scenario(file, overrides)
-    named = entry(chosen.run.strategy)
-    permit = permit_of(
-        [Path(one) for one in modules], trust=trust, typed=named if strategy is not None else ""
-    )
-    folders = admitted(file, named, module_folders(chosen), permit)
-    name = folder_name(file)
-    place = Path(out) if out is not None else Path("runs", name)
-    options = checked(RunOptions(place, bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True))
+    place = Path(out) if out is not None else Path("runs", folder_name(file))
+    options = RunOptions(place, bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True)
+    prepared = prepare_run(file, overrides, options, permit_of([*map(Path, modules)], trust=trust))
     if out is None:
-        options = replace(options, out=out_folder.claim(options.out.parent, name))
-    _PERMITS[options.out] = Permit(folders)
+        prepared = claimed(prepared)
+    options = prepared.options
+    _PERMITS[options.out] = Permit(options.modules)
     if overwrite and (options.out / _MARK).is_file() and standing(options.out) is Standing.GOING_ON:
         raise AcrcError(f"--out: {options.out} is the folder of a run that is going on; must be another one")
-    replacing = out_folder.replacing(options.out, _MARK) if overwrite else nullcontext()
-    with replacing, out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-        compile_kernels()
-        swarm.run(chosen, replace(options, modules=folders))
+    start_run(prepared, replaces=_MARK if overwrite else "")
     return Run(options.out)
 
 

@@ -34,24 +34,21 @@ def demo(
     """Show two robots in a doorway, without and with adaptation."""
     from acrc_testbed.picture import side_by_side
     from acrc_testbed.run_model.simulated import read_run
-    from actors.processes.kernels import compile_kernels
-    from deploy.run import demonstration, out_folder
+    from deploy.run import out_folder, start
     from deploy.run.options import RunOptions, checked, folder_name
 
     name = folder_name(Path("demo"))
     options = checked(RunOptions(out or Path("runs", name), json=json))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-        compile_kernels(quiet=json)
-        shown = list(demonstration.demonstrate(options))
-    runs = [read_run(options.out / one.strategy) for one in shown]
+    with start.output_folder(options.out, quiet=json):
+        results = start.demonstrate(options)
+    runs = [read_run(options.out / strategy) for strategy in results]
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
     with out_folder.writing(options.out):
         for picture in pictures:
             side_by_side.write(runs, picture)
-    said = demonstration.sentences(shown, len(runs[-1].taken_over), pictures)
-    results = {one.strategy: one.result for one in shown}
+    said = start.sentences(results, len(runs[-1].taken_over), pictures)
     answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
     if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         typer.launch(str(pictures[0]))

@@ -3,8 +3,6 @@
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -182,12 +180,12 @@ def run(
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
     from actors.robot.behaviour import foreign
-    from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
     from deploy.clusters.address import plain
-    from deploy.run.options import RunOptions, checked, folder_name, record_detail
-    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
+    from deploy.run.options import RunOptions, folder_name, record_detail
+    from deploy.run.start import claimed, prepare_run, start_run
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, settings
 
     overrides = Overrides(
         robots=robots,
@@ -199,15 +197,15 @@ def run(
         navigation=navigation,
         settings=settings(setting or ()),
     )
-    name = folder_name(scenario or DEFAULT_SCENARIO)
+    file = scenario or DEFAULT_SCENARIO
     options = RunOptions(
-        out or Path("runs", name),
+        out or Path("runs", folder_name(file)),
         record=record_detail(record),
         speed=speed or ("1" if control else "max"),
         bus=bus,
         spawn=spawn,
         isolate=isolate,
-        scenario=(scenario or DEFAULT_SCENARIO).name,
+        scenario=file.name,
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
         debug=debug,
@@ -223,36 +221,22 @@ def run(
         log=tuple(log or ()),
         followed=tuple(robot or ()),
     )
-    options = checked(options, limit or ())
-    chosen = load_scenario(scenario, overrides)
-    behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
-    permit = replace(permit, typed=behaviour if strategy is not None else "")
-    folders = foreign.admitted(scenario or DEFAULT_SCENARIO, behaviour, module_folders(chosen), permit)
-    options = replace(options, modules=folders)
+    prepared = prepare_run(file, overrides, options, permit, limit or ())
+    by = None
+    if hardware:
+        from deploy.laboratory import hardware_in_the_loop
 
-    from actors.processes.kernels import compile_kernels
-    from actors.processes.launch import launcher
-    from deploy.run import out_folder
-
+        by = hardware_in_the_loop.run
     if out is None:
-        options = replace(options, out=out_folder.claim(options.out.parent, name))
-    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-        compile_kernels(quiet=json)
-        if hardware:
-            from acrc_testbed.results import summary
-            from deploy.laboratory import hardware_in_the_loop
-
-            summary.print_result(hardware_in_the_loop.run(chosen, options), json=json)
-            return
-        # the server imports what all processes need while this one imports what a run needs
-        with launcher(spawn) if bus == "zenoh" else nullcontext() as launched:
-            from deploy.run import swarm
-
-            result = swarm.run(chosen, options, launched)
+        prepared = claimed(prepared)
+    result = start_run(prepared, quiet=json, by=by)
     from acrc_testbed.results import summary
     from acrc_testbed.results.result import demand_all
 
     summary.print_result(result, json=json)
+    if hardware:
+        return
+    chosen, options = prepared
     if not json:
         adapted = chosen.run.strategy not in _BASELINES
         summary.print_next(options.out, options.modules, [*_baseline(sys.argv[1:], out)] if adapted else ())
@@ -281,16 +265,6 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
 
     again = recheck(out, modules)
     screen(stderr=True).print(f"checked: {again.actors} actors replayed, all {again.outputs} messages equal")
-
-
-def _behaviour(strategy: str, *, by_option: bool) -> str:
-    """The entry string of a strategy. Raises OptionError or StrategyError, by who has named it."""
-    from cleaning.strategies import StrategyError, entry
-
-    try:
-        return entry(strategy)
-    except StrategyError as error:
-        raise OptionError(f"--strategy: {error}") if by_option else error from None
 
 
 def branch(

@@ -19,7 +19,6 @@ from actors.console import screen
 from actors.installation.usage import OptionError, typed
 from actors.instant import in_seconds, milliseconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Progress, Truth
-from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import typed_json
 from actors.runtime.bus.replay_bus import first_difference, topic_of
@@ -44,6 +43,7 @@ from deploy.branches.change import place as place_of
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import out_folder, swarm
 from deploy.run.options import RunOptions, checked, folder_name
+from deploy.run.start import output_folder
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.scenario_file import settings as settings_of
 from deploy.scenario.tables import Scenario
@@ -307,8 +307,7 @@ def continue_run(
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-        compile_kernels(quiet=json)
+    with output_folder(options.out, quiet=json):
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
     console = screen(stderr=True)

@@ -21,7 +21,7 @@ from acrc_testbed.run_model.simulated import read_run
 from actors.installation.usage import OptionError
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
-from deploy.run import demonstration
+from deploy.run import start
 from tests.in_process import acrc
 
 if TYPE_CHECKING:
@@ -237,10 +237,8 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
 
 @pytest.mark.nightly
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    over_processes = demonstration.demonstrate
-    monkeypatch.setattr(
-        demonstration, "demonstrate", lambda options: over_processes(replace(options, bus="memory"))
-    )
+    over_processes = start.demonstrate
+    monkeypatch.setattr(start, "demonstrate", lambda options: over_processes(replace(options, bus="memory")))
     done = acrc("demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (out,) = (tmp_path / "runs").iterdir()

@@ -26,8 +26,8 @@ from actors.processes.robot_logs import EVERYBODY
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.linux import die_with_parent
-from deploy.run import swarm
 from deploy.run.options import RunOptions
+from deploy.run.start import PreparedRun, start_run
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 T = TypeVar("T")
@@ -89,7 +89,7 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
         out, bus=order.bus, isolate=order.isolate, json=True, scenario=path.name, hidden=(path,),
         log=(EVERYBODY,), modules=tuple(map(Path, order.modules)),
     )  # fmt: skip
-    result = swarm.run(load_scenario(path, overrides), options)
+    result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
     return msgspec.structs.replace(result, out=""), account(out), trace(out)
 
 

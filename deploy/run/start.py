@@ -1,0 +1,130 @@
+"""Start runs: check options, admit the strategy's code, claim the output folder, compile kernels, run."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from actors.installation.repository import SHIPPED
+from actors.installation.usage import OptionError
+from actors.robot.behaviour.foreign import Permit, admitted
+from cleaning.strategies import StrategyError, entry
+from deploy.run import out_folder
+from deploy.run.options import RunOptions, checked
+from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
+from deploy.scenario.tables import Scenario
+
+if TYPE_CHECKING:  # importing what a run needs takes a second; a wrong option is reported before
+    from acrc_testbed.results.result import RunResult
+    from actors.processes.launch import Launcher
+
+    RunFunction = Callable[[Scenario, RunOptions, Launcher | None], RunResult]
+
+
+class PreparedRun(NamedTuple):
+    """A scenario and checked options, with the folders of the strategy's admitted code."""
+
+    scenario: Scenario
+    options: RunOptions
+
+
+def prepare_run(
+    file: Path, overrides: Overrides, options: RunOptions, permit: Permit, limit: Sequence[str] = ()
+) -> PreparedRun:
+    """Load the scenario and check everything that can be checked before a folder is made.
+
+    A strategy in `overrides` was typed by the user, so its module may lie in the working directory.
+    Raises AcrcError; OptionError where an option is wrong.
+    """
+    options, scenario = checked(options, limit), load_scenario(file, overrides)
+    typed = overrides.strategy is not None
+    try:
+        behaviour = entry(scenario.run.strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") if typed else error from None
+    permit = replace(permit, typed=behaviour if typed else "")
+    modules = admitted(file, behaviour, module_folders(scenario), permit)
+    return PreparedRun(scenario, replace(options, modules=modules))
+
+
+def claimed(prepared: PreparedRun) -> PreparedRun:
+    """Return the run with a new output folder of this name, or of this name and a number, now made."""
+    out = prepared.options.out
+    return prepared._replace(
+        options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)),
+    )
+
+
+@contextmanager
+def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
+    """Compile the kernels, then let a run write to `out`; errors of the disk become AcrcErrors.
+
+    An empty folder is removed after an error. `quiet`: do not report the compilation.
+    """
+    from actors.processes.kernels import compile_kernels  # noqa: PLC0415
+
+    with out_folder.dropped_if_empty(out), out_folder.writing(out):
+        compile_kernels(quiet=quiet)
+        yield
+
+
+def start_run(
+    prepared: PreparedRun, *, quiet: bool = False, replaces: str = "", by: "RunFunction | None" = None
+) -> "RunResult":
+    """Run to the end. Raises AcrcError.
+
+    `replaces`: a folder that has this file is replaced. `by`: runs it in place of `swarm.run`.
+    """
+    scenario, options = prepared
+    replacing = out_folder.replacing(options.out, replaces) if replaces else nullcontext()
+    with replacing, output_folder(options.out, quiet=quiet):
+        if by is not None:
+            return by(scenario, options, None)
+        from actors.processes.launch import launcher  # noqa: PLC0415
+
+        # the forkserver imports what all processes need while this process imports what a run needs
+        with launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launched:
+            from deploy.run import swarm  # noqa: PLC0415
+
+            return swarm.run(scenario, options, launched)
+
+
+HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
+_STRATEGIES: Final = ("none", "chapter")
+_DEMONSTRATION_S: Final = 150.0
+"""Half as long again as it takes with adaptation; without, more time changes nothing."""
+
+
+def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
+    """Run the meeting of two robots without and with adaptation; return the results by strategy.
+
+    Each run has a folder of its strategy's name in `options.out`. Raises AcrcError.
+    """
+    from deploy.run import swarm  # noqa: PLC0415
+
+    return {
+        strategy: swarm.run(
+            load_scenario(HEAD_ON, Overrides(strategy=strategy, duration=_DEMONSTRATION_S)),
+            replace(options, out=options.out / strategy, scenario=HEAD_ON.name),
+        )
+        for strategy in _STRATEGIES
+    }
+
+
+def sentences(results: "dict[str, RunResult]", taken_over: int, pictures: Sequence[Path]) -> Iterator[str]:
+    """Yield the demonstration's outcome in three lines; `taken_over`: places, with adaptation."""
+    without, adapted = results.values()
+    yield (
+        f"Without adaptation: {_cleaned(without)} by {without.simulated_s:g} s. One robot wants out of the "
+        "office, one wants in, and neither gives way."
+    )
+    yield (
+        f"With the chapter's adaptation: {_cleaned(adapted)} by {adapted.simulated_s:g} s. Who is blocked "
+        f"tells the other by radio, and they exchange where they go: {taken_over} places changed hands."
+    )
+    yield f"Both side by side: {', '.join(map(str, pictures))}"
+
+
+def _cleaned(result: "RunResult") -> str:
+    return f"{result.places_done} of {result.places_total} places are clean"
