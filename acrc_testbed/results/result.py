@@ -27,7 +27,7 @@ from acrc_testbed.results.outcome import (
 from actors.instant import in_seconds
 from actors.messages import ROSTER
 from actors.processes.launch import Program
-from actors.processes.silence import HoldUp
+from actors.processes.monitor import HoldUp
 from actors.radio.radio_model import RadioReport, share
 from actors.robot.behaviour.decisions import NodeReport
 from actors.robot.navigation.navigation_counts import NavigationReport

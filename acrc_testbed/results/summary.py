@@ -13,7 +13,7 @@ from acrc_testbed.results.result import RobotResult, RunResult
 from actors.console import print_table, screen
 from actors.installation.usage import typed
 from actors.observer.viewer import WHILE_IT_GOES_ON
-from actors.processes import silence
+from actors.processes import monitor
 from actors.runtime.errors import printable
 
 _ORIGINAL: Final = "; that preset is the original's navigation: robots may get stuck at corners and doors"
@@ -59,7 +59,7 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _places_done(result)
     yield from _sentences(result)
     yield from _effort(result)
-    yield from silence.sentences(result.held_up)
+    yield from monitor.sentences(result.held_up)
     yield from _radio(result)
     yield from _driving(result)
 

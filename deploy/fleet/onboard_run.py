@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,8 +20,8 @@ from actors.floor.placement import check_pose
 from actors.geometry import Point
 from actors.installation.usage import command, wrong_value
 from actors.installation.version import software
-from actors.processes.launch import Child, Launcher, Program, launcher
-from actors.processes.robot_logs import last_line, last_lines
+from actors.processes.launch import Child, Launcher, launcher
+from actors.processes.robot_logs import last_lines
 from actors.processes.signals import signals_as_interrupts
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
@@ -36,48 +35,38 @@ from deploy.fleet.onboard import EpochCounter, Onboard, Ports
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import RunPlan, ScenarioCopy
+from deploy.run.supervisor import RestartPolicy, Supervisor, exit_in_words
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
-
-@dataclass(frozen=True)
-class RestartBudget:
-    """How often processes may be started anew; systemd starts the whole robot again after that."""
-
-    starts: int = 5
-    """Own choice: a fault that comes back at once is no accident."""
-    within_s: float = 60.0
+ONBOARD: Final = RestartPolicy(starts=5, within_s=60.0)
+"""Own choice: a fault that comes back at once is no accident; then systemd starts the whole robot again."""
 
 
-class OnboardSupervisor:
+class OnboardSupervisor(Supervisor):
     """One robot's three processes; a base that ends takes the others along, for it is their router."""
 
-    START_S = 120.0
+    START_S: Final = 120.0
     """How long a base may take to listen; after that it hangs, and is killed."""
     GRACE_S = 5.0
-    """How long a process may take to end after it was asked to."""
+    RESUMES = False
 
     def __init__(
         self,
         onboard: Onboard,
         launcher: Launcher,
-        say: Callable[[str], None],
-        budget: RestartBudget = RestartBudget(),
-        lives: Callable[[], None] = lambda: None,
+        say: Callable[[str], None] = lambda sentence: None,
+        policy: RestartPolicy = ONBOARD,
+        poll: Callable[[], None] = lambda: None,
     ) -> None:
-        """`say` is told what happens, a sentence at a time; `lives` is called again and again."""
-        self._lives = lives
+        super().__init__(launcher, policy, say, poll)
         self._onboard = onboard
-        self._launcher = launcher
-        self._say = say
-        self._budget = budget
-        self._starts: deque[float] = deque()
+        self._withdraw = launcher.withdraw
         self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
-        self._children: dict[str, Child] = {}
+        self._current: dict[str, Child] = {}
+        """The newest process of each."""
         self._losses: dict[Path, str] = {}
         """What was said of recordings that are not whole."""
-        self.programs: list[Program] = []
-        """Every program that was started, in order."""
 
     @property
     def restarts(self) -> int:
@@ -87,12 +76,12 @@ class OnboardSupervisor:
     @property
     def base_pid(self) -> int | None:
         """Of the base process; None while there is none."""
-        base = self._children.get(layout.BASE)
+        base = self._current.get(layout.BASE)
         return None if base is None or base.exit_code is not None else base.pid
 
-    def start(self) -> None:
+    def start_robot(self) -> None:
         """Start base, bridge and robot."""
-        self._launcher.withdraw(self._onboard.router)
+        self._withdraw(self._onboard.router)
         issued = layout.issue(self._onboard)
         self._start(layout.BASE)
         socket = issued.sockets[layout.BRIDGE]
@@ -100,10 +89,10 @@ class OnboardSupervisor:
         while not socket.exists():
             self._launcher.wait(0.005)
             if time.monotonic() > deadline:
-                self._children[layout.BASE].send(signal.SIGKILL)
-            self._lives()
-            if self._children[layout.BASE].exit_code is not None:
-                return  # look() starts it again, or gives up
+                self._current[layout.BASE].send(signal.SIGKILL)
+            self._poll()
+            if self._current[layout.BASE].exit_code is not None:
+                return  # look() restarts it, or gives up
         self._start(layout.BRIDGE)
         self._start(self._onboard.robot.id)
 
@@ -113,39 +102,35 @@ class OnboardSupervisor:
         Raises AcrcError when the budget is used up.
         """
         self._launcher.wait(patience_s)
-        self._lives()
+        self._poll()
         self._tell_losses()
-        ended = [name for name, child in self._children.items() if child.exit_code is not None]
+        ended = [name for name, child in self._current.items() if child.exit_code is not None]
         if not ended:
             return True
-        if all(self._children[name].exit_code == 0 for name in ended):
-            self._await([self._children[layout.BASE]])  # it told them to end, and is about to end itself
-        if self._children[layout.BASE].exit_code == 0:
-            self.end()
+        if all(self._current[name].exit_code == 0 for name in ended):
+            self.await_exits([self._current[layout.BASE]])  # it told them to end, and is about to end itself
+        if self._current[layout.BASE].exit_code == 0:
+            self.end_all()
             return False
         for name in ended:
-            self._say(f"{name} has ended {_cause(self._children[name])}")
-        self._spend(ended[0])
+            self._say(f"{name} has ended {exit_in_words(self._current[name])}")
+        self.count_restart(self._onboard.robot.id, ended[0], self._current[ended[0]])
         if layout.BASE in ended:
-            self.end()
+            self.end_all()
             layout.withdraw(self._onboard)
-            self.start()
+            self.start_robot()
             return True
         for name in ended:
             self._start(name)
         return True
 
-    def end(self) -> None:
+    def end_all(self) -> None:
         """Stop the vehicle, and end all processes."""
-        base = self._children.get(layout.BASE)
+        base = self._current.get(layout.BASE)
         if base is not None and base.exit_code is None:
             base.send(signal.SIGTERM)  # stands, halts the robot, lets the bridge go
-            self._await(list(self._children.values()))
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            running = [child for child in self._children.values() if child.exit_code is None]
-            for child in running:
-                child.send(number)
-            self._await(running)
+            self.await_exits(self._current.values())
+        super().end_all()
         self._tell_losses()
 
     def _start(self, name: str) -> None:
@@ -157,24 +142,12 @@ class OnboardSupervisor:
             program = layout.bridge_program(self._onboard, number)
         else:
             program = layout.onboard_robot_program(self._onboard, number)
-        self.programs.append(program)
-        self._children[name] = self._launcher.start(program)
-
-    def _spend(self, name: str) -> None:
-        now = time.monotonic()
-        self._starts.append(now)
-        while self._starts and self._starts[0] < now - self._budget.within_s:
-            self._starts.popleft()
-        if len(self._starts) > self._budget.starts:
-            self.end()
-            raise AcrcError(
-                f"{self._onboard.robot.id}: its processes were started {self._budget.starts} times within "
-                f"{self._budget.within_s:g} s, and {name} has ended once more {_cause(self._children[name])}"
-            )
+        self.start([program])
+        self._current[name] = self._children[-1]
 
     def _tell_losses(self) -> None:
         """Say which recordings the disk does not take, as each process says it of its own in its log."""
-        for name, child in self._children.items():
+        for name, child in self._current.items():
             record = child.program.record
             if record is None:
                 continue
@@ -183,24 +156,6 @@ class OnboardSupervisor:
             if told is not None and self._losses.get(record) != told:
                 self._losses[record] = told
                 self._say(f"{name}: {told}")
-
-    def _await(self, children: list[Child]) -> None:
-        deadline = time.monotonic() + self.GRACE_S
-        while any(child.exit_code is None for child in children) and time.monotonic() < deadline:
-            self._launcher.wait(0.05)
-            self._lives()
-
-
-def _last_word(child: Child) -> str:
-    return child.program.in_our_words(last_line(child.program.log))
-
-
-def _cause(child: Child) -> str:
-    """How a process has ended, and why, as far as it says."""
-    last = _last_word(child)
-    code = child.exit_code or 0
-    how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-    return f"{how}{f': {last}' if last else ''}"
 
 
 LOOK_S: Final = 0.05
@@ -332,9 +287,9 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
         layout.lay_out(prepared)
         service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
         operator = OperatorLink(prepared.link_fault, say)
-        watch = OnboardSupervisor(prepared, launched, say, lives=service.lives)
+        watch = OnboardSupervisor(prepared, launched, say, poll=service.lives)
         try:
-            watch.start()
+            watch.start_robot()
             service.ready()
             say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
             operator.look()
@@ -349,7 +304,7 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
                 operator.look()
             say(f"{prepared.robot.id} was told to stop")
         finally:
-            watch.end()
+            watch.end_all()
             layout.withdraw(prepared)
 
 

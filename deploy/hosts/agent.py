@@ -22,7 +22,7 @@ from distributed import Status, Worker, get_worker
 
 from acrc_testbed.results.seal import Id, Size, Sum
 from actors.processes.launch import Child, Launcher, Program, launcher
-from actors.processes.silence import ResourceWatch
+from actors.processes.monitor import ResourceWatch
 from actors.robot.program import RobotProgram
 from actors.runtime import regular_file
 from actors.runtime.access import credentials, tls

@@ -13,7 +13,7 @@ from distributed import Future
 
 from acrc_testbed.results.seal import HostLoad
 from actors.processes.launch import Child, LaunchError, Program, write_setup
-from actors.processes.silence import OUT_OF_SIGHT
+from actors.processes.monitor import OUT_OF_SIGHT
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes

@@ -1,7 +1,6 @@
 """A swarm whose robots speak serial bytes only: processes as on board, emulated devices, wall time."""
 
 import itertools
-import signal
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -16,7 +15,7 @@ from acrc_testbed.results.seal import seal
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
-from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
 from actors.runtime.access import rules
@@ -35,6 +34,7 @@ from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import RunPlan, told_radio, told_world
+from deploy.run.supervisor import Supervisor
 from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
@@ -117,8 +117,8 @@ def _run_processes(
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
         preflight(plan, launched)
         room = _Room(plan, simulated, launched)
-        stack.callback(room.end)
-        room.start()
+        stack.callback(room.end_all)
+        room.start_devices()
         robots = [
             _robot(plan, index, folder, board=robot.id not in simulated)
             for index, robot in enumerate(plan.world.robots)
@@ -128,20 +128,19 @@ def _run_processes(
         _follow(plan, watches, buses, room, on_progress)
 
 
-class _Room:
+class _Room(Supervisor):
     """The process with the emulated devices."""
 
     def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
         folder = plan.folder(LABORATORY)
-        self._launched = launched
+        super().__init__(launched)
         self._folder = folder
-        self._child: Child | None = None
         models = {str(path): place for path, place in plan.scenario.models}
         world = told_world(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
         setup = LaboratorySetup(world, told_radio(plan), simulated)
         (folder / SETUP).write_bytes(setup_bytes(setup))
 
-    def start(self) -> None:
+    def start_devices(self) -> None:
         """Start it, and stay until the devices are plugged in."""
         folder = self._folder
         argv = (
@@ -150,32 +149,22 @@ class _Room:
         )
         log = folder / "laboratory.log"
         program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
-        self._child = self._launched.start(program)
+        self.start([program])
         deadline = time.monotonic() + _PATIENCE_S
         while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
-            self._launched.wait(0.05)
+            self._launcher.wait(self.POLL_S)
             self.check()
             if time.monotonic() > deadline:
                 raise AcrcError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
 
     def check(self) -> None:
         """Raise AcrcError if it has ended."""
-        assert self._child is not None
-        if self._child.exit_code is not None:
+        (child,) = self._children
+        if child.exit_code is not None:
             raise AcrcError(
-                f"the emulated devices ended with exit code {self._child.exit_code}; "
+                f"the emulated devices ended with exit code {child.exit_code}; "
                 f"{self._folder / 'laboratory.log'} says why"
             )
-
-    def end(self) -> None:
-        """Have it write what came of it, and end."""
-        if self._child is None:
-            return
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            self._child.send(number)
-            deadline = time.monotonic() + OnboardSupervisor.GRACE_S
-            while self._child.exit_code is None and time.monotonic() < deadline:
-                self._launched.wait(0.05)
 
 
 def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> Onboard:
@@ -201,10 +190,10 @@ def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> On
 
 def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> OnboardSupervisor:
     layout.lay_out(robot)
-    watch = OnboardSupervisor(robot, launched, lambda sentence: None)
+    watch = OnboardSupervisor(robot, launched)
     stack.callback(layout.withdraw, robot)
-    stack.callback(watch.end)
-    watch.start()
+    stack.callback(watch.end_all)
+    watch.start_robot()
     return watch
 
 

@@ -16,8 +16,8 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
-from actors.processes.silence import HoldUp, Silence, Suspect, Telling, Timeout
-from actors.processes.warden import BoardTurn, Show, warded
+from actors.processes.monitor import HoldUp, StallDetector, Suspect, Timeout
+from actors.processes.watchdog import BoardTurn, Show, guarded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
@@ -43,9 +43,11 @@ from deploy.run.plan import world_program as world_as_program
 _TICK_S: Final = 0.25
 
 
-def quiet(timeout: Timeout) -> Silence:
-    """For the process that it looks at itself."""
-    return Silence(timeout, look=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())})
+def own_stalls(timeout: Timeout) -> StallDetector:
+    """Return a detector of stalls of this very process."""
+    return StallDetector(
+        timeout, _say, table=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())}
+    )
 
 
 def _say(sentence: str) -> None:
@@ -56,18 +58,20 @@ def _say(sentence: str) -> None:
 
 @contextlib.contextmanager
 def watched(
-    shells: Sequence[Shell], silence: Silence, turn: Callable[[], BoardTurn], give_up: Callable[[str], None]
+    shells: Sequence[Shell],
+    stalls: StallDetector,
+    turn: Callable[[], BoardTurn],
+    give_up: Callable[[str], None],
 ) -> Iterator[None]:
     """Raise TimedOut in the main thread if none of the `shells` advances for too long.
 
-    `silence` is one that `quiet` makes; `turn` says whose turn it is. `give_up` is called once it has been
+    `stalls` is one that `own_stalls` makes; `turn` says whose turn it is. `give_up` is called when it was
     raised in vain, and must not return. In other threads than the main one, where no signal arrives, nobody
     is watched.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    telling = Telling(silence, _say)
     advances = -1
     in_vain = 0
 
@@ -76,19 +80,17 @@ def watched(
         now = sum(shell.advances for shell in shells)
         if now != advances:
             advances = now
-            silence.broken()
-            telling.broken()
+            stalls.step()
             return
         now_on = turn()
         me = (Suspect(now_on.actor, os.getpid()),)
-        verdict = silence.verdict(me, me, now_on.in_words())
-        if verdict is not None:
+        stall = stalls.check(me, me, now_on.in_words())
+        if stall is not None:
             in_vain += 1
-            sentence = f"{verdict.sentence}; it stands at {where(frame)}"
+            sentence = f"{stall.sentence}; it stands at {where(frame)}"
             if in_vain > 3:
                 give_up(sentence)
             raise TimedOut(sentence)
-        telling.lasts(me, now_on.in_words())
 
     with ticking(_TICK_S, tick):
         yield
@@ -156,14 +158,14 @@ class MemorySwarm:
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: Show | None = None
         """Shows others whose turn it is."""
-        self._silence = quiet(plan.timeout)
+        self._stalls = own_stalls(plan.timeout)
         self.rosters = 0
         """Roster messages received."""
 
     @property
     def held_up(self) -> dict[str, HoldUp]:
         """Who has held up steps so far."""
-        return self._silence.held_up
+        return self._stalls.held_up
 
     @property
     def programs(self) -> tuple[Program, ...]:
@@ -174,7 +176,7 @@ class MemorySwarm:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
         with self._stack:
             if self._plan.own_code:
-                self._show = self._stack.enter_context(warded(self._plan.timeout.step_s))
+                self._show = self._stack.enter_context(guarded(self._plan.timeout.step_s))
             failure.hold(self._plan.out)
             self._stack.callback(failure.release)
             try:
@@ -199,7 +201,7 @@ class MemorySwarm:
         with (
             self._breakpoints(),
             exits_caught(),
-            watched(self._shells, self._silence, self._whose_turn, self._give_up),
+            watched(self._shells, self._stalls, self._whose_turn, self._give_up),
             prints.taken_by(None),
         ):
             self._build()

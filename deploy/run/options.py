@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from actors.installation.usage import OptionError, wrong_value
-from actors.processes.silence import Timeout
+from actors.processes.monitor import Timeout
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from actors.runtime.process_setup import RecordDetail
@@ -61,7 +61,7 @@ class RunOptions:
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout_s: float = Timeout.step_s
-    """How long an actor may keep all others from the next step, s; see `actors.processes.silence`."""
+    """How long an actor may keep all others from the next step, s; see `actors.processes.monitor`."""
     on: str = ""
     """Address of the cluster whose computers have the robots; empty: they are here."""
     listen: str = ""

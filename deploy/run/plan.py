@@ -15,7 +15,7 @@ from actors.floor.map_file import read_header
 from actors.installation.version import software
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.processes.silence import Timeout
+from actors.processes.monitor import Timeout
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession

@@ -24,12 +24,12 @@ from actors.installation.usage import wrong_value
 from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
-from actors.processes import silence
+from actors.processes import monitor
 from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
+from actors.processes.monitor import HoldUp, ResourceWatch, Timeout
 from actors.processes.robot_logs import check_names, said, show, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.silence import HoldUp, ResourceWatch, Timeout
-from actors.processes.warden import warded
+from actors.processes.watchdog import guarded
 from actors.robot import assembly
 from actors.robot.behaviour.loading import expect, look_in
 from actors.robot.behaviour.succession import rehearse
@@ -65,7 +65,7 @@ from deploy.run.plan import (
     router_of,
     world_program,
 )
-from deploy.run.supervisor import Supervisor
+from deploy.run.supervisor import RunSupervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.survey import scenario_warnings
 from deploy.scenario.tables import Scenario
@@ -313,7 +313,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     )
     if options.bus == "memory":
         expect(options.recorded)
-        with warded(planned.timeout.step_s) if planned.own_code else nullcontext():
+        with guarded(planned.timeout.step_s) if planned.own_code else nullcontext():
             preflight_here(settled, options.modules)
     return planned
 
@@ -377,13 +377,13 @@ def run_processes(
 
 def _supervise(
     plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: "RunHosts | None" = None
-) -> Supervisor:
+) -> RunSupervisor:
     """Start the processes, and stay until they have ended."""
     launched.withdraw(router_of(plan))
     issued = issue_credentials(plan, None if away is None else away.gate)
     robots = {robot.id: robot for robot in plan.world.robots}
     starting = launched if away is None else away.launcher(launched, _say)
-    supervisor = Supervisor(
+    supervisor = RunSupervisor(
         starting,
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
@@ -436,7 +436,7 @@ def _say(sentence: str) -> None:
 
 
 def _tell(held_up: Mapping[str, HoldUp]) -> None:
-    for sentence in silence.sentences(held_up):
+    for sentence in monitor.sentences(held_up):
         _say(sentence)
 
 

@@ -15,7 +15,7 @@ import pytest
 from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
-from actors.processes.silence import Timeout
+from actors.processes.monitor import Timeout
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.run import swarm

@@ -305,6 +305,8 @@ def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
 class Played:
     """A launcher whose processes end when the test says so; `wait` lets the next ones end."""
 
+    arriving = False
+
     def __init__(self) -> None:
         self.started: list[str] = []
         self.children: dict[str, Child] = {}
@@ -343,7 +345,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     one: Onboard = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
     launcher = Played()
     watch = OnboardSupervisor(one, launcher, launcher.said.append)  # type: ignore[arg-type]
-    watch.start()
+    watch.start_robot()
     assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
     return watch, launcher
 

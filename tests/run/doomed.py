@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from actors.processes.silence import Timeout
+from actors.processes.monitor import Timeout
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from deploy.run import swarm

@@ -16,7 +16,7 @@ import pytest
 
 from acrc_testbed.replay import sandboxed
 from actors.processes.launch import Child, Program
-from actors.processes.silence import ResourceWatch, Use, used
+from actors.processes.monitor import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Names

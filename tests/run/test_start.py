@@ -21,7 +21,7 @@ from actors.installation.repository import REPOSITORY
 from actors.messages import Progress
 from actors.processes import kernels
 from actors.processes.launch import Program, launcher
-from actors.processes.silence import Timeout
+from actors.processes.monitor import Timeout
 from actors.robot import assembly
 from actors.robot.stack import Stack
 from actors.runtime.recording import scans

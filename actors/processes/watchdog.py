@@ -2,7 +2,7 @@
 
 There a strategy runs in the very process that watches it. Where that waits in the kernel (vfork(2)), or does
 not come back from a function in C, neither a timeout nor Ctrl-C reaches it.
-`python -m actors.processes.warden BOARD WAKES FRAMES PID STEP_S` looks at it from outside, says whose code
+`python -m actors.processes.watchdog BOARD WAKES FRAMES PID STEP_S` looks at it from outside, says whose code
 it was, and ends it.
 """
 
@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.installation.repository import REPOSITORY
+from actors.processes.monitor import StallDetector, Suspect, Timeout
 from actors.processes.robot_logs import place_in
-from actors.processes.silence import Silence, Suspect, Timeout
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance, passed_on, python
 
@@ -56,8 +56,8 @@ def read(board: mmap.mmap) -> BoardTurn:
 
 
 @contextmanager
-def warded(step_s: float) -> Iterator[Show]:
-    """A warden looks after this process meanwhile; yields what shows it whose turn it is.
+def guarded(step_s: float) -> Iterator[Show]:
+    """Run a watchdog process meanwhile; yield the function that tells it whose turn it is.
 
     Not in other threads than the main one, where no signal arrives, nor without a timeout, for a debugger.
     """
@@ -71,8 +71,8 @@ def warded(step_s: float) -> Iterator[Show]:
         wakes, woken = _pipe(stack)
         frames, framed = _pipe(stack)
         numbers = (file.fileno(), wakes, frames)
-        warden = subprocess.Popen(
-            [*python(), "-m", "actors.processes.warden", *map(str, (*numbers, os.getpid(), step_s))],
+        watchdog = subprocess.Popen(
+            [*python(), "-m", "actors.processes.watchdog", *map(str, (*numbers, os.getpid(), step_s))],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=numbers,
@@ -80,8 +80,8 @@ def warded(step_s: float) -> Iterator[Show]:
             cwd=REPOSITORY,
             env=passed_on(os.environ),
         )
-        stack.callback(warden.wait)
-        stack.callback(warden.kill)
+        stack.callback(watchdog.wait)
+        stack.callback(watchdog.kill)
         before = signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
         stack.callback(signal.set_wakeup_fd, before)
         faulthandler.register(signal.SIGUSR1, file=framed, all_threads=False)
@@ -107,14 +107,14 @@ _ANSWER_S: Final = 1.0
 """How long it may take to say where it stands."""
 
 
-class Warden:
+class Watchdog:
     """Looks after one process."""
 
     def __init__(self, board: mmap.mmap, wakes: int, frames: int, pid: int, step_s: float) -> None:
         self._board, self._wakes, self._frames, self._pid = board, wakes, frames, pid
         self._turn: BoardTurn | None = None
-        self._step = Silence(Timeout(step_s + _GRACE_S), look=_others)
-        self._end: Silence | None = None
+        self._step = StallDetector(Timeout(step_s + _GRACE_S), table=_others)
+        self._end: StallDetector | None = None
         """Since it was told to end."""
 
     def look(self) -> str | None:
@@ -122,15 +122,15 @@ class Warden:
         turn = read(self._board)
         if turn != self._turn:
             self._turn = turn
-            self._step.broken()
+            self._step.step()
         if self._end is None and self._told_to_end():
-            self._end = Silence(Timeout(_GRACE_S), look=_others)
+            self._end = StallDetector(Timeout(_GRACE_S), table=_others)
         me = (Suspect(turn.actor, self._pid),)
         what = turn.in_words()
-        if self._end is not None and self._end.verdict(me, me, what):
+        if self._end is not None and self._end.check(me, me, what):
             return f"{what}, {_GRACE_S:g} s after it was told to end{self._place()}"
-        verdict = self._step.verdict(me, me, what, starting=not turn.actor)
-        return verdict and f"{verdict.sentence}{self._place()}"
+        stall = self._step.check(me, me, what, "step" if turn.actor else "start")
+        return stall and f"{stall.sentence}{self._place()}"
 
     def end(self) -> None:
         """End the process, and what descends from it."""
@@ -180,12 +180,12 @@ def main(argv: Sequence[str]) -> int:
     for number in (wakes, frames):
         os.set_blocking(number, False)
     with mmap.mmap(board, SIZE, access=mmap.ACCESS_READ) as seen:
-        warden = Warden(seen, wakes, frames, pid, float(argv[4]))
+        watchdog = Watchdog(seen, wakes, frames, pid, float(argv[4]))
         while os.getppid() == pid:
-            if sentence := warden.look():
+            if sentence := watchdog.look():
                 with suppress(OSError):  # nobody may be there to read it
                     os.write(2, f"acrc: {sentence}\n".encode())
-                warden.end()
+                watchdog.end()
                 return 0
             time.sleep(_LOOK_S)
     return 0

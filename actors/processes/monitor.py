@@ -1,8 +1,8 @@
-"""Judges a run that takes no step: who is working, who was stopped, and who keeps everybody waiting.
+"""Monitoring of processes: who stalls a run, and what robots use of disk and memory.
 
-A process is blamed for its own time only: what it works, and what it lets pass without working. The time in
-which it waits for a processor or a disk is nobody's. So a loaded machine, a hundred robots that start at
-once, and a suspended laptop change nothing; a process that somebody has stopped is waited for.
+A process is charged with its own time only: what it works, and what it lets pass without working. Time spent
+waiting for a processor or a disk is not charged, nor is time while a process is stopped. So a loaded machine,
+a hundred robots that start at once, and a suspended laptop are no stalls.
 """
 
 import math
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import msgspec
 
@@ -79,11 +79,16 @@ class Suspect(NamedTuple):
     pid: int
 
 
-class SilenceVerdict(NamedTuple):
-    """Who is at fault, and the words for it."""
+class Stall(NamedTuple):
+    """Who stalls the run, in words, too."""
 
     suspect: Suspect
     sentence: str
+
+
+Phase = Literal["start", "step", "end"]
+"""What is waited for: a first step, for which more processor time is granted; a step; or an exit. Only steps
+count as held up, and only of them long waits are reported."""
 
 
 @dataclass
@@ -100,69 +105,79 @@ class _Account:
     doing: str = ""
 
 
-class Silence:
-    """One stretch of time without a step; begins anew with every step."""
+class StallDetector:
+    """Charges processes with the time since the last step, and names who has used its time up."""
+
+    LONG_S: Final = 10.0
+    """A wait is reported once it has lasted so long, and again whenever that has doubled."""
+    MUCH_S: Final = 5.0
+    """What one actor has held up in all is reported from here on, and again whenever it has doubled."""
+    MOST_NAMES: Final = 3
 
     def __init__(
         self,
         timeout: Timeout,
+        say: Callable[[str], None] = lambda sentence: None,
         clock: Callable[[], float] = time.monotonic,
-        look: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
-        queued: Callable[[int], float | None] = process_table.queued_s,
+        table: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
+        queued_s: Callable[[int], float | None] = process_table.queued_s,
     ) -> None:
+        """`say`: is given notices for the user. `table`, `queued_s`: as of `process_table`."""
         self._timeout = timeout
+        self._say = say
         self._clock = clock
-        self._table = look
-        self._queued = queued
+        self._table = table
+        self._queued = queued_s
         self._looked = clock()
         self._accounts: dict[Suspect, _Account] = {}
         self._past: dict[str, HoldUp] = {}
-        self._starting = False
-        self.lasted_s = 0.0
-        """Of this stretch, at the last look."""
+        self._phase: Phase = "step"
+        self._lasted_s = 0.0
+        self._next_notice_s = self.LONG_S
+        self._next_of: dict[str, float] = {}
         self.stopped: frozenset[str] = frozenset()
         """Who was held by a signal at the last look."""
 
     @property
     def held_up(self) -> dict[str, HoldUp]:
-        """Who has held up steps so far, this one included; to start is none. The world keeps the pace: it is
-        left out."""
+        """Who has held up steps so far, this one included. The world keeps the pace: it is left out."""
         found = dict(self._past)
-        if self._starting:
+        if self._phase != "step":
             return found
         for suspect, account in self._accounts.items():
-            if account.watched_s and suspect.name not in (
-                "",
-                "world",
-            ):  # before the first two looks it did what it did between them
+            # before the first two looks it did what it did between them
+            if account.watched_s and suspect.name not in ("", "world"):
                 own = (account.idle_s + account.worked_s) / account.watched_s
-                if (lasted_s := min(own, 1.0) * self.lasted_s) >= self._timeout.hold_up_s:
+                if (lasted_s := min(own, 1.0) * self._lasted_s) >= self._timeout.hold_up_s:
                     found[suspect.name] = found.get(suspect.name, HoldUp()).and_one(lasted_s)
         return found
 
-    def broken(self) -> None:
-        """A step was taken."""
+    def step(self) -> None:
+        """Begin anew: a step was taken, or what was awaited was done."""
         now = self._clock()
         if self._accounts:
             self._pass(now)
             self._past = self.held_up
         self._looked = now
         self._accounts.clear()
-        self._starting = False
-        self.lasted_s = 0.0
+        self._phase, self._lasted_s, self._next_notice_s = "step", 0.0, self.LONG_S
         self.stopped = frozenset()
+        for name, one in self._past.items():
+            if one.total_s >= self._next_of.get(name, self.MUCH_S):
+                self._next_of[name] = 2 * one.total_s
+                self._say(next(sentences({name: one})))
 
     def doing(self, suspect: Suspect) -> str:
         """What it did at the last look, in words; "" if nobody has looked."""
         account = self._accounts.get(suspect)
         return account.doing if account else ""
 
-    def verdict(
-        self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, *, starting: bool = False
-    ) -> SilenceVerdict | None:
-        """Who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
+    def check(
+        self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, phase: Phase = "step"
+    ) -> Stall | None:
+        """Return who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
 
-        `everyone`: all processes of the run; nobody is judged while one of them is stopped, or while one that
+        `everyone`: all processes of the run; nobody is named while one of them is stopped, or while one that
         is awaited is out of sight, for the others may have done what they are to do.
         """
         now = self._clock()
@@ -171,24 +186,33 @@ class Silence:
         elapsed_s = self._pass(now)
         known = self._table()
         trees = {one.pid: process_table.descendants((one.pid,), known) for one in everyone}
-        self.stopped = frozenset(
-            one.name for one in everyone if any(known[p].stopped for p in trees[one.pid])
-        )
+        self._note_stopped({one.name for one in everyone if any(known[p].stopped for p in trees[one.pid])})
         # what a suspect waits for may still lie with the world, which is its router
         link = {pid for one in everyone if one.name == "world" for pid in trees[one.pid]}
-        self._starting = starting
+        self._phase = phase
         for suspect in awaited:
             tree = trees.get(suspect.pid, set())
             self._charge(suspect, {pid: known[pid] for pid in tree}, tree | link, elapsed_s)
-        if self.stopped or any(self._accounts[one].doing == _UNSEEN for one in awaited):
-            return None
-        return next((found for one in awaited if (found := self._judge(one, what, starting))), None)
+        found = None
+        if not self.stopped and all(self._accounts[one].doing != _UNSEEN for one in awaited):
+            found = next((stall for one in awaited if (stall := self._judge(one, what))), None)
+        if found is None and phase == "step" and self._lasted_s >= self._next_notice_s:
+            self._next_notice_s *= 2
+            told = [f"{one.name} {self.doing(one)}" for one in awaited[: self.MOST_NAMES]]
+            more = [f"and {len(awaited) - len(told)} more"] if len(awaited) > len(told) else []
+            self._say(f"{what} for {self._lasted_s:.0f} s; {', '.join(told + more)}")
+        return found
+
+    def _note_stopped(self, stopped: Collection[str]) -> None:
+        if stopped and stopped != self.stopped:
+            self._say(f"{', '.join(sorted(stopped))} stopped by a signal; the run waits for SIGCONT")
+        self.stopped = frozenset(stopped)
 
     def _pass(self, now: float) -> float:
         """Time since the last look, as far as it counts."""
         elapsed_s = min(now - self._looked, 2 * self._timeout.look_s)
         self._looked = now
-        self.lasted_s += elapsed_s
+        self._lasted_s += elapsed_s
         return elapsed_s
 
     def _charge(
@@ -214,55 +238,20 @@ class Silence:
         elif not working and not any(one.state == "R" for one in tree.values()):
             before.idle_s += elapsed_s
 
-    def _judge(self, suspect: Suspect, what: str, starting: bool) -> SilenceVerdict | None:
+    def _judge(self, suspect: Suspect, what: str) -> Stall | None:
         account = self._accounts[suspect]
         limit_s = self._timeout.step_s
-        factor = self._timeout.start_factor if starting else 1.0
+        factor = self._timeout.start_factor if self._phase == "start" else 1.0
         idle_s, busy_s = account.idle_s, account.worked_s / factor
         if idle_s + busy_s < limit_s:
             return None
         if busy_s < _LITTLE * limit_s:
-            return SilenceVerdict(suspect, f"{what} for {limit_s:g} s")
+            return Stall(suspect, f"{what} for {limit_s:g} s")
         if idle_s < _LITTLE * limit_s:
-            return SilenceVerdict(suspect, f"{what} after {limit_s * factor:g} s of processor time")
+            return Stall(suspect, f"{what} after {limit_s * factor:g} s of processor time")
         lasted_s = idle_s + account.worked_s
         share = f"{account.worked_s:.0f} s of them processor time"
-        return SilenceVerdict(suspect, f"{what} for {lasted_s:.0f} s, {share}")
-
-
-class Telling:
-    """Tells a person of long steps while they last, and of who has held up many."""
-
-    LONG_S: Final = 10.0
-    """A stretch without a step is told of once it has lasted so long, and again when that has doubled."""
-    MUCH_S: Final = 5.0
-    """What one actor has held up in all is told of from here on, and again when it has doubled."""
-    MOST_NAMES: Final = 3
-
-    def __init__(self, silence: Silence, say: Callable[[str], None]) -> None:
-        self._silence = silence
-        self._say = say
-        self._next_s = self.LONG_S
-        self._next_of: dict[str, float] = {}
-
-    def broken(self) -> None:
-        """A step was taken, and the silence knows it."""
-        self._next_s = self.LONG_S
-        for name, one in self._silence.held_up.items():
-            if one.total_s >= self._next_of.get(name, self.MUCH_S):
-                self._next_of[name] = 2 * one.total_s
-                self._say(next(sentences({name: one})))
-
-    def lasts(self, awaited: Sequence[Suspect], what: str) -> None:
-        """No step was taken, and nobody has used the time up."""
-        lasted_s = self._silence.lasted_s
-        if lasted_s >= self._next_s:
-            self._next_s *= 2
-            told = [f"{one.name} {self._silence.doing(one)}" for one in awaited[: self.MOST_NAMES]]
-            more = len(awaited) - len(told)
-            self._say(
-                f"{what} for {lasted_s:.0f} s; {', '.join(told + ([f'and {more} more'] if more else []))}"
-            )
+        return Stall(suspect, f"{what} for {lasted_s:.0f} s, {share}")
 
 
 _LITTLE: Final = 0.2
