@@ -38,8 +38,7 @@ from actors.robot.behaviour.loading import look_in
 from actors.runtime import prints
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
-from actors.runtime.isolation.sandbox import Confinement, choose, isolate, warn
+from actors.runtime.isolation.sandbox import Confinement, ProcessLimits, choose, enforce, isolate, warn
 from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.failure import print_traceback
 from actors.runtime.lifecycle.linux import die_with_parent

@@ -16,7 +16,7 @@ from typing import Final, Literal, NamedTuple
 import msgspec
 
 from actors.processes.launch import Child, Program
-from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance
 

@@ -19,8 +19,7 @@ from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.resource_limits import enforce
-from actors.runtime.isolation.sandbox import RECORDING, own_folder
+from actors.runtime.isolation.sandbox import RECORDING, enforce, own_folder
 from actors.runtime.lifecycle import failure
 from actors.runtime.lifecycle.linux import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play, tell

@@ -12,7 +12,7 @@ from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.core import to
-from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model, read_setup
 from actors.runtime.processor import combined

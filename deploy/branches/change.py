@@ -22,10 +22,10 @@ from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import Setting, succession
 from actors.robot.behaviour.succession import Turn
-from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
 from actors.runtime.recording import Note, read_recording
+from actors.runtime.shell import MemoryBus
 from cleaning.strategies import entry
 from deploy.run import orders
 from deploy.scenario.resolve import resolve

@@ -29,8 +29,7 @@ from actors.runtime.access import credentials, tls
 from actors.runtime.access.credentials import Credentials, Gate, reveal
 from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.resource_limits import ProcessLimits
-from actors.runtime.isolation.sandbox import FOLDER, Names, code_places, own_folder
+from actors.runtime.isolation.sandbox import FOLDER, Names, ProcessLimits, code_places, own_folder
 from actors.runtime.lifecycle import process_table
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes

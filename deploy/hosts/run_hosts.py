@@ -19,7 +19,7 @@ from actors.installation.usage import typed
 from actors.processes.launch import Child, Launcher, Program
 from actors.runtime.access.credentials import Gate
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.process_table import ProcessGlance
 from deploy.clusters.address import PAGE, bound, bracketed, free_port, host_and_port

@@ -22,7 +22,6 @@ from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
 from actors.runtime import prints
-from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.codec import decode
 from actors.runtime.core import Delivery, Pace, at, ticking
 from actors.runtime.debugger import stop_here
@@ -34,7 +33,7 @@ from actors.runtime.lifecycle.process_table import ProcessGlance, leftover_fault
 from actors.runtime.process import ActorProcess, final_note
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
-from actors.runtime.shell import Shell
+from actors.runtime.shell import MemoryBus, Shell, run_shells
 from actors.world import program as world_program
 from actors.world.core import WorldCore
 from deploy.run.plan import RunPlan, in_common, radio_program, robot_program

@@ -12,7 +12,7 @@ from typing import Literal, cast, get_args
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.monitor import Timeout
 from actors.robot.behaviour.loading import RecordedModules
-from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
+from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits
 from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 

@@ -29,11 +29,10 @@ from actors.messages import (
 from actors.orders import Order
 from actors.radio.program import build as build_radio
 from actors.radio.radio_model import RadioSetup
-from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
 from actors.runtime.recording import Unrecorded
-from actors.runtime.shell import Shell, run_digest
+from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
 from actors.task.referee import PlaceOutcome, Referee
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, Task
 from actors.world.body import Bodies

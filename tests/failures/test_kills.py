@@ -10,7 +10,7 @@ import pytest
 from acrc_testbed.replay.record_replay import replay_actor
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
-from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
+from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run.options import RunOptions, checked
 from tests import in_process

@@ -26,7 +26,7 @@ from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, 
 from actors.robot.stack import Adaptation, Stack
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.processor import combined
 from tests.refusals import refused

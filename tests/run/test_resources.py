@@ -18,8 +18,7 @@ from acrc_testbed.replay import sandboxed
 from actors.processes.launch import Child, Program
 from actors.processes.monitor import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
-from actors.runtime.isolation.sandbox import Names
+from actors.runtime.isolation.sandbox import Names, ProcessLimits, enforce
 from actors.runtime.lifecycle import failure, linux, process_table
 from actors.runtime.lifecycle.failure import FailureNote, failure_note, in_words
 from actors.runtime.process import tell
@@ -325,7 +324,7 @@ def test_all_processes_of_a_robot_count(tmp_path: Path, where: str) -> None:
 
 HIDES = """
 import ctypes, mmap, resource, time
-from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
+from actors.runtime.isolation.sandbox import ProcessLimits, enforce
 enforce(ProcessLimits(memory_mb=100), isolated=False)
 hidden = []
 for _ in range(5):

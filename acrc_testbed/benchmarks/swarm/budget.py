@@ -26,7 +26,7 @@ from acrc_testbed.benchmarks.swarm.runs import (
 from actors.console import screen
 from actors.installation.repository import clone
 from actors.installation.usage import OptionError, wrong_value
-from actors.runtime.bus.memory_bus import MemoryBus
+from actors.runtime.shell import MemoryBus
 from deploy.run import swarm
 from deploy.run.options import Bus
 from deploy.scenario.tables import document

@@ -30,10 +30,9 @@ from actors.floor.placement import draw_points
 from actors.installation.repository import PACKAGES, REPOSITORY, SHIPPED
 from actors.instant import in_seconds
 from actors.messages import Progress
-from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
-from actors.runtime.shell import Shell
+from actors.runtime.shell import MemoryBus, Shell, run_shells
 from deploy.run import memory_swarm, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
