@@ -240,7 +240,8 @@ class _Session:
             self._finishing = self._finishing or orders.finish
             robots = self._robots
             robots.order(orders)
-            events = robots.events(self._rest() if self._delivering and robots.settled else None)
+            rest = self._rest() if not self.thread.is_alive() and robots.settled else None
+            events = robots.events(rest)
             return HostReport(
                 clock_s=time.time(),
                 folder=str(self._folder),
@@ -249,7 +250,7 @@ class _Session:
                 fault=self._fault,
                 events=events,
                 looked=robots.looked() if orders.look else None,
-                done=self._delivering and robots.settled and not events.more,
+                done=rest is not None and not events.more,
             )
 
     def abandon(self) -> None:
@@ -262,11 +263,6 @@ class _Session:
         self.thread.join(2 * _GRACE_S)
         if not self._task.leave:
             shutil.rmtree(self._folder, ignore_errors=True)
-
-    @property
-    def _delivering(self) -> bool:
-        """No process runs any more; only files remain."""
-        return not self.thread.is_alive()
 
     def _rest(self) -> Iterator[FilePart]:
         """Return the files that strategies have written, once."""

@@ -25,10 +25,13 @@ ROOT = Path(__file__).parents[2]
 LONG = ("--robots", "4", "--duration", "3000", "--seed", "1", "--timeout", "5")
 pytestmark = pytest.mark.timeout(400)
 OWN = """
+from pathlib import Path
 from cleaning.strategies.chapter import behaviour as chapter
 
 def behaviour(start):
     print("here I am")
+    if Path.cwd().name == "own":
+        Path("diary").write_text("kept")
     return chapter(start)
 """
 
@@ -137,6 +140,7 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     assert digest == digest_here(tmp_path / "here", *words, *code)
     for robot in ("r1", "r4"):
         assert f"{robot}       0.000 s  step 0  here I am" in errors
+    assert (out / "r2" / "own" / "diary").read_text() == "kept"
     assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
     assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
