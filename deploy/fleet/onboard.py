@@ -32,7 +32,6 @@ from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSet
 BASE: Final = "base"
 BRIDGE: Final = "radio"
 _LAST_POSE: Final = "last.pose"
-OPERATORS: Final = ("radio", "observer", "operator")
 
 
 @dataclass(frozen=True)
