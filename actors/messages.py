@@ -369,6 +369,7 @@ AIRED: Final = Topic("swarm/infra/aired", Aired, is_digested=True)
 CONTROL: Final = Topic("swarm/infra/control", Control, is_from_outside=True)
 ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
+FLOOR_NEWS: Final = Topic("swarm/infra/floor", FloorChanged, is_telemetry=True)
 ANSWERED: Final = Topic("swarm/infra/answered", Answered, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
 INTROSPECTION: Final = Topic(
@@ -379,5 +380,5 @@ FLOOR_CHANGED: Final = Topic("swarm/infra/floor_changed", FloorChanged, is_recor
 
 TOPICS: Final[tuple[Topic[Message], ...]] = (
     READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
-    ANSWERED, BOARD, INTROSPECTION, FRAME_OUTCOMES, FLOOR_CHANGED,
+    FLOOR_NEWS, ANSWERED, BOARD, INTROSPECTION, FRAME_OUTCOMES, FLOOR_CHANGED,
 )  # type: ignore[assignment]  # fmt: skip

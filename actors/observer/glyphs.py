@@ -29,6 +29,7 @@ GROUND: Final = 13
 FLOOR: Final = 26
 WALL: Final = 150
 WHITE: Final[Colour] = (255, 255, 255)
+BLACK: Final[Colour] = (0, 0, 0)
 GREY: Final[Colour] = (130, 130, 130)
 FATES: Final[Mapping[str, Colour]] = MappingProxyType(
     {

@@ -20,6 +20,7 @@ from actors.messages import (
     CONTROL,
     DRIVE,
     FLOOR_CHANGED,
+    FLOOR_NEWS,
     PROGRESS,
     RADIO_READY,
     READY,
@@ -340,7 +341,7 @@ class WorldCore:
 
     def _floor_changes(self) -> list[Output]:
         changed = self._bodies.floor_record.take(self._step)
-        return [] if changed is None else [to(FLOOR_CHANGED, changed)]
+        return [] if changed is None else [to(FLOOR_CHANGED, changed), to(FLOOR_NEWS, changed)]
 
     def _progress(self) -> Progress:
         left, done = self._task.progress(self._participants.present)

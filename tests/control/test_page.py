@@ -56,7 +56,7 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
 
         page.click("[data-tool=wall]")
         page.drag(there(x - 0.5, y + 0.6), there(x + 0.5, y + 0.6))
-        browser.until(lambda: page.value("state.walls.length == 1"))
+        browser.until(lambda: len(things(page, "wall")) == 1)
         page.click("#step")
         browser.until(lambda: page.value(f"state.step == {paused + 1} && state.paused"))
         page.click("#pause")
@@ -81,6 +81,10 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
     truths = messages_on(out / "radio/radio.mcap", TRUTH)
     at_r1 = {told.step: told.robots[0] for _, told in truths if told.robots}
     assert abs(at_r1[paused + 1].y - moved[2]) < 0.2 < abs(at_r1[paused].y - moved[2])
+
+
+def things(page: Any, kind: str) -> Any:
+    return page.value(f"state.things.filter(([kind]) => kind === '{kind}')")
 
 
 _COLOURS = """(() => {
@@ -150,11 +154,11 @@ def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_w
     line = "$('said').firstChild.textContent"
     browser.until(lambda: page.value(f"{line}.startsWith('move r1') && {line}.endsWith('carried out')"))
 
-    walls = page.value("state.walls.length")
+    walls = len(things(page, "wall"))
     for key in ("w", "Enter", "ArrowRight", "ArrowRight", "Enter"):
         page.press(key)
-    browser.until(lambda: page.value(f"state.walls.length == {walls + 1}"))
-    from_x, from_y, to_x, to_y = page.value("state.walls[state.walls.length - 1]")
+    browser.until(lambda: len(things(page, "wall")) == walls + 1)
+    (from_x, from_y), (to_x, to_y) = things(page, "wall")[-1][1]
     assert (to_x - from_x, to_y) == (pytest.approx(0.4, abs=2e-3), from_y)
 
     paused = page.value("state.step")
@@ -182,35 +186,40 @@ def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_w
 @pytest.mark.nightly
 def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
     assert page.value("floor.doors.length") == 5
-    x, y, to_x, to_y = page.value("floor.doors[2]")
+    (x, y), (to_x, to_y) = page.value("floor.doors[2]")
     beside = there(page, (x + to_x) / 2 + 0.6, (y + to_y) / 2)
     before = page.value("canvas.toDataURL()")
     page.click("[data-tool=door]")
     page.drag(beside, beside)
-    browser.until(lambda: page.value("state.closed.length == 1 && state.closed[0] == 2"))
+    browser.until(lambda: page.value("floor.doors.map(isShut).join()") == "false,false,true,false,false")
     assert page.value("draw() || canvas.toDataURL()") != before
     page.drag(beside, beside)
-    browser.until(lambda: page.value("state.closed.length == 0"))
+    browser.until(lambda: page.value("!floor.doors.some(isShut)"))
 
     page.click("[data-tool=jam]")
     page.drag(there(page, 9.0, 12.0), there(page, 9.0, 13.0))
     page.press(".")
-    browser.until(lambda: page.value("state.jammers.length == 1"))
-    _, _, radius, left = page.value("state.jammers[0]")
+    browser.until(lambda: len(things(page, "jammer")) == 1)
+    _, _, radius, left = things(page, "jammer")[0]
     assert radius == pytest.approx(1.0, abs=0.05) and 19 < left <= 20
     page.click("[data-tool=obstacle]")
     page.drag(there(page, 4.0, 12.0), there(page, 4.0, 12.3))
     page.press("n")
     page.click("[data-tool=give]")
     page.drag(there(page, 10.0, 12.0), there(page, 10.0, 12.0))
-    browser.until(lambda: page.value("state.obstacles.length == 1 && state.given.length == 1"))
+    browser.until(
+        lambda: (
+            len(things(page, "obstacle")) == 1
+            and page.value("state.places.some(([, , , stands]) => stands === 'given')")
+        )
+    )
     page.click("[data-tool=move]")
     assert page.value("document.activeElement.id") == "map", "keys go there"
     page.press("k")
     browser.until(lambda: robot(page)[4] == "off")
     assert page.value("(() => { draw(); drawLegend(); return 'drawn'; })()") == "drawn"
-    assert page.value("floor.legend.every(([, shape]) => shape in MARKS || shape in LINES)")
-    assert page.value("$('legend').children.length") == page.value("floor.legend.length") == 15
+    assert page.value("Object.values(floor.legend).every(([shape]) => shape in SHAPES)")
+    assert page.value("$('legend').children.length") == page.value("Object.keys(floor.legend).length") == 15
 
 
 @pytest.mark.nightly

@@ -3,7 +3,6 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
-from functools import cache
 from typing import Any
 
 import pytest
@@ -16,23 +15,24 @@ from actors.messages import (
     Answered,
     Control,
     Drive,
+    FloorChanged,
+    FloorThing,
+    Heard,
     Jam,
     Progress,
+    Received,
     RobotTruth,
     Truth,
 )
 from actors.observer.glyphs import contrast
-from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
+from actors.orders import Freeze, Give, Move, Speed
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
 from actors.task.task import PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
-from deploy.control import page_floor
-from deploy.control import scene as scenes
-from deploy.control.page_floor import PageFloor
-from deploy.control.run_link import KEPT, PATIENCE_S, OrderLines, RunLink
-from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapRobot, OrderLine, Place, ask
+from deploy.control.run_link import KEPT, PATIENCE_S, TOPICS, RunLink
+from deploy.control.scene import STATES, Scene, state_colours
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
 client = pytest.importorskip("websockets.asyncio.client")
@@ -59,17 +59,18 @@ class Mesh:
         assert isinstance(told, Control)
         self.given.append(told)
 
+    def answer(self, link: RunLink, refusal: str) -> None:
+        """The run answers the last order."""
+        told = Answered(0, self.given[-1].ticket, (refusal,) if refusal else ())
+        self.says[ANSWERED.pattern] = [encode(told, ANSWERED.key())]
+        link.look()
+
     def receive(self, topic: Topic[Message]) -> Delivery:
         raise NotImplementedError
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
         waiting = self.says.get(topic.pattern)
         return Delivery(topic, topic.key("r2"), waiting.pop(0)) if waiting else None
-
-
-@cache
-def floor() -> PageFloor:
-    return PageFloor(world(), load_map(MAP))
 
 
 def world(*events: TimedOrder) -> WorldSetup:
@@ -82,50 +83,69 @@ def world(*events: TimedOrder) -> WorldSetup:
     return WorldSetup(str(MAP), 1, 100_000, 1_000_000, tuple(robots), events)
 
 
-def scene(*events: TimedOrder) -> scenes.Scene:
-    return scenes.Scene(world(*events), floor(), 2.0, {1: "r1", 2: "r2", 3: "r3"})
+def scene(*events: TimedOrder) -> Scene:
+    return Scene(world(*events), load_map(MAP), 2.0, {1: "r1", 2: "r2", 3: "r3"})
+
+
+def said(stage: Scene, message: Message, robot: str = "r1") -> None:
+    topic = next(one for one in TOPICS if one.kind is type(message))
+    stage.take(topic.key(robot), message)
+
+
+def truth(step: int, *robots: RobotTruth, jams: tuple[Jam, ...] = ()) -> Truth:
+    mine = {
+        one.id: one for one in (truth_of("r2", 20.0, 13.0), truth_of("r3", 22.0, 13.0), TRUTH_OF_R1, *robots)
+    }
+    return Truth(step, step * 100_000, tuple(mine[robot] for robot in ("r1", "r2", "r3")), jams)
 
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
-    stage = scene(TimedOrder(200_000, Obstacle(5.0, 5.0, 0.2)))
-    first, *_, last = stage.floor.doors
-    stage.take(Truth(0, 0, (TRUTH_OF_R1,), (Jam(1.0, 1.0, 3.0, 250_000),)))
-    stage.take(Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))), "r1")
-    stage.take(Control(0, (Wall(1.0, 1.0, 2.0, 1.0), Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
-    stage.take(Control(0, (Wall(9.0, 9.0, 9.0, 9.0), Speed(7.0)), "b"))
-    assert stage.state(junk=0).speed == 2.0
-    stage.take(Answered(1, "a", ()))
-    stage.take(Answered(1, "b", ("no",)))
-    stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
-    state = stage.state(junk=3)
-    assert state.robots[0] == MapRobot("r1", 3.0, 4.0, 0.0, "driving", (13.0, 13.0))
-    assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
-    assert state.speed == 0.5
-    assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0, 0.25),), ())
-    stage.take(Truth(3, 300_000, (TRUTH_OF_R1,)))
-    state = stage.state(junk=3)
-    assert (state.jammers, state.obstacles, state.missed) == ((), ((5.0, 5.0, 0.2),), 2)
-    assert (state.paused, state.t, state.over) == (False, 0.3, False)
-    near = (last[0] + 0.3, last[1])
-    stage.take(Control(0, (Give("r1", ((7.0, 7.0),)), CloseDoor(*first[:2]), CloseDoor(*near)), "c"))
-    stage.take(Answered(3, "c", ()))
-    assert stage.state(junk=0).closed == (0, len(stage.floor.doors) - 1)
-    stage.take(Control(0, (OpenDoor(*last[:2]), OpenDoor(13.0, 13.0)), "d"))
-    stage.take(Answered(3, "d", ()))
-    stage.take(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),), (), (PlaceKey("r1", 2),)), "r1")
-    state = stage.state(junk=3)
-    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), (0,))
-    assert state.robots[0].destination == (7.0, 7.0)
-    stage.take(Truth(4, 400_000, (), halt=True))
-    assert stage.state(junk=0).over
+    stage = scene(TimedOrder(200_000, Give("r2", ((5.0, 5.0),))))
+    assert len(stage.floor["doors"]) == 5
+    said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
+    said(stage, Received(0, (Heard(0, 2, -70.0, 255, b""),)))
+    said(stage, truth(0, jams=(Jam(1.0, 1.0, 3.0, 250_000),)))
+    said(stage, Control(0, (Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
+    said(stage, Control(0, (Freeze("r1"), Speed(7.0)), "b"))
+    assert stage.state()["speed"] == 2.0
+    said(stage, Answered(1, "a", ()))
+    said(stage, Answered(1, "b", ("no",)))
+    said(stage, Progress(1, 100_000, 1, 1, finished=False, paused=True))
+    wall, door = (
+        FloorThing(0, "wall", ((1.0, 1.0), (2.0, 1.0)), 0.05),
+        FloorThing(1, "closed door", ((5.0, 2.0), (5.0, 3.0)), 0.05),
+    )
+    said(stage, FloorChanged(1, (wall, door)))
+    state = stage.state()
+    assert state["robots"][0] == ("r1", 3.0, 4.0, 0.0, "driving", (13.0, 13.0), "")
+    assert state["things"] == [
+        ("wall", [*wall.points], 0.05, 0.0), ("closed door", [*door.points], 0.05, 0.0),
+        ("jammer", [(1.0, 1.0)], 3.0, 0.25),
+    ]  # fmt: skip
+    assert (state["paused"], state["speed"], state["links"]) == (True, 0.5, [(0, 1)])
+    assert [one[3] for one in state["places"]] == ["open", "done"]
+    said(stage, truth(3))
+    said(stage, FloorChanged(3, (), (1, 77)))
+    state = stage.state()
+    assert [one[0] for one in state["things"]] == ["wall"] and state["missed"] == 2
+    assert (state["paused"], state["t"], state["over"]) == (False, 0.3, False)
+    assert state["places"][2] == ("r2", 5.0, 5.0, "given")
+    said(stage, Control(0, (Give("r1", ((7.0, 7.0),)),), "c"))
+    said(stage, Answered(3, "c", ()))
+    said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),), (), (PlaceKey("r1", 2),)))
+    said(stage, truth(4))
+    state = stage.state()
+    assert state["places"][3] == ("r1", 7.0, 7.0, "done") and state["robots"][0][5] == (7.0, 7.0)
+    said(stage, Truth(5, 500_000, (), halt=True))
+    assert stage.state()["over"]
 
 
 def test_who_stands_and_who_is_blocked() -> None:
     stage = scene()
 
     def states(second: int, *robots: RobotTruth) -> list[tuple[str, str]]:
-        stage.take(Truth(second * 10, second * 1_000_000, robots))
-        return [(one.state, one.blocker) for one in stage.state(junk=0).robots]
+        said(stage, truth(second * 10, *robots))
+        return [(one[4], one[6]) for one in stage.state()["robots"]]
 
     apart = truth_of("r2", 20.0, 13.0), truth_of("r3", 22.0, 13.0, stepping=False)
     for second in range(3):
@@ -137,39 +157,37 @@ def test_who_stands_and_who_is_blocked() -> None:
 
 
 def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
-    lines = OrderLines()
+    mesh = Mesh()
+    link = RunLink(scene(), mesh, mesh)
     for series, order, refusal in (
         (7, "move r1 1 1 0", ""), (7, "move r1 1 2 0", "no room"), (7, "move r1 1 3 0", ""),
         (8, "move r1 1 4 0", ""), (0, "thaw r1", "no"), (0, "thaw r1", "no"),
     ):  # fmt: skip
-        lines.end(lines.begin(Ask(series, order)), refusal)
-    assert lines.fresh() == lines.kept() == (
-        OrderLine(1, "move r1 1 3 0", times=3, refused=1, refusal="no room"),
-        OrderLine(2, "move r1 1 4 0"),
-        OrderLine(3, "thaw r1", times=2, refused=2, refusal="no"),
-    )  # fmt: skip
-    assert lines.fresh() == ()
-    numbers = [lines.begin(Ask(0, f"step {number}")) for number in range(KEPT + 1)]
-    for number in numbers:
-        lines.end(number, "")
-    assert [line.number for line in lines.kept()] == numbers[1:]
-    assert all(line.waiting == 0 for line in lines.kept())
+        link.give(order, series)
+        mesh.answer(link, refusal)
+    assert [(one.order, one.times, one.waiting, one.refused, one.refusal) for one in link.lines] == [
+        ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r1 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
+    ]  # fmt: skip
+    for number in range(KEPT + 1):
+        link.give(f"step {number + 1}")
+        mesh.answer(link, "")
+    assert [line.number for line in link.lines] == list(range(5, KEPT + 5))
 
 
 def test_a_line_says_when_the_run_says_nothing() -> None:
-    now, stage, mesh, lines = [0.0], scene(), Mesh(), OrderLines()
-    link = RunLink(stage, lines, mesh, mesh, lambda: now[0])
-    link.give(Ask(0, "pause"))
-    assert lines.kept() == (OrderLine(1, "pause", waiting=1),)
+    now, mesh = [0.0], Mesh()
+    link = RunLink(scene(), mesh, mesh, lambda: now[0])
+    link.give("pause")
+    assert link.lines[0].waiting == 1
     now[0] = PATIENCE_S + 1
     link.look()
     silent = "the run has not said yet; it heeds the order at its next step"
-    assert lines.kept() == (OrderLine(1, "pause", refused=1, refusal=silent),)
+    assert (link.lines[0].waiting, link.lines[0].refusal) == (0, silent)
 
 
 def test_the_word_of_every_state_can_be_read() -> None:
-    told = page_floor.state_colours()
-    assert tuple(told) == page_floor.STATES
+    told = state_colours()
+    assert tuple(told) == STATES
     for ground, letters in told.values():
         assert contrast(rgb(ground), rgb(letters)) >= 4.5
 
@@ -187,9 +205,9 @@ def served(trial: Trial) -> Callable[[], None]:
 
     def test() -> None:
         async def play() -> None:
-            mesh, stage, lines = Mesh(), scene(), OrderLines()
-            link = RunLink(stage, lines, mesh, mesh)
-            pages = server.ControlServer(stage, lines, link.give)
+            mesh, stage = Mesh(), scene()
+            link = RunLink(stage, mesh, mesh)
+            pages = server.ControlServer(stage, link)
             async with await pages.start():
                 await trial(pages, mesh, link)
 
@@ -215,7 +233,7 @@ async def told_line(pages: Any, connection: Any, number: int) -> dict[str, Any]:
     """A line of the list of orders that the run has answered."""
     while True:
         await asyncio.sleep(0.01)
-        pages.tell()
+        pages.renew()
         told = await heard(connection, "said")
         if told["number"] == number and not told["waiting"]:
             return told
@@ -256,7 +274,7 @@ async def _status(pages: Any, path: str, host: str | None) -> int:
 @served
 async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as page:
-        assert (await heard(page, "floor"))["places"] == [["r1", 13.0, 13.0], ["r1", 14.0, 13.0]]
+        assert list((await heard(page, "floor"))["robots"]) == ["r1", "r2", "r3"]
         await page.send('{"series": 0, "order": "move r1 1 2 0"}')
         await page.send('{"series": 0, "order": "dance"}')
         told = await told_line(pages, page, 2)
@@ -268,7 +286,7 @@ async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, m
         link.look()
         refused = {
             "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
-            "refusal": "at 3 s: no",
+            "refusal": "at 3 s: no", "version": 4,
         }  # fmt: skip
         assert await told_line(pages, page, 1) == refused
         async with socket(pages) as later:
@@ -286,14 +304,14 @@ async def test_junk_is_counted_and_ends_the_page_that_sends_it(pages: Any, mesh:
                 await asyncio.wait_for(page.recv(), 5)
         assert (pages.junk, mesh.given) == (server.JUNK, [])
         async with socket(pages) as large:
-            await large.send("x" * (ASK_BYTES + 1))
+            await large.send("x" * (server.ASK_BYTES + 1))
             with pytest.raises(exceptions.ConnectionClosed) as closed:
                 while True:
                     await asyncio.wait_for(large.recv(), 5)
             assert closed.value.rcvd.code == 1009
-        pages.renew()
         await heard(other, "floor")
         while (await heard(other, "state"))["junk"] != server.JUNK:
+            link._scene.changed = True
             pages.renew()
 
 
@@ -304,7 +322,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
         await heard(quick, "floor")
         for number in range(200):
             await asyncio.sleep(0)
-            link._scene.take(Truth(number, number * 100_000, (TRUTH_OF_R1,)))
+            said(link._scene, truth(number))
             pages.renew()
             while (await heard(quick, "state"))["step"] != number:
                 pass
@@ -317,8 +335,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
      '{"series": 1, "order": "pause", "more": 1}', '{"series": "1", "order": "pause"}', b"\xff\xfe"],
 )  # fmt: skip
 def test_what_is_no_order(data: str | bytes) -> None:
-    with pytest.raises(JunkError):
-        ask(data)
+    assert server.ask(data) is None
 
 
 @served

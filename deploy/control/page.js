@@ -1,0 +1,270 @@
+// What buttons, pointers and keys do: they give the run orders, as typed behind `acrc order RUN`.
+const SURE_MS = 4000, MINE = 100, CLICK_PX = 4, MOVE_M = 0.1, FAR = 5, TURN = Math.PI / 12, SEND_MS = 100, PAUSE_MS = 1000;
+const SPEEDS = [0.25, 0.5, 1, 2, 4, 10];
+const brief = (...values) => values.map((one) => Math.round(one * 1000) / 1000).join(" ");
+const all = (selector) => [...document.querySelectorAll(selector)], add = (parent, tag) => parent.appendChild(document.createElement(tag));
+const pointers = new Map(), mine = new Set(); // orders of this page that nobody has answered: others' are no news for its note
+let tool = "move", drag = null, cursor = null, pinch = null, sure = 0;
+let target = null; // where keys have brought the chosen robot: the state lags behind them
+const socket = new WebSocket(location.href.replace(/[?#].*/, "").replace(/^http/, "ws").replace(/\/?$/, "/socket"));
+const HEARS = {
+  floor: loadFloor,
+  past: ({ trails: told }) => Object.entries(told).forEach(([id, trail]) => trails.set(id, trail)),
+  state: (told) => { state = told; remember(); show(); },
+  said: showOrder,
+};
+socket.onmessage = ({ data }) => { const told = JSON.parse(data); HEARS[told.kind](told); redraw(); };
+socket.onclose = ({ reason }) => {
+  $("lost").textContent = state && state.over ? "The run is over." : reason || "The connection to the run has ended.";
+  $("lost").hidden = false;
+  if (!state) $("time").textContent = "not connected";
+  for (const one of all("button, select, input")) one.disabled = !one.closest(".zoom");
+};
+function order(words, series = 0) {
+  if (socket.readyState !== WebSocket.OPEN) return;
+  note("");
+  mine.add(words);
+  if (mine.size > MINE) mine.delete(mine.values().next().value);
+  socket.send(JSON.stringify({ series, order: words }));
+}
+const newSeries = () => 1 + Math.floor(Math.random() * 0x7ffffffe); // of two pages no two are the same, but for great chance
+// --- words beside the map
+const set = (id, words) => { if ($(id).textContent !== words) $(id).textContent = words; };
+const note = (words) => set("note", words);
+function showOrder({ number, order: words, times, waiting, refused, refusal }) {
+  const list = $("said");
+  const item = list.querySelector(`[data-number="${number}"]`) || add(list, "li");
+  if (!item.dataset.number) list.insertBefore(item, [...list.children].find((one) => Number(one.dataset.number) < number) || null);
+  item.dataset.number = number;
+  const share = times > 1 ? `${refused} of ${times} ` : "", become = waiting ? "waits" : "carried out";
+  item.textContent = `${words}${times > 1 ? ` ×${times}` : ""}: ${refused ? `${share}not done: ${refusal}` : become}`;
+  item.className = refused ? "no" : "";
+  while (list.children.length > 100) list.lastChild.remove();
+  if (!waiting && mine.delete(words) && refused) { note(`Not done: ${refusal}`); target = null; }
+}
+function show() {
+  const count = (stands) => state.places.filter((one) => one[3] === stands).length, done = count("done");
+  set("time", `${state.t.toFixed(1)} s${state.paused ? ", paused" : ""}${state.over ? ", over" : ""}`);
+  set("pause", state.paused ? "Resume" : "Pause");
+  const speed = state.speed === 0 ? "max" : String(state.speed), choice = $("speed");
+  if (![...choice.options].some((one) => one.value === speed)) choice.add(new Option(speed), 0);
+  if (document.activeElement !== choice) choice.value = speed;
+  const notes = [`${done} of ${state.places.length} places done, ${state.places.length - done - count("given up")} left`];
+  const lacks = { "steps did not come here": state.missed, "pictures left out: this page is slow": state.late, "messages were no orders": state.junk };
+  for (const [words, count_] of Object.entries(lacks)) if (count_) notes.push(`${count_} ${words}`);
+  set("count", notes.join("; "));
+  showRobots();
+}
+function showRobots() {
+  const list = $("robots"), one = robotOf(chosen), stands = one ? one[4] : "";
+  for (const [id, , , , word_] of state.robots) {
+    let button = list.querySelector(`[data-robot="${id}"]`);
+    if (!button) {
+      button = add(list, "button");
+      [button.dataset.robot, button.onclick] = [id, () => chooseByName(id)];
+      add(button, "i").style.background = colour(id);
+      button.append(id);
+      add(button, "b");
+    }
+    const chip = button.lastChild;
+    if (chip.textContent !== word_) [chip.textContent, [chip.style.background, chip.style.color]] = [word_, floor.states[word_]];
+    button.setAttribute("aria-pressed", String(id === chosen));
+  }
+  set("chosen", one ? `Robot ${chosen}` : "No robot chosen");
+  const by = one && one[6] ? ` by ${one[6]}` : "", heads = one && one[5] ? `, next place at ${one[5].map((v) => v.toFixed(1)).join(", ")}` : "";
+  set("about", one ? `${stands}${by}${heads}` : "Choose a robot on the map, below, or with n.");
+  const can = { freeze: goes(stands), thaw: stands === "frozen", kill: stands !== "off", restart: stands === "off" };
+  for (const button of all("[data-order]")) button.disabled = !one || !can[button.dataset.order];
+}
+function choose(id) {
+  if (id !== chosen) [chosen, target] = [id, null];
+  if (state) showRobots();
+  redraw();
+}
+const chooseByName = (id) => { if (tool !== "give") useTool("move"); choose(id); note(`${id} is chosen.`); }; // so arrow keys move it
+function toRobot(verb) {
+  const one = robotOf(chosen);
+  if (!one) note("Choose a robot first.");
+  else if (document.querySelector(`[data-order="${verb}"]`).disabled) note(`Cannot ${verb} ${chosen}: it is ${one[4]}.`);
+  else order(`${verb} ${chosen}`);
+}
+function askStop(again = true) { // asked twice within a while, it stops the run
+  const button = $("stop"), stops = again && sure;
+  clearTimeout(sure);
+  sure = again && !stops ? setTimeout(askStop, SURE_MS, false) : 0;
+  button.classList.toggle("sure", Boolean(sure));
+  button.textContent = sure ? "Stop: sure?" : "Stop";
+  if (sure) note("Stop ends the run for good. Ask once more to do so.");
+  if (stops) order("stop");
+}
+// --- tools: `begun` is what a drag without a way is told
+const TOOLS = {
+  move: { key: "m", words: "Arrow keys move the chosen robot." },
+  wall: { key: "w", words: "Wall: arrow keys move the cursor, Enter begins and ends.", begun: "Drag from one end to the other to draw a wall.", order: (d) => `wall ${brief(d.fromX, d.fromY, d.x, d.y)}` },
+  obstacle: { key: "o", words: "Obstacle: Enter in its middle, then at its rim.", begun: "Drag from the middle to the rim to put an obstacle.", order: (d, far) => `obstacle ${brief(d.fromX, d.fromY, far)}` },
+  give: { key: "g", words: "Place: Enter gives it to the chosen robot." },
+  door: { key: "d", words: "Door: Enter closes or opens the door at the cursor." },
+  jam: { key: "j", words: "Jammer: Enter in its middle, then at its rim.", begun: "Drag from the middle to the rim to put a jammer.", order: (d, far) => `jam ${brief(d.fromX, d.fromY, far)} ${$("seconds").value}` },
+};
+function useTool(name) {
+  [tool, drag] = [name, null];
+  for (const one of all("[data-tool]")) one.setAttribute("aria-pressed", String(one.dataset.tool === name));
+  redraw();
+}
+function under(x, y) {
+  return state.robots.filter(([id, rx, ry]) => Math.hypot(rx - x, ry - y) <= Math.max(floor.robots[id].radius, 12 / scale)).at(-1);
+}
+function away([[ax, ay], [bx, by]], x, y) { // from a line, m
+  const [dx, dy] = [bx - ax, by - ay], along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1), t = Math.min(1, Math.max(0, along));
+  return Math.hypot(ax + t * dx - x, ay + t * dy - y);
+}
+function act(x, y) { // the tools that need one point
+  if (tool === "give") {
+    if (chosen) order(`give ${chosen} ${brief(x, y)}`); else note("Choose a robot first: the place is given to it.");
+    return;
+  }
+  const door = [...floor.doors].sort((one, other) => away(one, x, y) - away(other, x, y))[0];
+  if (!door || away(door, x, y) > DOOR_M) note(door ? `No door within ${DOOR_M} m.` : "This floor has no door.");
+  else order(`${isShut(door) ? "open" : "close"} ${brief(...middleOf(door))}`);
+}
+function put(done) { // the tools that are drawn from one point to another
+  if (tool === "jam" && !(Number($("seconds").value) > 0)) note("A jammer needs a number of seconds above 0.");
+  else order(TOOLS[tool].order(done, Math.hypot(done.x - done.fromX, done.y - done.fromY)));
+}
+function drawHand() { // what is being drawn, and the cursor of the keys
+  if (drag && (tool !== "move" || drag.robot)) {
+    const from = toScreen(drag.fromX, drag.fromY), to = toScreen(drag.x, drag.y), far = Math.hypot(from[0] - to[0], from[1] - to[1]);
+    if (tool === "wall") mark(pen, "bar", floor.legend.wall[1], [from, to], 0.1 * scale);
+    if (tool === "obstacle") mark(pen, "ring", floor.legend.obstacle[1], [from], far);
+    if (tool === "jam") mark(pen, "dashed ring", floor.legend.jammer[1], [from], far);
+    if (tool === "move") mark(pen, "ring", css("--accent"), [to], floor.robots[drag.robot[0]].radius * scale);
+  }
+  if (cursor && document.activeElement === canvas) mark(pen, "cross", css("--accent"), [toScreen(...cursor)], 12);
+}
+// --- pointers: tools with one, the view with two, with the middle button, with the wheel
+const middle = ([a, b] = [...pointers.values()]) => ({ x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, far: Math.hypot(a.x - b.x, a.y - b.y) });
+canvas.onpointerdown = (event) => {
+  if (!floor || !state) return;
+  event.preventDefault(); // a middle button would scroll
+  canvas.focus({ preventScroll: true });
+  canvas.setPointerCapture(event.pointerId);
+  pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY, pans: event.button === 1 });
+  cursor = null;
+  if (pointers.size === 2) { drag = null; pinch = middle(); redraw(); }
+  if (pointers.size > 1 || event.button !== 0) return;
+  const [x, y] = toFloor(event.offsetX, event.offsetY), robot = under(x, y);
+  if (tool === "move" && robot) choose(robot[0]);
+  drag = { fromX: x, fromY: y, x, y, px: event.offsetX, py: event.offsetY, robot };
+};
+canvas.onpointermove = (event) => {
+  const own = pointers.get(event.pointerId);
+  if (!own) return;
+  const [dx, dy] = [event.offsetX - own.x, event.offsetY - own.y];
+  Object.assign(own, { x: event.offsetX, y: event.offsetY });
+  if (pinch && pointers.size === 2) {
+    const now = middle();
+    panBy(now.x - pinch.x, now.y - pinch.y);
+    if (pinch.far > 0) zoomBy(now.far / pinch.far, now.x, now.y);
+    pinch = now;
+  } else if (own.pans) panBy(dx, dy);
+  else if (drag) { [drag.x, drag.y] = toFloor(event.offsetX, event.offsetY); redraw(); }
+};
+canvas.onpointerup = canvas.onpointercancel = (event) => {
+  const done = drag, clicked = done && Math.hypot(event.offsetX - done.px, event.offsetY - done.py) < CLICK_PX;
+  pointers.delete(event.pointerId);
+  if (!pointers.size) pinch = null;
+  redraw();
+  if (!done || event.button > 0) return;
+  drag = null;
+  if (event.type === "pointercancel") return;
+  if (tool === "give" || tool === "door") act(done.x, done.y);
+  else if (tool === "move" && !done.robot) { choose(null); note("No robot there. Choose one, or drag one to move it."); }
+  else if (clicked) note(TOOLS[tool].begun || "");
+  else if (tool === "move") order(`move ${done.robot[0]} ${brief(done.x, done.y, done.robot[3])}`, newSeries());
+  else put(done);
+};
+canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoomBy(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY); }, { passive: false });
+canvas.onfocus = canvas.onblur = redraw;
+// --- keys, wherever focus is but in a field; keys that a button needs do the button's own thing
+function steer(dx, dy, turn = 0) {
+  const one = robotOf(chosen), now = performance.now();
+  if (!one) { note("Choose a robot first."); return; }
+  if (!target || now - target.pressed > PAUSE_MS) target = { x: one[1], y: one[2], heading: one[3], series: newSeries(), sent: 0, timer: 0 };
+  Object.assign(target, { x: target.x + dx, y: target.y + dy, heading: target.heading + turn, pressed: now });
+  reveal(target.x, target.y);
+  if (!target.timer) target.timer = setTimeout(send, Math.max(0, SEND_MS - (now - target.sent)), target, chosen);
+}
+function send(to, id) { // a key that is held down repeats faster than a run takes orders
+  [to.timer, to.sent] = [0, performance.now()];
+  if (to === target) order(`move ${id} ${brief(to.x, to.y, Math.atan2(Math.sin(to.heading), Math.cos(to.heading)))}`, to.series);
+}
+function moveCursor(dx, dy) {
+  const [x, y] = cursor || [sight.x, sight.y];
+  cursor = [x + dx, y + dy];
+  if (drag) [drag.x, drag.y] = cursor;
+  reveal(...cursor);
+  canvas.focus({ preventScroll: true });
+  redraw();
+}
+function arrow(dx, dy, far) {
+  const step = MOVE_M * (far ? FAR : 1), moves = chosen !== null && tool === "move";
+  if (moves) steer(dx * step, dy * step); else moveCursor(dx * step * 2, dy * step * 2);
+}
+function enter() {
+  if (!cursor) moveCursor(0, 0);
+  const [x, y] = cursor, robot = under(x, y);
+  if (tool === "give" || tool === "door") act(x, y);
+  else if (tool === "move" && robot) chooseByName(robot[0]);
+  else if (tool === "move") note("No robot under the cursor.");
+  else if (!drag) { drag = { fromX: x, fromY: y, x, y }; note("Begun. Arrow keys go on, Enter ends, Escape drops it."); }
+  else if (drag.fromX === x && drag.fromY === y) note("Move the cursor first: it is where it began.");
+  else { put(drag); drag = null; }
+  redraw();
+}
+function escape() {
+  askStop(false);
+  if (drag) { drag = null; note("Dropped."); redraw(); } else choose(null);
+}
+function nextRobot(by) {
+  const ids = state.robots.map(([id]) => id), at = ids.indexOf(chosen);
+  chooseByName(ids[at < 0 ? (by > 0 ? 0 : ids.length - 1) : (at + by + ids.length) % ids.length]);
+}
+function faster(by) {
+  const now = state.speed === 0 ? Infinity : state.speed;
+  const next = by > 0 ? SPEEDS.find((one) => one > now) : SPEEDS.findLast((one) => one < now);
+  if (next || by > 0) order(`speed ${next || "max"}`); else note("Slower is not offered here.");
+}
+const pause = () => order(state && state.paused ? "resume" : "pause"), whole = () => floor && look(0, 0, 1), closer = () => zoomBy(1.5), farther = () => zoomBy(1 / 1.5);
+const KEYS = [
+  ["n p", "choose the next, the previous robot", { n: () => nextRobot(1), p: () => nextRobot(-1) }],
+  ["arrows", "move the chosen robot 0.1 m, with Shift 0.5 m; else the cursor, 0.2 m or 1 m", { ArrowLeft: (far) => arrow(-1, 0, far), ArrowRight: (far) => arrow(1, 0, far), ArrowUp: (far) => arrow(0, 1, far), ArrowDown: (far) => arrow(0, -1, far) }],
+  ["q e", "turn the chosen robot left, right", { q: () => steer(0, 0, TURN), e: () => steer(0, 0, -TURN) }],
+  ["f t k r", "freeze, thaw, kill, restart it", Object.fromEntries(["freeze", "thaw", "kill", "restart"].map((verb) => [verb[0], () => toRobot(verb)]))],
+  ["Space", "pause, resume; on a button: press it", { " ": pause }],
+  [".", "one step, then pause", { ".": () => order("step") }],
+  ["[ ]", "slower, faster", { "[": () => faster(-1), "]": () => faster(1) }],
+  ["x x", "stop the run: asked twice", { x: () => askStop() }],
+  ["m w o g d j", "move robots; put a wall, an obstacle; give a place; doors; put a jammer", Object.fromEntries(Object.entries(TOOLS).map(([name, { key, words }]) => [key, () => { useTool(name); note(words); }]))],
+  ["Enter", "do it at the cursor; choose the robot there", { Enter: enter }],
+  ["Escape", "drop what is begun; choose no robot", { Escape: escape }],
+  ["+ − 0", "zoom in, out, the whole floor", { "+": closer, "=": closer, "-": farther, 0: whole }],
+];
+const BY_KEY = new Map(KEYS.flatMap(([, , does]) => Object.entries(does)));
+for (const [keys, does] of KEYS) [keys, does].forEach((words, index) => { add($("keys"), index ? "dd" : "dt").textContent = words; });
+addEventListener("keydown", (event) => {
+  if (!state || !$("lost").hidden || event.ctrlKey || event.altKey || event.metaKey) return;
+  const on = event.target.closest ? event.target.closest("input, select, button, summary") : null;
+  if (on && (["INPUT", "SELECT"].includes(on.tagName) || [" ", "Enter"].includes(event.key))) return; // a pointer leaves focus on the map
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, does = BY_KEY.get(key);
+  if (!does) return;
+  event.preventDefault();
+  if (!event.repeat || key.startsWith("Arrow") || "+=-qe".includes(key)) does(event.shiftKey);
+});
+for (const button of all("[data-order]")) [button.disabled, button.onclick] = [true, () => toRobot(button.dataset.order)];
+for (const button of all("[data-tool]")) button.onclick = () => useTool(button.dataset.tool);
+for (const [id, does] of Object.entries({ pause, step: () => order("step"), stop: () => askStop(), closer, farther, whole })) $(id).onclick = does;
+$("speed").onchange = (event) => { order(`speed ${event.target.value}`); canvas.focus({ preventScroll: true }); };
+document.addEventListener("click", ({ detail, target: on }) => detail && on.closest("button, summary") && canvas.focus({ preventScroll: true })); // by a key, detail is 0
+for (const one of all("details")) one.ontoggle = drawLegend;
+matchMedia("(prefers-color-scheme: dark)").onchange = () => { drawLegend(); redraw(); };
+addEventListener("resize", redraw);
