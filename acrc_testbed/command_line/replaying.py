@@ -182,7 +182,7 @@ def explain(
 
     It names the knowledge, the frame that brought it, and the frames that were lost before.
 
-    It replays the robot and the radio if that was not done before, in a sandbox where the machine has one.
+    It replays the robot if that was not done before, in a sandbox where the machine has one.
     """
     from acrc_testbed.explanation import explain as explanation
     from actors.robot.behaviour.foreign import permit_of
@@ -249,8 +249,7 @@ def export(
     decisions. The log (MCAP) has scans, frames, poses, plans, local cost maps, particles, the map, places,
     obstacles and radio links.
 
-    It replays radio and robots to compute what was not recorded, robots in a sandbox where the machine has
-    one.
+    It replays robots to compute what was not recorded, in a sandbox where the machine has one.
     """
     from actors.robot.behaviour.foreign import permit_of
 

@@ -62,7 +62,8 @@ class RunLink:
         self._series, line.order, line.times = series, words, line.times + 1
         self._change(line, waiting=1)
         try:
-            order = orders.parse(*(words.split(maxsplit=1) or [""])[:1], words.split()[1:])
+            verb, *rest = words.split() or [""]
+            order = orders.parse(verb, rest)
             if self._scene.over or len(self._waiting) >= WAITING:
                 raise AcrcError("the run is over" if self._scene.over else "too many orders wait already")
         except AcrcError as error:
