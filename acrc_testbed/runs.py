@@ -45,25 +45,11 @@ class Run:
         """The content of run.json; None while the run goes on, or if it was cut off."""
         return self.evidence.result
 
-    @arguments_named()
-    def tables(
-        self, *, modules: Sequence[str | PathLike[str]] = (), trust: bool = False
-    ) -> "dict[str, pyarrow.Table]":
-        """Return the tables of `acrc export`, by name (docs/tables.md says what is in them).
-
-        Radio and robots are replayed for it, in a sandbox where the machine has one. `modules` and `trust`
-        are for a strategy that is neither installed nor was allowed by `run` or `open_run` in this process.
-        """
+    def tables(self) -> "dict[str, pyarrow.Table]":
+        """Return the tables of `acrc export`, by name (docs/tables.md says what is in them)."""
         from acrc_testbed.export import parquet_files, rows
-        from acrc_testbed.replay.run_recordings import all_recordings
-        from acrc_testbed.replay.sandboxed import check_trust
-        from actors.runtime.isolation.sandbox import choose
 
-        permit = self._permit(modules, trust=trust)
-        for actor in all_recordings(self.folder):
-            check_trust(self.folder, actor, permit)
-        found = rows.tables(self.folder, permit=permit, isolate=choose(None).isolate)
-        return parquet_files.arrow(found)
+        return parquet_files.arrow(rows.tables(self.folder))
 
     @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":

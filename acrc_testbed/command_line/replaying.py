@@ -16,7 +16,6 @@ from actors.installation.usage import OptionError, wrong_value
 
 if TYPE_CHECKING:
     from acrc_testbed.replay.record_replay import ReplayReport
-    from actors.robot.behaviour.foreign import Permit
 
 
 def replay(
@@ -239,50 +238,30 @@ def export(
             help="With --mcap: write all of this robot; repeatable.  [default: of every one]",
         ),
     ] = None,
-    modules: Modules = None,
-    trust: Trust = False,
     json: Json = False,
 ) -> None:
     """Write a run as tables, or as a log of its robots.
 
     The tables (Parquet files) are poses, estimates, goals, frames, knowledge, exchanges, places and
     decisions. The log (MCAP) has scans, frames, poses, plans, local cost maps, particles, the map, places,
-    obstacles and radio links.
-
-    It replays robots to compute what was not recorded, in a sandbox where the machine has one.
+    obstacles and radio links. What robots computed is there for runs that were recorded in full.
     """
-    from actors.robot.behaviour.foreign import permit_of
-
-    permit = permit_of(modules, trust=trust)
     if mcap is not None:
-        _export_log(out, folder, mcap, tuple(robot or ()), permit, json=json)
+        _export_log(out, folder, mcap, tuple(robot or ()), json=json)
         return
     if robot:
         raise OptionError("--robot: requires --mcap; tables are of all robots")
-    _export_tables(out, folder, permit, json=json)
+    _export_tables(out, folder, json=json)
 
 
-def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bool) -> None:
-    from acrc_testbed.replay.run_recordings import recordings
-    from acrc_testbed.replay.sandboxed import check_trust
-    from actors.runtime import regular_file
-
-    for actor in recordings(out):
-        check_trust(out, actor, permit)
+def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     from acrc_testbed.export import parquet_files, rows
-    from actors.runtime.isolation.sandbox import choose, warn
+    from actors.runtime import regular_file
     from deploy.run import out_folder
 
-    choice = choose(None)
-    warn(choice.warning)
     console = screen(stderr=True, soft_wrap=False)
-    with console.status("reading") as status:
-        found = rows.tables(
-            out,
-            lambda actor: status.update(f"replaying {actor}"),
-            permit=permit,
-            isolate=choice.isolate,
-        )
+    with console.status("reading"):
+        found = rows.tables(out)
     with out_folder.writing(folder or out):
         where = folder or regular_file.no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
@@ -290,28 +269,16 @@ def _export_tables(out: Path, folder: Path | None, permit: "Permit", *, json: bo
     answer(said, [{"file": path, "rows": count} for path, count in written.items()], json=json)
 
 
-def _export_log(
-    out: Path, file: Path | None, name: str, robots: Sequence[str], permit: "Permit", *, json: bool
-) -> None:
+def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], *, json: bool) -> None:
     if name != "ros2":
         raise wrong_value("--mcap", name, "ros2, which RViz and Foxglove read")
     from acrc_testbed.robot_logs.logging_run import log_run
-    from actors.runtime.isolation.sandbox import choose, warn
     from deploy.run import out_folder
 
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")
-    choice = choose(None)
-    warn(choice.warning)
     console = screen(stderr=True, soft_wrap=False)
-    with out_folder.writing(path.parent), console.status("reading") as status:
-        report = log_run(
-            out,
-            path,
-            robots,
-            lambda actor: status.update(f"replaying {actor}" if actor else "writing"),
-            permit=permit,
-            isolate=choice.isolate,
-        )
+    with out_folder.writing(path.parent), console.status("writing"):
+        report = log_run(out, path, robots)
     for note in report.notes:
         print(note, file=sys.stderr)
     size, messages, topics = path.stat().st_size, report.counts.total(), len(report.counts)

@@ -1,143 +1,111 @@
-"""Rows of the exported tables, from recordings and from traces of radio and robots."""
+"""Rows of the exported tables, from recordings."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from acrc_testbed.replay.run_recordings import all_recordings, run_of, setup_of
-from acrc_testbed.replay.sandboxed import Bounds
+from acrc_testbed.replay.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import FrameRow, frame_rows
+from acrc_testbed.run_model.introspection import NOT_RECORDED, RobotInternals
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from acrc_testbed.run_model.simulated import read_run
-from acrc_testbed.trace.rows import KnowledgeChange, Trace
-from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
-from actors.instant import in_seconds
 from actors.messages import TRUTH
-from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.foreign import Permit
-from actors.runtime.errors import AcrcError, printable
+from actors.runtime.errors import AcrcError
 
 Row = tuple[Any, ...]
 """Its cells."""
 Tables = dict[str, list[Row]]
-TRACED: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
-"""The tables that come of it."""
-
-
-def robot_rows(trace: Trace, step_us: int) -> Tables:
-    """Its rows by table."""
-    return {
-        "estimates": list(_estimates(trace, step_us)),
-        "goals": list(_goals(trace, step_us)),
-        "knowledge": list(_knowledge(trace)),
-        "exchanges": list(_exchanges(trace)),
-        "decisions": list(_decisions(trace)),
-    }
-
-
-def _begun(step: int, step_us: int) -> Row:
-    """The first cells of what is so from a step's beginning."""
-    return (step, step * step_us / 1e6)
-
-
-def _estimates(trace: Trace, step_us: int) -> Iterator[Row]:
-    held = trace.held
-    columns = (held.steps, held.poses, held.located, held.variances, held.lost)
-    for step, pose, located, variances, lost in zip(*(one.tolist() for one in columns), strict=True):
-        yield (*_begun(step, step_us), *pose, located, *variances, lost, None)
-
-
-def _goals(trace: Trace, step_us: int) -> Iterator[Row]:
-    for one in trace.goals:
-        yield (*_begun(one.step, step_us), *(one.point or (None, None)), one.status, one.reason, one.phase)
-
-
-def _head(change: KnowledgeChange) -> Row:
-    return (change.step, change.instant / 1e6)
-
-
-def _knowledge(trace: Trace) -> Iterator[Row]:
-    for number, one in enumerate(trace.changes):
-        head = (*_head(one), one.component, number, one.by, one.adaptation)
-        for part in one.changed:
-            yield (*head, part.path, part.before, part.after)
-
-
-def _exchanges(trace: Trace) -> Iterator[Row]:
-    for number, one in enumerate(trace.changes):
-        if not one.peer:
-            continue
-        head = (*_head(one), one.component, number, one.by, one.peer)
-        read = one.read
-        if read is None:
-            yield (*head, None, None, None, None, None, None, None)
-        else:
-            via = None if read.arrival is None else read.arrival.sender
-            when = (in_seconds(read.heard), in_seconds(read.age))
-            yield (*head, read.epoch, read.publication, *when, read.hops, read.rssi_dbm, via)
-
-
-def _decisions(trace: Trace) -> Iterator[Row]:
-    """As the robot's last record has them, but of runs that were cut off, too."""
-    for number, one in enumerate(trace.changes):
-        if (decision := one.decision) is not None:
-            head = (*_head(one), number, one.by, decision.words, one.peer or one.component)
-            yield (*head, *(decision.old or (None, None)), *(decision.new or (None, None)))
+INTERNALS: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
+"""Tables of what robots computed."""
 
 
 class ExportError(AcrcError):
-    """A robot whose rows are not to be had."""
+    """A run that cannot be exported."""
 
 
-def tables(
-    out: Path,
-    on_actor: Callable[[str], object] = lambda actor: None,
-    *,
-    permit: Permit,
-    isolate: bool,
-    bounds: Bounds = BOUNDS,
-) -> Tables:
-    """Every table of a simulated run, by its name; `on_actor` is told whose trace is needed.
+def tables(out: Path) -> Tables:
+    """Return every table of a simulated run, by its name.
 
-    `isolate`: see `actors.runtime.isolation.sandbox`. Raises RecordingError and RunDataError for what is
-    no whole folder of a run, ExportError for a robot without a trace, or with one that makes no sense.
+    Raises RecordingError and RunDataError for what is no whole folder of a run, ExportError for a run whose
+    robots did not record what they computed.
     """
-    run, files = read_run(out), all_recordings(out)
+    run, files = read_run(out, internals=True), all_recordings(out)
+    if not all(one.is_recorded for one in run.internals):
+        raise ExportError(f"{out}: {NOT_RECORDED}")
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
-    frames = frame_rows(*frame_outcomes(out))
-    found["frames"] = [row for number, one in enumerate(frames) for row in _frame(number, one)]
-    found |= {name: [] for name in TRACED}
-    told = setup_of(files["radio"], RadioSetup, "a radio")
-    addresses = {number: name for name, number in told.robots}
-    robots = {actor: path.parent.name for actor, path in files.items() if actor not in ("world", "radio")}
-    on_actor("robots")
-    traced: dict[str, Tables] = {}
-    for one in traces(out, list(robots), permit=permit, isolate=isolate, bounds=bounds):
-        try:
-            traced[one.actor] = robot_rows(one.whole(), run_of(files[one.actor]).step_us)
-        except TraceError as error:
-            raise ExportError(printable(str(error))) from None
-        on_actor(f"robots ({len(traced)} of {len(robots)} are done)")
-    for actor, robot in robots.items():
-        for name, rows in _completed(run, addresses, robot, traced[actor]).items():
-            found[name] += [(*row[:2], robot, actor, *row[2:]) for row in rows]
-    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in TRACED}
+    robots, outcomes = frame_outcomes(out)
+    found["frames"] = [
+        row for number, one in enumerate(frame_rows(robots, outcomes)) for row in _frame(number, one)
+    ]
+    found |= {name: [] for name in INTERNALS}
+    for one in run.internals:
+        head = (one.process.robot, one.process.actor)
+        for name, rows in _robot_rows(run, one).items():
+            found[name] += [(*row[:2], *head, *row[2:]) for row in rows]
+    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in INTERNALS}
 
 
-def _completed(run: RunData, addresses: dict[int, str], robot: str, rows: Tables) -> Tables:
-    """With what its process does not know."""
-    if robot not in run.robots:
-        raise ExportError(f"{robot}: is no robot of this run")
-    index, true = run.robots.index(robot), run.true
-    estimates = []
-    for step, second, x, y, *rest, _ in rows["estimates"]:
+def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
+    """Return the rows of a robot's process by table."""
+    return {
+        "estimates": list(_estimates(run, one)),
+        "goals": list(_goals(run, one)),
+        "knowledge": list(_knowledge(one)),
+        "exchanges": list(_exchanges(run, one)),
+        "decisions": list(_decisions(one)),
+    }
+
+
+def _begun(run: RunData, step: int) -> Row:
+    """Return the first cells of what holds from a step's beginning."""
+    return (step, step * run.step_us / 1e6)
+
+
+def _estimates(run: RunData, robot: RobotInternals) -> Iterator[Row]:
+    index, true = run.robots.index(robot.process.robot), run.true
+    for step, pose, quality in robot.step_estimates:
+        error = None
         if 0 <= step < len(true):
             there = true[step, index].tolist()
-            error = ((x - there[0]) ** 2 + (y - there[1]) ** 2) ** 0.5
-            estimates.append((step, second, x, y, *rest, error))
-    exchanges = [(*row[:-1], addresses.get(row[-1])) for row in rows["exchanges"]]
-    return rows | {"estimates": estimates, "exchanges": exchanges}
+            error = ((pose[0] - there[0]) ** 2 + (pose[1] - there[1]) ** 2) ** 0.5
+        variances = (quality.covariance[number] for number in (0, 4, 8))
+        yield (*_begun(run, step), *pose, quality.located, *variances, quality.lost, error)
+
+
+def _goals(run: RunData, robot: RobotInternals) -> Iterator[Row]:
+    for step, goal in robot.goals:
+        yield (*_begun(run, step), *(goal.point or (None, None)), goal.status, goal.reason, goal.phase)
+
+
+def _knowledge(robot: RobotInternals) -> Iterator[Row]:
+    for one in robot.commits:
+        commit = one.commit
+        head = (one.step, one.second, commit.component, one.number, commit.by, commit.adaptation)
+        for part in commit.changed:
+            yield (*head, part.path, part.before, part.after)
+
+
+def _exchanges(run: RunData, robot: RobotInternals) -> Iterator[Row]:
+    for one in robot.commits:
+        commit, used = one.commit, one.commit.replica
+        if not commit.peer:
+            continue
+        head = (one.step, one.second, commit.component, one.number, commit.by, commit.peer)
+        if used is None:
+            yield (*head, None, None, None, None, None, None, None)
+        else:
+            via = None if one.via is None else run.description.addresses.get(one.via)
+            when = (used.heard / 1e6, (commit.instant - used.heard) / 1e6)
+            yield (*head, used.epoch, used.publication, *when, used.hops, used.rssi_dbm, via)
+
+
+def _decisions(robot: RobotInternals) -> Iterator[Row]:
+    """Yield what the robot's last record has, but of runs that were cut off, too."""
+    for one, decision in robot.decisions():
+        source = one.commit.peer or one.commit.component
+        head = (one.step, one.second, one.number, one.commit.by, decision.words, source)
+        yield (*head, *(decision.old or (None, None)), *(decision.new or (None, None)))
 
 
 def _poses(radio: Path) -> Iterator[Row]:

@@ -1,36 +1,33 @@
 """`acrc export --mcap`: a run's folder as one ROS 2 log of all its robots."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from operator import attrgetter
 from pathlib import Path
 
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
-from acrc_testbed.replay.sandboxed import Bounds
 from acrc_testbed.robot_logs.robot_entries import (
     body_entries,
     command_entries,
     held_entries,
+    internal_entries,
     link_entries,
     map_entry,
     place_entries,
     sensed_entries,
     static_frames,
     thing_entries,
-    traced_entries,
     true_entries,
 )
 from acrc_testbed.robot_logs.ros2_log import LogEntry, Spool, write
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.introspection import RecordedProcess
+from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess
 from acrc_testbed.run_model.recorded import world_setup
-from acrc_testbed.trace.traces import BOUNDS, traces
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
 from actors.runtime.process_setup import located_model
@@ -46,63 +43,35 @@ class LogReport:
     """What is missing or unknown, a sentence each."""
 
 
-def log_run(
-    out: Path,
-    path: Path,
-    robots: Sequence[str] = (),
-    on_actor: Callable[[str], object] = lambda actor: None,
-    *,
-    permit: Permit,
-    isolate: bool,
-    bounds: Bounds = BOUNDS,
-) -> LogReport:
+def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
     """Write the log of a run, simulated or collected from robots, to a file that is not there yet.
 
-    `robots`: of these all is in it, none named: of every one; of others where they were. `on_actor` is told
-    whose trace is needed. `isolate`: see `actors.runtime.isolation.sandbox`. Raises OptionError for a robot
-    that is none and a file that is there, RecordingError and the like for what is no folder of a run.
+    `robots`: of these all is in it, none named: of every one; of others where they were. Raises OptionError
+    for a robot that is none and a file that is there, RecordingError and the like for what is no folder of a
+    run.
     """
     if path.exists() or path.is_symlink():
         raise OptionError(f"--out: {path} is there already; must be a new file")
     files = all_recordings(out)
-    run = whole_run(out)
+    run = whole_run(out, internals=True)
     for robot in robots:
         if robot not in run.robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(run.robots)}")
     models, left_out = _models(run, files), Counter[str]()
     sources = {one.actor: one for one in run.processes if not robots or one.robot in robots}
+    internals = [one for one in run.internals if one.process.actor in sources]
     with Spool() as spool, regular_file.replaced(path) as part:
-        faults = _trace(run, sources, spool, on_actor, permit=permit, isolate=isolate, bounds=bounds)
-        on_actor("")
+        for one in internals:
+            spool.extend(internal_entries(one))
         entries = merge(*_streams(run, files, sources, models, spool, left_out), key=attrgetter("logged"))
         counts = write(part, entries, left_out)
+    faults = [f"{one.process.actor}: {NOT_RECORDED}" for one in internals if not one.is_recorded]
     absent = [
         f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
         for topic, count in sorted(left_out.items())
         if count
     ]
     return LogReport(counts, tuple(dict.fromkeys((*run.notes, *faults, *absent))))
-
-
-def _trace(
-    run: RunData,
-    sources: Mapping[str, RecordedProcess],
-    spool: Spool,
-    on_actor: Callable[[str], object],
-    *,
-    permit: Permit,
-    isolate: bool,
-    bounds: Bounds,
-) -> list[str]:
-    """Set aside what robots perceived and meant; what is not to be had, in sentences."""
-    on_actor("robots")
-    found: dict[str, str | None] = {}
-    for one in traces(run.out, list(sources), permit=permit, isolate=isolate, bounds=bounds):
-        for part in one.parts:
-            spool.extend(traced_entries(sources[one.actor], part))
-        found[one.actor] = one.fault or (one.parts[-1].fault if one.parts else None)
-        on_actor(f"robots ({len(found)} of {len(sources)} are done)")
-    return [fault for actor in sources if (fault := found.get(actor)) is not None]
 
 
 def _streams(

@@ -1,7 +1,7 @@
 """Log entries of one robot: odometry, scans and poses of its recording, navigation state of its trace."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import groupby
 from pathlib import Path
@@ -25,10 +25,9 @@ from acrc_testbed.robot_logs.ros2_log import (
 )
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
-from acrc_testbed.run_model.introspection import RecordedProcess
+from acrc_testbed.run_model.introspection import RecordedProcess, RobotInternals
 from acrc_testbed.run_model.places import PlaceState, PlaceTable
 from acrc_testbed.run_model.recorded import messages_on
-from acrc_testbed.trace.rows import Trace
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.message_limits import senses_fault
@@ -134,46 +133,46 @@ def _ranges(scan: Scan) -> NDArray[np.float32]:
     return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
 
 
-def traced_entries(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
-    """What a robot perceived and meant, by a part of its trace, in order of time."""
-    return merge(
-        _meant(source, trace), _clouds(source, trace), _costs(source, trace), _plans(source, trace),
-        key=lambda one: one.logged,
-    )  # fmt: skip
+def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
+    """Yield what a robot computed, in order of time."""
+    return merge(_activities(robot), _clouds(robot), _costs(robot), _plans(robot), key=lambda one: one.logged)
 
 
-def _times(source: RecordedProcess, instants: NDArray[np.int64]) -> list[int]:
+def _times(seconds: Sequence[float] | NDArray[np.float64]) -> list[int]:
     """Return µs of the run, in ascending order."""
-    found: list[float] = (np.maximum.accumulate(source.clock(instants)) * 1e6).tolist()
+    found: list[float] = (np.maximum.accumulate(np.asarray(seconds, np.float64)) * 1e6).tolist()
     return [round(one) for one in found]
 
 
-def _clouds(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
-    for time, points in zip(_times(source, trace.particles_at), trace.particles.rows(), strict=True):
-        yield LogEntry(time, f"/{source.robot}/particles", ros2_log.point_cloud(points, time), time)
+def _clouds(robot: RobotInternals) -> Iterator[LogEntry]:
+    topic, particles = f"/{robot.process.robot}/particles", robot.particles
+    for time, points in zip(_times(particles.seconds), particles.sets(), strict=True):
+        yield LogEntry(time, topic, ros2_log.point_cloud(points, time), time)
 
 
-def _plans(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
-    for time, points in zip(_times(source, trace.plans_at), trace.plans.rows(), strict=True):
-        yield LogEntry(time, f"/{source.robot}/plan", ros2_log.path(points, time), time)
+def _plans(robot: RobotInternals) -> Iterator[LogEntry]:
+    topic, plans = f"/{robot.process.robot}/plan", robot.plans
+    for time, points in zip(_times(plans.seconds), plans.sets(), strict=True):
+        yield LogEntry(time, topic, ros2_log.path(points, time), time)
 
 
-def _costs(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
-    times = _times(source, trace.costs_at)
-    for time, costs, corner in zip(times, trace.costs, trace.corners.tolist(), strict=True):
-        grid = ros2_log.occupancy_grid(Pose(*corner), trace.cell, occupancy(costs), time)
-        yield LogEntry(time, f"/{source.robot}/local_costmap", grid, time)
+def _costs(robot: RobotInternals) -> Iterator[LogEntry]:
+    topic, windows = f"/{robot.process.robot}/local_costmap", robot.windows
+    times = _times(windows.seconds)
+    for time, costs, corner in zip(times, windows.costs, windows.corners.tolist(), strict=True):
+        grid = ros2_log.occupancy_grid(Pose(*corner), windows.cell, occupancy(costs), time)
+        yield LogEntry(time, topic, grid, time)
 
 
-def _meant(source: RecordedProcess, trace: Trace) -> Iterator[LogEntry]:
-    """What it is about in words; and its goal, where that is another one."""
-    before = None
-    times = _times(source, np.array([one.instant for one in trace.doings], np.int64))
-    for time, one in zip(times, trace.doings, strict=True):
+def _activities(robot: RobotInternals) -> Iterator[LogEntry]:
+    """Yield its activity in words, and its goal where that is another one."""
+    before, name = None, robot.process.robot
+    times = _times([one.second for one in robot.activities])
+    for time, one in zip(times, robot.activities, strict=True):
         where = f" to {one.destination}" if one.destination else ""
-        yield LogEntry(time, "/rosout", ros2_log.log_line(source.robot, one.activity + where, time), time)
+        yield LogEntry(time, "/rosout", ros2_log.log_line(name, one.activity + where, time), time)
         if one.point is not None and one.point != before:
-            yield _placed(time, f"/{source.robot}/goal", Pose(*one.point, 0.0))
+            yield _placed(time, f"/{name}/goal", Pose(*one.point, 0.0))
         before = one.point
 
 

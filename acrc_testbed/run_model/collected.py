@@ -1,6 +1,7 @@
 """Source of the run model for runs on hardware: the robots' own recordings, on one aligned time."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -12,15 +13,19 @@ from acrc_testbed.field_trial.clocks import AlignedClocks
 from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from acrc_testbed.field_trial.trial_result import reported_places
 from acrc_testbed.recordings.topics import so_far
-from acrc_testbed.replay.run_recordings import recordings
+from acrc_testbed.replay.run_recordings import recordings, run_of
 from acrc_testbed.run_model.data import RunData, RunDescription
-from acrc_testbed.run_model.introspection import Floats, RecordedProcess
+from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.model import RunModel, with_instants
 from acrc_testbed.run_model.simulated import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import DRIVE, RECEIVED, Heard, Received
+from actors.messages import DRIVE, INTROSPECTION, RECEIVED, SENSES, Heard, Received
+from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.codec import decode
+from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Note, read_recording
 from actors.topic import Message
 
 _MARGIN: Final = 2.0
@@ -28,18 +33,21 @@ _MARGIN: Final = 2.0
 _CELL: Final = 0.1
 
 
-def whole_run(out: Path) -> RunData:
-    """Return a run as far as it was recorded, simulated or collected from robots. Raises an AcrcError."""
+def whole_run(out: Path, *, internals: bool = False) -> RunData:
+    """Return a run as far as it was recorded, simulated or collected from robots. Raises an AcrcError.
+
+    `internals`: with what the robots computed.
+    """
     if "world" not in recordings(out):
-        return collected_run(out)
-    run = recorded_run(out)
+        return collected_run(out, internals=internals)
+    run = recorded_run(out, internals=internals)
     if (out / "run.json").is_file():
         return run
     title = f"{run.description.title}, {so_far(out, run.end)}"
     return replace(run, description=replace(run.description, title=title))
 
 
-def collected_run(out: Path) -> RunData:
+def collected_run(out: Path, *, internals: bool = False) -> RunData:
     """Read a folder with the robots' folders. Raises FieldTrialError if they do not make up one trial."""
     trial = read_field_trial([out])
     clocks = AlignedClocks(trial)
@@ -66,7 +74,22 @@ def collected_run(out: Path) -> RunData:
     processes = [
         RecordedProcess(log.path.stem, log.identity.id, times[id(log)].seconds) for log in trial.all_logs()
     ]
-    return model.observed(clocks.span / 1e6, processes)
+    run = model.observed(clocks.span / 1e6, processes)
+    if not internals:
+        return run
+    return replace(run, internals=tuple(map(_computed, trial.all_logs(), processes)))
+
+
+def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
+    """Return what a robot computed, as far as its recording makes sense."""
+    model = process_model(process, log.path, run_of(log.path))
+    topics = (SENSES, RECEIVED, INTROSPECTION)
+    with suppress(AcrcError):  # the trial's notes name the damage
+        for item in read_recording(log.path):
+            if not isinstance(item, Note) and item.payload is not None and topic_of(item.key) in topics:
+                model.extend(decode(topic_of(item.key), item.key, item.payload))
+    last = max((tick.step for tick in log.ticks), default=-1)
+    return model.take(last, {drive.step: drive for _, drive in log.drives})
 
 
 class _Times:

@@ -204,10 +204,10 @@ def recorded_run(out: Path, *, internals: bool = False) -> RunData:
     return run
 
 
-def read_run(out: Path) -> RunData:
+def read_run(out: Path, *, internals: bool = False) -> RunData:
     """Return the same with what became of each place, and the result.
 
     Raises RunDataError for a damaged result, too.
     """
-    run = recorded_run(out)
+    run = recorded_run(out, internals=internals)
     return replace(run, outcomes=place_outcomes(run), result=run_result(out))
