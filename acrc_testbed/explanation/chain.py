@@ -10,11 +10,19 @@ from typing import Annotated, Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
+from acrc_testbed.explanation.causal_trace import (
+    Arrival,
+    CausalTrace,
+    GoalChange,
+    KnowledgeChange,
+    Order,
+    ReplicaRead,
+    seconds,
+)
+from acrc_testbed.explanation.tracer import AGAIN, GIVES_UP
 from acrc_testbed.replay.run_recordings import all_recordings, setup_of
 from acrc_testbed.run_model.frames import Copies, copies_of, outcome_name
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
-from acrc_testbed.trace.knowledge import AGAIN, GIVES_UP
-from acrc_testbed.trace.rows import Arrival, GoalChange, KnowledgeChange, Order, ReplicaRead, Trace, seconds
 from actors.instant import Instant, in_seconds
 from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
@@ -243,20 +251,20 @@ class Made(NamedTuple):
     """... or among the orders."""
 
 
-def decisions(trace: Trace) -> list[Made]:
+def decisions(trace: CausalTrace) -> list[Made]:
     """In the order in which they were made."""
     made = [*_of_knowledge(trace), *_of_orders(trace)]
     return sorted(made, key=lambda one: (one.step, one.change is None))
 
 
-def _of_knowledge(trace: Trace) -> Iterator[Made]:
+def _of_knowledge(trace: CausalTrace) -> Iterator[Made]:
     """Changes of which the component itself says that they are decisions."""
     for number, change in enumerate(trace.changes):
         if change.decision is not None:
             yield Made(change.step, change.instant, change.decision.words, change.by, number, None)
 
 
-def _of_orders(trace: Trace) -> Iterator[Made]:
+def _of_orders(trace: CausalTrace) -> Iterator[Made]:
     """Orders but for those that say again what a change of knowledge of the same step says."""
     said = {change.step for change in trace.changes if change.adaptation}
     for number, order in enumerate(trace.orders):
@@ -294,7 +302,7 @@ class Link(msgspec.Struct, frozen=True):
 class Chain:
     """Makes the chain of one decision after the other."""
 
-    def __init__(self, trace: Trace, air: Air) -> None:
+    def __init__(self, trace: CausalTrace, air: Air) -> None:
         self._trace = trace
         self._air = air
         self._told: set[int] = set()

@@ -8,11 +8,11 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError
 from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
+from acrc_testbed.explanation.tracing import BOUNDS, traces
 from acrc_testbed.replay.run_recordings import all_recordings
 from acrc_testbed.replay.sandboxed import Bounds
-from acrc_testbed.trace.rows import Trace
-from acrc_testbed.trace.traces import BOUNDS, TraceError, traces
 from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
@@ -75,7 +75,7 @@ class Explainer:
         """`isolate`: see `actors.runtime.isolation.sandbox`."""
         self._out = out
         self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
-        self._made: dict[str, list[tuple[str, Trace]]] = {}
+        self._made: dict[str, list[tuple[str, CausalTrace]]] = {}
 
     def listed(self, robot: str) -> tuple[DecisionRow, ...]:
         """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
@@ -104,7 +104,7 @@ class Explainer:
             for made in decisions(trace):
                 yield _explanation(robot, in_seconds(made.instant), made, chain)
 
-    def _traces(self, robot: str) -> list[tuple[str, Trace]]:
+    def _traces(self, robot: str) -> list[tuple[str, CausalTrace]]:
         """Of the robot's processes, in the order in which they were started; made once."""
         if robot in self._made:
             return self._made[robot]

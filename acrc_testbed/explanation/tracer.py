@@ -7,28 +7,24 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, NamedTuple, cast
 
-import msgspec
-
-from acrc_testbed.trace.rows import (
+from acrc_testbed.explanation.causal_trace import (
     Arrival,
-    Changed,
     FieldChange,
     GoalChange,
     KnowledgeChange,
-    KnowledgeDecision,
     Order,
     ReplicaNews,
     ReplicaRead,
-    in_words,
     seconds,
 )
 from actors.geometry import Point, Pose
 from actors.instant import Duration, Instant
+from actors.introspection import ValueChange
 from actors.messages import Heard, Received
-from actors.robot.behaviour.decisions import Deciding
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, Goal, GoalOrder, View
 from actors.robot.core import RobotCore
+from actors.robot.introspection import as_json, decision, differences, goal_state, in_words
 from actors.runtime.core import Core, Inputs
 from deeco.explain.anatomy import ensemble_type, method_flow, methods
 from deeco.explain.dataflow import flow
@@ -155,12 +151,10 @@ class OrderWatch:
             yield order(STOPS, "", left)
 
 
-def goal_change(step: int, goal: Goal | None) -> GoalChange:
-    """How a goal stands from a step on."""
-    if goal is None:
-        return GoalChange(step, None)
-    status, reason, phase = (one and one.value for one in (goal.status, goal.reason, goal.phase))
-    return GoalChange(step, (goal.point.x, goal.point.y), status, reason, phase)
+def goal_change(step: int, goal: Goal) -> GoalChange:
+    """Return a goal's state from a step on."""
+    state = goal_state(goal)
+    return GoalChange(step, state.point, state.status, state.reason, state.phase)
 
 
 class Dependence(NamedTuple):
@@ -205,18 +199,6 @@ def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence
         own |= dict.fromkeys(found.read(local))
         peer |= dict.fromkeys(found.read(other))
     return Dependence(tuple(own), tuple(peer))
-
-
-ABSENT: Final = object()
-"""Stands where a mapping has no such key."""
-
-
-class PathDifference(NamedTuple):
-    """A part of knowledge with two values."""
-
-    path: str
-    before: object
-    after: object
 
 
 class Tracer:
@@ -266,11 +248,13 @@ class Tracer:
                 adaptation=commit.adaptation,
                 peer=commit.peer,
                 age=Duration(0 if commit.heard is None else commit.instant - commit.heard),
-                changed=tuple(Changed(one.path, _json(one.before), _json(one.after)) for one in found),
+                changed=tuple(
+                    ValueChange(one.path, as_json(one.before), as_json(one.after)) for one in found
+                ),
                 fields={field: _field_change(commit, field) for field in touched},
                 own=depends.own,
                 read=None if replica is None else self._read(replica, commit.instant, depends.peer),
-                decision=_decision(commit),
+                decision=decision(commit),
             )
         )
 
@@ -311,21 +295,6 @@ class Tracer:
         )
 
 
-def differences(before: object, after: object, path: str = "") -> Iterator[PathDifference]:
-    """Where two values differ: by field and by key, as deep as both are of one kind; a tuple is one value."""
-    if before is after:
-        return
-    if is_dataclass(after) and type(before) is type(after):
-        for one in fields(after):
-            name = f"{path}.{one.name}" if path else one.name
-            yield from differences(getattr(before, one.name), getattr(after, one.name), name)
-    elif isinstance(before, Mapping) and isinstance(after, Mapping):
-        for key in dict.fromkeys([*before, *after]):
-            yield from differences(before.get(key, ABSENT), after.get(key, ABSENT), f"{path}[{key}]")
-    elif before != after:
-        yield PathDifference(path, before, after)
-
-
 def root(path: str) -> str:
     """The field of the component that a path begins with."""
     return path.partition(".")[0].partition("[")[0]
@@ -340,19 +309,6 @@ def _field_change(commit: Commit, field: str) -> FieldChange:
         (after > before) - (after < before) if numbers else 0,
         isinstance(after, Point | Pose),
     )
-
-
-def _decision(commit: Commit) -> KnowledgeDecision | None:
-    """As `actors.robot.behaviour.decisions` takes it down."""
-    before: Any = commit.before
-    after: Any = commit.after
-    if not (commit.adaptation and isinstance(after, Deciding)):
-        return None
-    words = after.decided_since(before)
-    if not words:
-        return None
-    old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
-    return KnowledgeDecision(words, old, new)
 
 
 def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:
@@ -374,9 +330,3 @@ def _worded(knowledge: Knowledge, field: str) -> str:
     if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
         return f"{seconds(Instant(value))} s"
     return in_words(value)
-
-
-def _json(value: object) -> str | None:
-    if value is ABSENT:
-        return None
-    return msgspec.json.encode(value, enc_hook=repr, order="deterministic").decode()

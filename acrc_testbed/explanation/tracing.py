@@ -1,0 +1,123 @@
+"""Makes causal traces by replaying robots, in a sandbox where the machine has one.
+
+`python -m acrc_testbed.explanation.tracing --out DIR --actor NAME --answer FILE --own DIR` replays one robot
+and writes its trace, which `causal_trace.decode` reads.
+"""
+
+import os
+
+if __name__ == "__main__":  # an importing process has an environment of its own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, cast
+
+import msgspec
+
+from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError, decode
+from acrc_testbed.explanation.tracer import Tracer
+from acrc_testbed.replay import sandboxed
+from acrc_testbed.replay.record_replay import Onlook, replay_actor
+from acrc_testbed.replay.run_recordings import all_recordings
+from acrc_testbed.replay.sandboxed import Bounds, Call, CallOutcome, ask
+from actors.robot.behaviour.foreign import Permit
+from actors.robot.core import RobotCore
+from actors.runtime.core import Core
+from actors.runtime.errors import AcrcError
+from actors.runtime.prints import nowhere
+from actors.runtime.recording.reading import report_damage
+from deeco.node import looking_on
+
+_PROGRAM: Final = "acrc_testbed.explanation.tracing"
+BOUNDS: Final = Bounds(1 << 30)
+"""Ten minutes of a robot have some 20 MB."""
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Trace of one process, or why there is none."""
+
+    actor: str
+    trace: CausalTrace | None = None
+    fault: str | None = None
+
+    def whole(self) -> CausalTrace:
+        """Return the trace. Raises TraceError for a fault."""
+        if self.trace is None or self.trace.fault is not None:
+            raise TraceError(self.fault or (self.trace and self.trace.fault) or f"{self.actor}: has no trace")
+        return self.trace
+
+
+def traces(
+    out: Path, actors: Sequence[str], *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
+) -> Iterator[Traced]:
+    """Yield the trace of each process as it is made.
+
+    `isolate`: see `actors.runtime.isolation.sandbox`. Code that the permit does not cover is not run, which
+    is the trace's fault.
+    """
+    files = all_recordings(out)
+    for actor in actors:
+        if actor in files:
+            report_damage(files[actor])
+    words = ("--file-mb", str(max(1, bounds.most_bytes // 1_000_000)))
+    calls = [Call(actor, (actor,), words) for actor in actors]
+    yield from map(_read, ask(out, _PROGRAM, calls, bounds, permit=permit, isolate=isolate))
+
+
+def _read(answer: CallOutcome) -> Traced:
+    if answer.data is None:
+        return Traced(answer.name, fault=answer.fault)
+    try:
+        return Traced(answer.name, decode(answer.data))
+    except TraceError as error:
+        return Traced(answer.name, fault=f"{answer.name}: {error}")
+
+
+def traced(out: Path, actor: str) -> CausalTrace:
+    """Return the trace of a recording, as far as that goes. The robot's code runs in this process.
+
+    Raises an AcrcError where there is nothing to replay.
+    """
+    tracer, fault = Tracer(), None
+
+    def attach(core: Core, step_us: int) -> None:
+        tracer.prepare(core, step_us)
+        tracer.orders.attach(cast(RobotCore, core))
+
+    try:
+        with looking_on(tracer):
+            replay_actor(out, actor, Onlook(attach, prints=lambda step_us: nowhere()))
+    except AcrcError as error:
+        fault = str(error)
+    except Exception as error:  # a strategy on another processor may behave otherwise
+        fault = sandboxed.bug(actor, error)
+    return CausalTrace(
+        tuple(tracer.changes), tuple(tracer.news), tuple(tracer.orders.found), tracer.has_nodes, fault
+    )
+
+
+def main(argv: Sequence[str]) -> int:
+    """Write the trace of one robot; return the exit code."""
+    parser = sandboxed.parser(_PROGRAM)
+    parser.add_argument(
+        "--file-mb", type=int, default=BOUNDS.most_bytes // 1_000_000, help="limit of the answer"
+    )
+    options = parser.parse_args(argv)
+    with sandboxed.answering(options, options.file_mb) as answer:
+        try:
+            sandboxed.write_whole(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
+        except AcrcError as error:
+            sys.stderr.write(f"{error}\n")
+            return 2
+        except OSError as error:
+            sys.stderr.write(f"its trace has more than {options.file_mb} MB: {error}\n")
+            return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,1 +1,0 @@
-"""What one robot perceived, knew and decided: from one replay, kept for all who look."""
