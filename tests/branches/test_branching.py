@@ -11,10 +11,10 @@ import pytest
 
 from acrc_testbed.run_model.frames import frame_rows
 from acrc_testbed.run_model.recorded import frame_outcomes
-from acrc_testbed.trace.program import whole
+from acrc_testbed.run_model.simulated import recorded_run
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
-from actors.instant import in_seconds, milliseconds, seconds
+from actors.instant import in_seconds, milliseconds
 from actors.messages import RECEIVED
 from actors.orders import Lose
 from actors.robot.behaviour.foreign import INSTALLED
@@ -67,11 +67,12 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
     assert replay_swarm(Path(str(other.result.out)), permit=INSTALLED).digest == other.result.digest
-    (inside,) = whole(Path(str(other.result.out)), "r1")
-    known = [one.instant for one in inside.knowledge]
-    assert min(known) < seconds(8) < max(known), "of both strategies"
-    assert {"state" in dict(one.rows) for one in inside.knowledge if one.instant < seconds(8)} == {True}
-    assert inside.doings[0].destination == "r1/0"
+    internals = recorded_run(Path(str(other.result.out)), internals=True).internals
+    inside = next(one for one in internals if one.process.robot == "r1")
+    known = [second for second, _ in inside.knowledge]
+    assert min(known) < 8.0 < max(known), "of both strategies"
+    assert {"state" in dict(rows) for second, rows in inside.knowledge if second < 8.0} == {True}
+    assert inside.activities[0].destination == "r1/0"
 
 
 def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave) -> None:

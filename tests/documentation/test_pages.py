@@ -23,9 +23,9 @@ from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import documentation
 from acrc_testbed.experiments.comparison.comparison import NAMES
 from acrc_testbed.experiments.study.study import load_study
-from acrc_testbed.trace.rows import ACTIVITIES
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import OWN_STATES, SEEN_STATES
+from actors.robot.introspection import ACTIVITIES
 from deploy.scenario.scenario_file import parse
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages

@@ -27,7 +27,6 @@ from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recorded import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
-from actors.robot.behaviour.foreign import Permit
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 
@@ -84,7 +83,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
     for number, place in enumerate(((9.0, 12.0), (10.0, 12.0))):
         places["r1", own + number], given["r1", own + number] = place, 4.0
     robots = {path.stem: path for path in out.glob("r[0-9]/*.mcap")}
-    found = rows.tables(out, permit=Permit((REPOSITORY,)), isolate=False)
+    found = rows.tables(out)
     return Counted(
         own={
             name: msgspec.json.decode(final_outcomes(path)["counted"], type=dict[str, int])
@@ -189,7 +188,7 @@ def test_adoptions_are_decisions_by_which_a_route_has_a_place_more(run: Counted)
     assert sum(run.result.deeco.exchanges.values()) > len(adoptions), "others leave what was taken"
 
 
-def test_exchanges_are_those_of_the_traces(run: Counted) -> None:
+def test_exchanges_are_those_of_the_results(run: Counted) -> None:
     made = {(row["process"], row["change"]): row["ensemble"] for row in run.tables["exchanges"]}
     assert run.result.deeco.exchanges == Counter(name.partition(".")[0] for name in made.values())
     seen = {(row["process"], row["change"]) for row in run.tables["knowledge"]}

@@ -16,7 +16,6 @@ from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
-from acrc_testbed.trace.rows import ACTIVITIES
 from acrc_testbed.view import __main__ as program
 from acrc_testbed.view import live
 from acrc_testbed.view.drawn import SEEN_FROM_OUTSIDE
@@ -28,6 +27,7 @@ from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.observer.glyphs import Colour
 from actors.orders import Wall
+from actors.robot.introspection import ACTIVITIES
 from actors.task.task import PlaceKey
 from tests.run_data import run_data
 from tests.view.conftest import Rows, rows
