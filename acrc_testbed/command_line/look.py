@@ -17,7 +17,7 @@ from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
     from acrc_testbed.run_model.data import RunData
-    from actors.robot.behaviour.foreign import Permit
+    from acrc_testbed.view.command import ViewOptions
 
 _PAGES: Final = (".png", ".svg", ".html")
 _JUDGED_S: Final = 5.0
@@ -111,7 +111,8 @@ def view(
     isolate: Annotated[
         bool | None,
         typer.Option(
-            "--isolate/--no-isolate", help="Replay robots in a sandbox.  [default: where the machine can]"
+            "--isolate/--no-isolate",
+            help="With --why: replay robots in a sandbox.  [default: where the machine can]",
         ),
     ] = None,
     json: Annotated[
@@ -123,8 +124,8 @@ def view(
     The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
     it lacks something, such as a robot whose strategy may not run.
 
-    It replays the robots to compute what was not recorded. With --png, --svg, --html or
-    --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
+    Everything is read from recordings; only --why replays robots. With --png, --svg, --html or --movie:
+    floor, trails, places, meetings, radio and progress.
     """
     folder, files = _folder_and_files(paths or ())
     out = folder or _newest()
@@ -146,10 +147,11 @@ def view(
         output_file("--save", save, ".rrd")
     if screenshot is not None:
         output_file("--screenshot", screenshot, ".png")
+    from acrc_testbed.view.command import ViewOptions
     from actors.robot.behaviour.foreign import permit_of
 
-    wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
-    _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+    chosen = ViewOptions(tuple(robot or ()), why, permit_of(modules, trust=trust), isolate)
+    _show((out, *(beside or ())), chosen, save=save, screenshot=screenshot, at=at)
     if json:
         _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
 
@@ -187,15 +189,14 @@ def _newest() -> Path:
 
 def _show(
     folders: Sequence[Path],
-    wishes: "tuple[tuple[str, ...], Permit, bool | None, bool]",
+    options: "ViewOptions",
     *,
     save: Path | None,
     screenshot: Path | None,
     at: float | None,
 ) -> None:
-    """Show one run, or several beside one another; `wishes`: as in `acrc_testbed.view.drawn`."""
-    from acrc_testbed.view import beside, command
-    from acrc_testbed.view.drawn import Wishes
+    """Show one run, or several beside one another."""
+    from acrc_testbed.view import command
     from deploy.run import out_folder
 
     console = screen(stderr=True)
@@ -203,20 +204,16 @@ def _show(
     def say(sentence: str) -> None:
         console.print(sentence)
 
-    wished, one, complete = Wishes(*wishes), folders[0], True
-    with out_folder.writing((save or screenshot or one).absolute().parent):
-        if save is not None and folders[1:]:
-            complete = beside.save(folders, wished, save, say)
-        elif save is not None:
-            complete = command.save(one, wished, save, say)
-        if screenshot is not None and folders[1:]:
-            complete &= beside.picture(folders, wished, screenshot, at, say)
-        elif screenshot is not None:
-            complete &= command.picture(one, wished, screenshot, at, say)
+    complete = True
+    with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
+        if save is not None:
+            complete = command.save(folders, options, save, say)
+        if screenshot is not None:
+            complete &= command.picture(folders, options, screenshot, at, say)
         if save is None and screenshot is None:
-            complete = beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
+            complete = command.show(folders, options, say)
     if not complete:
-        raise AcrcError(f"{one}: the view lacks what is named above")
+        raise AcrcError(f"{folders[0]}: the view lacks what is named above")
 
 
 def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:

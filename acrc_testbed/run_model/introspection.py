@@ -150,8 +150,8 @@ class CostWindows:
 
     seconds: Floats
     """(c,)"""
-    costs: tuple[NDArray[np.uint8], ...]
-    """c arrays (rows, columns), the southernmost row first; costs as costmap_2d has them."""
+    costs: NDArray[np.uint8]
+    """(c, rows, columns), the southernmost row first; costs as costmap_2d has them."""
     corners: Floats
     """(c, 3): pose of the south-west corner: x, y, m, heading, rad, map frame."""
     cell: float
@@ -164,7 +164,7 @@ class RobotInternals:
 
     process: RecordedProcess
     end: float
-    """Last instant of this part, s; -inf: none."""
+    """Last instant of this part, s; 0: it has none."""
     seconds: Floats
     """(n,)"""
     estimates: Floats
@@ -390,7 +390,7 @@ class _Part:
         seconds = np.array([one[0] for one in samples], np.float64)
         return RobotInternals(
             process=self._model.process,
-            end=max(self._seconds.values(), default=-np.inf),
+            end=max(self._seconds.values(), default=0.0),
             seconds=seconds,
             estimates=np.array([one[1] for one in samples], np.float64).reshape(-1, 3),
             covariances=spreads[:, (0, 1, 4)],
@@ -400,7 +400,9 @@ class _Part:
             plans=_sets([one[0] for one in self._plans], [one[1] for one in self._plans]),
             windows=CostWindows(
                 np.array([one[0] for one in self._windows], np.float64),
-                tuple(one[1] for one in self._windows),
+                np.stack([one[1] for one in self._windows])
+                if self._windows
+                else np.zeros((0, 1, 1), np.uint8),
                 np.array([one[2] for one in self._windows], np.float64).reshape(-1, 3),
                 self._model.cell,
             ),
@@ -416,8 +418,8 @@ class _Part:
 
 def _cloud(cloud: ParticleCloud) -> Singles:
     """Return the particles, (k, 2). Raises ValueError for bytes that are no points."""
-    if len(cloud.points) % 4:
-        raise ValueError(f"{len(cloud.points)} bytes are no particles of 4 bytes each")
+    if len(cloud.points) % 4 or not np.isfinite([cloud.least, cloud.greatest]).all():
+        raise ValueError(f"{len(cloud.points)} bytes from {cloud.least} to {cloud.greatest} are no particles")
     step = (cloud.greatest - cloud.least) / 65_536
     points = cloud.least + (np.frombuffer(cloud.points, "<u2") + 0.5) * step
     return points.astype(np.float32).reshape(-1, 2)

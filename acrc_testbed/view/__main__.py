@@ -6,10 +6,9 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
-from acrc_testbed.view import live
-from acrc_testbed.view.drawn import FILE_NAME, say_at_once
+from acrc_testbed.view import command
+from acrc_testbed.view.command import FILE_NAME, say_at_once
 from actors.observer import viewer
-from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
 
@@ -23,8 +22,6 @@ def main(argv: Sequence[str]) -> int:
     parser = ArgumentParser(prog="python -m acrc_testbed.view")
     parser.add_argument("--out", type=Path, required=True, help="the run's folder")
     parser.add_argument("--robot", action="append", default=[], help="to look into")
-    parser.add_argument("--modules", type=Path, action="append", default=[], help="folder with code")
-    parser.add_argument("--isolate", action="store_true", help="shut the robots' code off")
     options = parser.parse_args(argv)
     die_with_parent(os.getppid())
     os.nice(_NICE)
@@ -33,10 +30,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         if opened is not None and opened.page:
             say_at_once(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
-        permit = Permit(tuple(options.modules))
-        live.follow(
-            options.out, path, options.robot, opened, say_at_once, permit=permit, isolate=options.isolate
-        )
+        command.follow(options.out, path, options.robot, opened, say_at_once)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

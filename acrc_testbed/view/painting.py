@@ -1,18 +1,22 @@
-"""Draws a run, whole or piece by piece: first what was recorded, then what is computed."""
+"""One run on one canvas, whole or part by part, finished or going on."""
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Final
 
 import numpy as np
 
+from acrc_testbed.accounting.account import spells
+from acrc_testbed.accounting.episodes import STANDARD
+from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.explanation.explain import Explanation
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
-from acrc_testbed.run_model.introspection import Floats, RecordedProcess
+from acrc_testbed.run_model.introspection import NOT_RECORDED, Floats, RobotInternals
 from acrc_testbed.run_model.places import PlaceTable
-from acrc_testbed.trace.rows import Trace
+from acrc_testbed.run_model.recorded import NO_FRAMES
 from acrc_testbed.view.plots import DrawnParts, Happenings, PaintedInside, Plots, RobotLane, Way, name
 from actors.installation.usage import wrong_value
 from actors.observer.drawing import layout, places, robots, words
@@ -29,6 +33,51 @@ _LASTING: Final = 10.0
 """So long an exchange shows in the graph of ensembles."""
 
 
+class SeenActivity:
+    """A robot's activity as seen from outside, part by part.
+
+    It stands as the accounting has it, which is known only `pause_s` later.
+    """
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self._state = ""
+        self._holds = True
+        """It intends to visit places."""
+        self._lately: deque[tuple[float, float, float]] = deque()
+        """When, s, and where, m, it was in the last `pause_s`, while it was active."""
+        self._acts = True
+        """False: it is frozen or off."""
+
+    def extend(self, track: Trajectory, routes: Iterable[Route]) -> Iterator[Occupation]:
+        """Yield each change of activity: driving, standing or idle."""
+        for route in routes:
+            if route.robot == self._robot:
+                self._holds = bool(route.places)
+        acts = deque(track.states)
+        for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
+            while acts and acts[0][0] <= second:
+                self._acts, self._state = not acts.popleft()[1], ""
+                self._lately.clear()
+            if not self._acts or np.isnan(x):
+                continue
+            begin, stays = self._stays(second, x, y)
+            state = "driving" if not stays else "standing" if self._holds else "idle"
+            if state != self._state:
+                self._state = state
+                yield Occupation(begin if stays else second, state)
+
+    def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
+        """Return since when it is observed, s, and whether it has stayed there for `pause_s`."""
+        lately = self._lately
+        lately.append((second, x, y))
+        while len(lately) > 1 and second - lately[1][0] >= STANDARD.pause_s:
+            lately.popleft()
+        begin, *there = lately[0]
+        near = all(np.hypot(one - there[0], other - there[1]) <= STANDARD.still for _, one, other in lately)
+        return begin, near and second - begin >= STANDARD.pause_s
+
+
 class Painting:
     """One run on one canvas, or one piece of it after another."""
 
@@ -41,6 +90,10 @@ class Painting:
         self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in run.robots}
         self._insides: dict[str, PaintedInside] = {}
+        """By actor."""
+        self._recorded: set[str] = set()
+        """Robots whose introspection is recorded."""
+        self._outside = {robot: SeenActivity(robot) for robot in run.robots}
         self._places = PlaceTable()
         self._plots = Plots(canvas, true=run.description.has_truth)
         self._happenings = Happenings()
@@ -95,31 +148,52 @@ class Painting:
         self._lost = [one for one in self._lost if one[0] > until - shown - robots.period(canvas)]
         self._plots.copies(copies, until, last=last)
 
-    def inside(self, source: RecordedProcess, inside: Trace, end: float | None = None) -> None:
-        """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
-        if source.actor not in self._insides:
-            way, lane = self._ways[source.robot], self._lanes[source.robot]
-            shown = DrawnParts(source.robot in self._detailed, self._in_full(source.robot))
-            painted = PaintedInside(self._canvas, source, way, lane, shown)
-            self._insides[source.actor] = painted
-        self._exchanges += self._insides[source.actor].draw(inside, end)
+    def computed(self, run: RunData, *, last: bool = False) -> None:
+        """Draw what radio and robots computed, after `recorded`; `last`: nothing will follow."""
+        end = run.end if last else None
+        if run.description.records_frames:
+            self.copies(run.copies, run.end, last=last)
+        if last and not run.since and run.records_floor and (run.out / "run.json").is_file():
+            self._deadlocks(run)
+        self._recorded |= {one.process.robot for one in run.internals if one.is_recorded}
+        for inside in run.internals:
+            if inside.is_recorded:
+                self._inside(inside, end)
+        for robot, activity in self._outside.items():
+            changes = list(activity.extend(run.trajectories[robot], run.routes))
+            if robot not in self._recorded:
+                self._lanes[robot].do(changes, run.end)
+        self._ensembles(run.since)
+        if last:
+            for lane in self._lanes.values():
+                lane.end(run.end)
 
-    def outside(self, robot: str, spells: Sequence[Occupation], until: float) -> None:
-        """What is known of a robot that is not looked into."""
-        self._lanes[robot].do(spells, until)
+    def lacks(self, run: RunData) -> list[str]:
+        """Return what is missing in a whole run, a sentence each."""
+        found = [NO_FRAMES] if run.description.has_truth and not run.description.records_frames else []
+        return found + [
+            f"{one.process.actor}: {NOT_RECORDED}" for one in run.internals if not one.is_recorded
+        ]
 
-    def deadlocks(self, spells: Mapping[str, Sequence[tuple[float, float]]]) -> None:
-        """When robots were in deadlocks, s, by ground truth; before what they perceived is drawn."""
-        for robot, mine in spells.items():
+    def _inside(self, inside: RobotInternals, end: float | None) -> None:
+        robot, actor = inside.process.robot, inside.process.actor
+        if actor not in self._insides:
+            shown = DrawnParts(robot in self._detailed, self._in_full(robot))
+            painted = PaintedInside(self._canvas, robot, self._ways[robot], self._lanes[robot], shown)
+            self._insides[actor] = painted
+        self._exchanges += self._insides[actor].draw(inside, end)
+
+    def _deadlocks(self, run: RunData) -> None:
+        """Draw when robots were in deadlocks by ground truth, which they do not know themselves."""
+        found: dict[str, list[tuple[float, float]]] = {}
+        for one in spells(run):
+            if one.cause is Cause.DEADLOCK:
+                found.setdefault(one.robot, []).append((one.begin, one.end))
+        for robot, mine in found.items():
             self._lanes[robot].deadlocks(mine)
-        told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot in spells
-                for begin, _ in spells[robot]]  # fmt: skip
+        told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, mine in found.items()
+                for begin, _ in mine]  # fmt: skip
         words.draw_events(self._canvas, "truth", told)
-
-    def end(self, second: float) -> None:
-        """The run is over: nobody does anything any more."""
-        for lane in self._lanes.values():
-            lane.end(second)
 
     def tell(self, events: Sequence[DrawnEvent]) -> None:
         """Tell of the view itself: what it lacks, and why."""
@@ -133,8 +207,8 @@ class Painting:
         ]
         words.draw_reasons(self._canvas, robot, told)
 
-    def ensembles(self, since: float = 0.0) -> None:
-        """Who has learnt from whom, from an instant on, s."""
+    def _ensembles(self, since: float) -> None:
+        """Draw who has learnt from whom, from an instant on, s."""
         words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
 

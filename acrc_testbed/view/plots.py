@@ -8,9 +8,8 @@ import numpy as np
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.events import ordered_changes
 from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
-from acrc_testbed.run_model.introspection import Clock, Floats, RecordedProcess
+from acrc_testbed.run_model.introspection import ActivityChange, Floats, RobotInternals
 from acrc_testbed.run_model.places import first_reports
-from acrc_testbed.trace.rows import Doing, Trace
 from actors.observer.drawing import places, words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
@@ -49,46 +48,37 @@ class Happenings:
                 yield DrawnEvent(run.since, "", note, "WARN")
 
 
-class InnerHappenings:
-    """Tells of one process of a robot."""
+class InnerEvents:
+    """Event texts of one process of a robot."""
 
-    def __init__(self, source: RecordedProcess) -> None:
-        self._source = source
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
         self._blocked: float | None = None
         self._activity = ""
 
-    def of(self, inside: Trace) -> Iterator[DrawnEvent]:
-        """What happened in it since the last time."""
-        source = self._source
-        for one in inside.doings:
-            second = at(source.clock, one.instant)
+    def of(self, inside: RobotInternals) -> Iterator[DrawnEvent]:
+        """Yield what happened in its next part."""
+        for one in inside.activities:
             if one.activity == "blocked" and self._blocked is None:
-                self._blocked = second
-                yield DrawnEvent(second, source.robot, "is blocked", "WARN")
+                self._blocked = one.second
+                yield DrawnEvent(one.second, self._robot, "is blocked", "WARN")
             elif one.activity != "blocked" and self._blocked is not None:
-                yield DrawnEvent(second, source.robot, f"free again after {second - self._blocked:.0f} s")
+                lasted = one.second - self._blocked
+                yield DrawnEvent(one.second, self._robot, f"free again after {lasted:.0f} s")
                 self._blocked = None
             if one.activity == "aborted" and self._activity != "aborted":
-                yield DrawnEvent(second, source.robot, "navigation gives its goal up", "ERROR")
+                yield DrawnEvent(one.second, self._robot, "navigation gives its goal up", "ERROR")
             self._activity = one.activity
         for change, decision in inside.decisions():
-            by = change.by.partition(".")[0]
-            told = f" from {change.peer}, {change.age / 1e6:.1f} s old" if change.peer else ""
-            words = f"{decision.words} ({by}{told})"
-            yield DrawnEvent(at(source.clock, change.instant), source.robot, words, "WARN")
-        if inside.fault is not None:
-            last = at(source.clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
-            yield DrawnEvent(last, source.robot, inside.fault, "ERROR")
+            made = change.commit
+            told = f" from {made.peer}, {made.age / 1e6:.1f} s old" if made.peer else ""
+            words = f"{decision.words} ({made.by.partition('.')[0]}{told})"
+            yield DrawnEvent(change.second, self._robot, words, "WARN")
 
 
 def name(place: PlaceKey) -> str:
     """As in "r1/3"."""
     return f"{place.owner}/{place.place}"
-
-
-def at(clock: Clock, instant: int) -> float:
-    """One instant in the run's seconds."""
-    return float(clock(np.array([instant], np.int64))[0])
 
 
 _PLOT_S: Final = 0.5
@@ -303,66 +293,60 @@ class DrawnParts(NamedTuple):
 
 
 class PaintedInside:
-    """One process of a robot."""
+    """What one process of a robot computed, drawn part by part."""
 
-    def __init__(
-        self, canvas: Canvas, source: RecordedProcess, way: Way, lane: RobotLane, shown: DrawnParts
-    ) -> None:
-        self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
+    def __init__(self, canvas: Canvas, robot: str, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
+        self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
         self._shown = shown
-        self._happenings = InnerHappenings(source)
-        self._doing: Doing | None = None
+        self._events = InnerEvents(robot)
+        self._last: ActivityChange | None = None
         self._line_due: float | None = None
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: when the plot of its age goes on, and when it was heard last, s."""
         if shown.detailed:
-            words.introduce_inside(canvas, source.robot)
+            words.introduce_inside(canvas, robot)
 
-    def draw(self, inside: Trace, end: float | None = None) -> Iterator[LearntExchange]:
-        """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
-        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
+    def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[LearntExchange]:
+        """Draw the next part, and yield what it learnt from others. `end`: of the run, if nothing follows."""
+        canvas, robot = self._canvas, self._robot
+        until = inside.end if end is None else end
         if self._shown.detailed:
-            _draw(canvas, robot, clock, inside)
-            self._ages(inside, end)
-        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
-        spells = [Occupation(at(clock, one.instant), one.activity, one.destination) for one in inside.doings]
-        self._lane.do(spells, until if end is None else max(until, end))
-        tables = [(at(clock, one.instant), one.rows) for one in inside.knowledge]
-        words.draw_knowledge(canvas, robot, tables)
+            _draw_perception(canvas, robot, inside)
+            self._ages(inside, until)
+        doings = [Occupation(one.second, one.activity, one.destination) for one in inside.activities]
+        self._lane.do(doings, until)
+        words.draw_knowledge(canvas, robot, list(inside.knowledge))
         if self._shown.goals:
-            self._intents(inside, until)
-        words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
+            self._intents(inside.activities, inside.end)
+        words.draw_events(canvas, "inside", list(self._events.of(inside)))
         for one, _ in inside.decisions():
-            if one.peer:
-                yield LearntExchange(at(clock, one.instant), one.by.partition(".")[0], one.peer, robot)
+            if one.commit.peer:
+                yield LearntExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
 
-    def _intents(self, inside: Trace, until: float) -> None:
-        """Where the robot heads for, twice a second."""
-        doings = [*([] if self._doing is None else [self._doing]), *inside.doings]
-        if not doings:
+    def _intents(self, activities: Sequence[ActivityChange], until: float) -> None:
+        """Draw where the robot heads for, twice a second."""
+        known = [*([] if self._last is None else [self._last]), *activities]
+        if not known:
             return
-        begins = self._source.clock(np.array([one.instant for one in doings], np.int64))
-        points = np.array([one.point or (np.nan, np.nan) for one in doings], np.float64)
+        begins = np.array([one.second for one in known], np.float64)
+        points = np.array([one.point or (np.nan, np.nan) for one in known], np.float64)
         first = begins[0] if self._line_due is None else self._line_due
         lines = np.arange(first, until, _LINE_S)
         self._line_due = float(first + len(lines) * _LINE_S)
-        self._doing = doings[-1]
-        seconds = np.union1d(lines, begins if len(doings) == len(inside.doings) else begins[1:])
+        self._last = known[-1]
+        seconds = np.union1d(lines, begins if len(known) == len(activities) else begins[1:])
         if not len(seconds):
             return
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
-        places.draw_intents(self._canvas, self._source.robot, seconds, self._way.at(seconds), there)
+        places.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
 
-    def _ages(self, inside: Trace, end: float | None) -> None:
-        """How old what it knows of each other robot is."""
-        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
-        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
-        until = until if end is None else end
+    def _ages(self, inside: RobotInternals, until: float) -> None:
+        """Draw how old what it knows of each other robot is."""
+        canvas, robot = self._canvas, self._robot
         for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
             mine = [one for one in inside.contacts if one.peer == peer]
-            begins = clock(np.array([one.instant for one in mine], np.int64))
-            heard = clock(np.array([one.heard or 0 for one in mine], np.int64))
-            heard[[one.heard is None for one in mine]] = np.nan
+            begins = np.array([one.second for one in mine], np.float64)
+            heard = np.array([np.nan if one.heard is None else one.heard for one in mine], np.float64)
             path = f"plots/ages/{peer}_at_{robot}"
             if peer not in self._met:
                 words.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
@@ -376,14 +360,12 @@ class PaintedInside:
             self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
 
 
-def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Trace) -> None:
-    """Scan, particles, estimate, costs, plan and arc."""
-    seconds: Floats = clock(inside.instants)
-    words.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)
-    when = clock(inside.particles_at)
-    words.draw_clouds(canvas, robot, "particles", when, inside.particles.counts, inside.particles.values)
-    words.draw_estimates(canvas, robot, seconds, inside.estimates, inside.covariances)
-    words.draw_arcs(canvas, robot, seconds, inside.estimates, inside.twists)
-    words.draw_plans(canvas, robot, clock(inside.plans_at), inside.plans.rows())
-    costs = clock(inside.costs_at)
-    words.draw_costs(canvas, robot, costs, inside.costs, inside.corners, inside.cell)
+def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None:
+    """Draw scan, particles, estimate, costs, plan and arc."""
+    for name, sets in (("scan", inside.scans), ("particles", inside.particles)):
+        words.draw_clouds(canvas, robot, name, sets.seconds, sets.counts, sets.points)
+    words.draw_estimates(canvas, robot, inside.seconds, inside.estimates, inside.covariances)
+    words.draw_arcs(canvas, robot, inside.seconds, inside.estimates, inside.twists)
+    words.draw_plans(canvas, robot, inside.plans.seconds, inside.plans.sets())
+    windows = inside.windows
+    words.draw_costs(canvas, robot, windows.seconds, windows.costs, windows.corners, windows.cell)

@@ -15,8 +15,7 @@ import numpy as np
 from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
-from acrc_testbed.view.drawn import say_at_once
-from acrc_testbed.view.live import Seen
+from acrc_testbed.view.command import say_at_once
 from acrc_testbed.view.painting import Painting
 from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
@@ -94,7 +93,6 @@ class WatchedFleet:
                 has_truth=False,
             )
         )
-        self._seen = {robot: Seen(robot) for robot in self.robots}
         self._canvas = Canvas(sheet.recording, self.robots)
         self._last: dict[str, float] = {}
         """When each was heard last, s."""
@@ -131,8 +129,7 @@ class WatchedFleet:
         self._note_silence(now)
         run = self._model.observed(now)
         self._painting.recorded(run)
-        for robot, seen in self._seen.items():
-            self._painting.outside(robot, list(seen.of(run.trajectories[robot], run.routes)), now)
+        self._painting.computed(run)
         self._painting.tell(events)
         self._plot(now)
 

@@ -333,12 +333,10 @@ def remove_credentials(plan: RunPlan) -> None:
 
 def observer_program(plan: RunPlan) -> Program:
     """The observer's program, which reads what the others record, and needs nothing of the mesh."""
-    argv = (
-        *("--out", str(plan.out), *(word for robot in plan.options.followed for word in ("--robot", robot))),
-        *(word for path in plan.options.modules for word in ("--modules", str(path))),
-        *(("--isolate",) if plan.isolate and plan.debug is None else ()),
+    robots = (word for robot in plan.options.followed for word in ("--robot", robot))
+    return Program(
+        "observer", "acrc_testbed.view", ("--out", str(plan.out), *robots), plan.out / "view.log", None
     )
-    return Program("observer", "acrc_testbed.view", argv, plan.out / "view.log", None)
 
 
 CONTROL_ADDRESS: Final = "control.url"
