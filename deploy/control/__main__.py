@@ -24,7 +24,6 @@ from deploy.control.server import ControlServer
 LOOK_S: Final = 0.05
 """Between two looks at what the run has said: 20 pictures a second."""
 _FAREWELL_S: Final = 0.5
-"""So long a page has to take in that the run is over."""
 
 
 def parse(argv: Sequence[str]) -> Namespace:

@@ -47,22 +47,6 @@ def ask(data: str | bytes) -> Ask | None:
         return None
 
 
-class OpenPage:
-    """One open page."""
-
-    def __init__(self) -> None:
-        self.wake = asyncio.Event()
-        self.stale = True
-        """There is a state that it has not been sent."""
-        self.late = self.junk = 0
-
-    def renew(self) -> None:
-        """There is a newer state."""
-        self.late += self.stale
-        self.stale = True
-        self.wake.set()
-
-
 class ControlServer:
     """The pages of one run."""
 
@@ -70,9 +54,10 @@ class ControlServer:
         self._scene, self._link = scene, link
         self._token, self._nonce = secrets.token_urlsafe(24), secrets.token_urlsafe(12)
         self._host, self._told = "", 0
-        self._pages: set[OpenPage] = set()
-        self._newest: dict[str, Any] | None = None
-        """The state of all pages; None: to be made."""
+        self._pages: set[asyncio.Event] = set()
+        """Of each open page, what wakes it."""
+        self._version, self._newest = 0, (-1, dict[str, Any]())
+        """Of the scene, and the last state that was made, with its version."""
         self.junk = 0
         """Messages that were no orders."""
 
@@ -93,14 +78,11 @@ class ControlServer:
 
     def renew(self) -> None:
         """Have all pages sent what is new of the scene, and of orders."""
-        if self._scene.changed:
-            self._scene.changed, self._newest = False, None
-            for page in self._pages:
-                page.renew()
-        if self._link.version != self._told:
-            self._told = self._link.version
-            for page in self._pages:
-                page.wake.set()
+        if self._scene.changed or self._link.version != self._told:
+            self._version += self._scene.changed
+            self._scene.changed, self._told = False, self._link.version
+            for wake in self._pages:
+                wake.set()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page for its path; None for its socket, which becomes one; a refusal for all else."""
@@ -127,47 +109,47 @@ class ControlServer:
             # Only now: of a refusal to connect a browser tells its page nothing.
             await connection.close(1013, TOO_MANY)
             return
-        page = OpenPage()
-        self._pages.add(page)
-        sender = asyncio.create_task(self._send(connection, page))
+        wake, junk = asyncio.Event(), 0
+        self._pages.add(wake)
+        sender = asyncio.create_task(self._send(connection, wake))
         try:
             async for data in connection:
                 if (wish := ask(data)) is not None:
                     self._link.give(wish.order, wish.series)
                     continue
-                self.junk += 1
-                page.junk += 1
-                page.renew()
-                if page.junk >= JUNK:
+                self.junk, junk, self._scene.changed = self.junk + 1, junk + 1, True
+                if junk >= JUNK:
                     await connection.close(1008, "no orders")
                     return
         except ConnectionClosed:
             return
         finally:
-            self._pages.discard(page)
+            self._pages.discard(wake)
             sender.cancel()
 
-    async def _send(self, connection: ServerConnection, page: OpenPage) -> None:
-        """The newest state, and all lines, for as long as the page takes them."""
+    async def _send(self, connection: ServerConnection, wake: asyncio.Event) -> None:
+        """The newest state, and all lines, for as long as the page takes them; `late`: states left out."""
 
         async def put(told: object) -> None:
             async with asyncio.timeout(PATIENCE_S):
                 await connection.send(msgspec.json.encode(told).decode())
 
-        sent = 0
+        sent, seen, late = 0, -1, 0
         try:
             await put(self._scene.floor)
             await put(self._scene.past())
-            page.wake.set()
-            while await page.wake.wait():
-                page.wake.clear()
+            wake.set()
+            while await wake.wait():
+                wake.clear()
                 lines, sent = [one for one in self._link.lines if one.version > sent], self._link.version
                 for line in lines:
                     await put(line)
-                if page.stale:
-                    page.stale = False
-                    self._newest = self._newest or self._scene.state()
-                    await put(self._newest | {"late": page.late, "junk": self.junk})
+                if seen != self._version:
+                    late += self._version - seen - 1 if seen >= 0 else 0
+                    seen = self._version
+                    if self._newest[0] != seen:
+                        self._newest = seen, self._scene.state()
+                    await put(self._newest[1] | {"late": late, "junk": self.junk})
         except (ConnectionClosed, TimeoutError):
             connection.transport.abort()
 
