@@ -3,8 +3,10 @@
 import csv
 from pathlib import Path
 
-from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample
+from acrc_testbed.experiments.comparison.comparison import PairedSample
 from acrc_testbed.experiments.study.study import Factor, Study
+from acrc_testbed.results.result import RunResult
+from tests.experiments.made_runs import run
 
 ROWS = Path(__file__).with_name("campaign.csv")
 FACTOR = "places.per_robot"
@@ -12,18 +14,18 @@ Cell = tuple[str, int]
 """Strategy, and places of each robot."""
 
 
-def runs() -> dict[Cell, dict[int, JudgedRun]]:
-    found: dict[Cell, dict[int, JudgedRun]] = {}
+def runs() -> dict[Cell, dict[int, RunResult]]:
+    found: dict[Cell, dict[int, RunResult]] = {}
     with ROWS.open(newline="") as file:
         for row in csv.DictReader(file):
-            found.setdefault((row["strategy"], int(row[f"vary.{FACTOR}"])), {})[int(row["seed"])] = JudgedRun(
-                places_done=int(row["places_done"]),
+            found.setdefault((row["strategy"], int(row[f"vary.{FACTOR}"])), {})[int(row["seed"])] = run(
+                int(row["places_done"]),
                 places_total=int(row["places_total"]),
                 completion_s=float(row["completion_s"]) if row["completion_s"] else None,
-                settled_s=float(row["settled_s"]) if row["settled_s"] else None,
-                simulated_s=float(row["simulated_s"]),
-                contacts=float(row["contacts"]),
-                radio=float(row["radio_bytes_per_robot_s"]),
+                settled=float(row["settled_s"]) if row["settled_s"] else None,
+                length=float(row["simulated_s"]),
+                contacts=int(row["contacts"]),
+                radio_bytes_per_robot_s=float(row["radio_bytes_per_robot_s"]),
                 driven_m=float(row["driven_m"]),
             )
     return found

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 import msgspec
 
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample, samples
+from acrc_testbed.experiments.comparison.comparison import PairedSample, Run, samples
 from acrc_testbed.experiments.comparison.verdicts import PairVerdict, verdicts
 from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.result import RunResult, without_unknown
 
 LENGTH = 600.0
 Outcome = tuple[int, float | None]
@@ -38,17 +38,20 @@ def study(one: str = "one", other: str = "other", **words: object) -> Study:
     return msgspec.structs.replace(made, **words)
 
 
-def run(places: int, settled: float | None = None, *, length: float = LENGTH) -> JudgedRun:
-    return JudgedRun(places, 40, settled, settled, length, 0.0, 0.0, 0.0)
+def run(places: int, settled: float | None = None, *, length: float = LENGTH, **others: object) -> RunResult:
+    """Return a result; what a comparison does not read is unknown."""
+    known: dict[str, object] = {
+        "places_done": places, "places_total": 40, "completion_s": settled, "settled_s": settled,
+        "simulated_s": length, "contacts": 0, "radio_bytes_per_robot_s": 0.0, "driven_m": 0.0, "outcome": {},
+    }  # fmt: skip
+    return without_unknown(RunResult, **(known | others))
 
 
-def sample(ones: Sequence[JudgedRun], others: Sequence[JudgedRun]) -> PairedSample:
+def sample(ones: Sequence[Run], others: Sequence[Run]) -> PairedSample:
     return PairedSample("one", "other", (), tuple(zip(ones, others, strict=True)))
 
 
-def verdict_of(
-    ones: Sequence[JudgedRun], others: Sequence[JudgedRun], made: Study | None = None
-) -> PairVerdict:
+def verdict_of(ones: Sequence[Run], others: Sequence[Run], made: Study | None = None) -> PairVerdict:
     (found,) = verdicts([sample(ones, others)], made or study())
     return found
 

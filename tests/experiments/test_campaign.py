@@ -27,9 +27,8 @@ from acrc_testbed.experiments.campaign.trial_record import (
     received,
 )
 from acrc_testbed.experiments.comparison.comparison import coincidence_sentences, coincidences
-from acrc_testbed.experiments.report import charts
-from acrc_testbed.experiments.report.cases import read
 from acrc_testbed.experiments.report.report import compose
+from acrc_testbed.experiments.report.runs import read
 from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
 from acrc_testbed.results.outcome import Outcomes
 from acrc_testbed.results.result import RunResult
@@ -151,7 +150,7 @@ def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, 
     assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
 
 
-def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> None:
+def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_path: Path) -> None:
     honest, _, caught = done.checks()
     assert honest.agrees and honest.failure is None and honest.differs == ()
     assert honest.over_zenoh == honest.in_memory and honest.over_zenoh_speed
@@ -165,11 +164,10 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store) -> N
     ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
     assert ran.returncode == 1
     assert ran.stdout.splitlines()[0] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
-    with charts.applied():
-        page = compose(read([done.folder]))
-    assert IN_MEMORY in page.asked
-    assert page.found[0].startswith("out: cheat:quiet with seed 1")
-    assert "nothing that this campaign shows can be trusted" in page.found[0]
+    asked, found = compose(read([done.folder]), tmp_path).sections[:2]
+    assert IN_MEMORY in asked.text
+    assert found.text[0].startswith("out: cheat:quiet with seed 1")
+    assert "nothing that this campaign shows can be trusted" in found.text[0]
 
 
 def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import Store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.comparison import comparison
-from acrc_testbed.experiments.comparison.comparison import JudgedRun, PairedSample, compare, estimate, samples
+from acrc_testbed.experiments.comparison.comparison import PairedSample, Run, compare, estimate, samples
 from acrc_testbed.experiments.comparison.judgement import failures, family, judge, too_few, verdict
 from acrc_testbed.experiments.comparison.verdicts import (
     LookedAt,
@@ -183,8 +182,8 @@ def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], 
 
 
 def test_an_own_result_is_compared_and_more_is_better() -> None:
-    def runs(more: float) -> list[JudgedRun]:
-        return [JudgedRun(outcomes={"turns": seed + more}) for seed in range(8)]
+    def runs(more: float) -> list[Run]:
+        return [run(0, outcome={"turns": {"r1": seed + more}}) for seed in range(8)]
 
     found = estimate(sample(runs(1.0), runs(0.0)), "outcome.turns")
     assert found is not None and found.difference is not None
@@ -228,9 +227,7 @@ def result_of(plain: RunResult, quality: float) -> RunResult:
 
 def looked(plain: RunResult, drawn: Floats) -> LookedAt:
     """After all looks at pairs of these qualities, (pairs, 2)."""
-    ones, others = (
-        [comparison.judged(result_of(plain, one)) for one in drawn[:, side].tolist()] for side in (0, 1)
-    )
+    ones, others = ([result_of(plain, one) for one in drawn[:, side].tolist()] for side in (0, 1))
     return look(sample(ones, others), STUDY, rules_for(STUDY))
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.random import Generator
 from scipy.stats import norm
 
-from acrc_testbed.experiments.comparison.comparison import FAILED, PLACES, JudgedRun, PairedSample, scores
+from acrc_testbed.experiments.comparison.comparison import PLACES, PairedSample, Run, scores
 from acrc_testbed.experiments.comparison.verdicts import (
     PairVerdict,
     look,
@@ -20,6 +20,7 @@ from acrc_testbed.experiments.comparison.verdicts import tests_of as number_of_t
 from acrc_testbed.experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
 from acrc_testbed.experiments.study.study import Study
 from tests.experiments import campaign_rows
+from tests.experiments.made_runs import run as made
 
 pytestmark = pytest.mark.claim("verdicts")
 Record = Callable[[str, object], None]
@@ -61,8 +62,8 @@ def swapped(declared: Sequence[PairedSample], rng: Generator) -> list[PairedSamp
 
 
 def swapped_and_failing(declared: Sequence[PairedSample], rng: Generator) -> list[PairedSample]:
-    def failing(run: JudgedRun) -> JudgedRun:
-        return FAILED if rng.random() < FAILURES else run
+    def failing(run: Run) -> Run:
+        return None if rng.random() < FAILURES else run
 
     return [
         one._replace(pairs=tuple((failing(a), failing(b)) for a, b in one.pairs))
@@ -100,8 +101,8 @@ def normal_sample(share: float, pairs: int, rng: Generator) -> PairedSample:
     places = rng.normal((Effect(share).shift, 0.0), 1.0, (pairs, 2))
     times = rng.uniform(300.0, 600.0, (pairs, 2))
 
-    def run(done: float, at: float) -> JudgedRun:
-        return JudgedRun(round(1000 + 100 * done), 2000, None, at, 600.0)
+    def run(done: float, at: float) -> Run:
+        return made(round(1000 + 100 * done), at, completion_s=None, places_total=2000)
 
     rows = zip(places.tolist(), times.tolist(), strict=True)
     drawn = tuple((run(one, at), run(other, then)) for (one, other), (at, then) in rows)

@@ -17,12 +17,12 @@ import pytest
 
 from acrc_testbed.accounting.account import account
 from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.experiments.comparison.comparison import judged, named
-from acrc_testbed.experiments.report import quantities
-from acrc_testbed.experiments.report.cases import Case
-from acrc_testbed.experiments.report.sections import COSTS
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.comparison import named
+from acrc_testbed.experiments.report.sections import COSTS, airtime_percent
 from acrc_testbed.export import rows
 from acrc_testbed.export.parquet_files import TABLES
+from acrc_testbed.results.outcome import means as own_means
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recorded import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
@@ -138,7 +138,7 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
     assert len(done) > 3
     assert (result.places_total, result.places_done) == (len(run.places), len(done))
     assert (result.places_claimed, result.places_given_up) == (len(when), len(given_up))
-    assert named("places").value(judged(result)) == len(done)  # type: ignore[union-attr]
+    assert named("places").value(result) == len(done)  # type: ignore[union-attr]
     assert result.last_reached_s == max(when.values())
     assert (result.completion_s, result.settled_s) == (None, None), "places are left"
     for robot, part in result.per_robot.items():
@@ -154,8 +154,8 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
 
 
 def costs(run: Counted) -> dict[str, float | None]:
-    case = Case("here", "auction", 3, run.result, time=run.time)
-    return {cost.says: cost.of(case) for cost in COSTS}
+    record = TrialRecord("auction", 3, {}, run.result, time=run.time)
+    return {cost.says: cost.of(record) for cost in COSTS}
 
 
 def test_places_lost_are_in_no_route_at_the_end(run: Counted) -> None:
@@ -211,10 +211,9 @@ def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
     for name in ("frames_sent", "copies_heard"):
         assert frames[name] == sum(own[name] for own in result.frames_by_robot.values())
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
-    assert quantities.octets(result) == result.radio_bytes_per_robot_s
-    assert named("radio").value(judged(result)) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
+    assert named("radio").value(result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
-    assert quantities.airtime_percent(result) == pytest.approx(100 * air / (4 * LENGTH))
+    assert airtime_percent(result) == pytest.approx(100 * air / (4 * LENGTH))
     heard = Counter(robot for robot, event in run.received if isinstance(event, Heard))
     for robot, own in result.frames_by_robot.items():
         assert 0.9 * own["copies_heard"] <= heard[robot] <= own["copies_heard"]
@@ -238,7 +237,7 @@ def test_ways_and_errors_are_those_of_the_true_and_estimated_poses(run: Counted)
         assert found.rmse == pytest.approx(np.sqrt(np.mean(np.square(errors[robot]))))
         assert found.lost_share == pytest.approx(np.mean(np.array(errors[robot]) > 1.0))
     assert run.result.driven_m == pytest.approx(sum(way.values()), rel=0.02)
-    made = judged(run.result)
+    made = run.result
     assert named("driven").value(made) == run.result.driven_m  # type: ignore[union-attr]
     assert named("contacts").value(made) == run.result.contacts  # type: ignore[union-attr]
     assert (made.settled_s, made.completion_s, made.simulated_s) == (None, None, LENGTH)
@@ -264,9 +263,9 @@ def test_goals_and_the_own_outcome_are_what_the_strategy_counted(run: Counted) -
         if one.stepping and (one.id, one.epoch) != ("r4", 0)
     )
     assert own["counted.steps"] == dict(steps)
-    means = quantities.own_means(run.result)
+    means = own_means(run.result.outcome)
     assert means["counted.steps"] == pytest.approx(np.mean(list(steps.values()))) and "robot" not in means
-    assert named("outcome.counted.steps").value(judged(run.result)) == means["counted.steps"]  # type: ignore[union-attr]
+    assert named("outcome.counted.steps").value(run.result) == means["counted.steps"]  # type: ignore[union-attr]
 
 
 def test_seconds_of_causes_are_those_of_the_steps(run: Counted) -> None:

@@ -8,7 +8,6 @@ from itertools import combinations
 from statistics import median
 from typing import Any, Final, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,44 +22,8 @@ from acrc_testbed.experiments.study.study import Study, Variant
 from acrc_testbed.results.outcome import means
 from acrc_testbed.results.result import RunResult
 
-
-class JudgedRun(msgspec.Struct, frozen=True):
-    """What a verdict needs to know of a run; a run that failed has done nothing by its end."""
-
-    places_done: int = 0
-    places_total: int = 0
-    completion_s: float | None = None
-    settled_s: float | None = None
-    simulated_s: float = 0.0
-    contacts: float = math.nan
-    """NaN: unknown, as the next two."""
-    radio: float = math.nan
-    """Octets on the air per robot and s."""
-    driven_m: float = math.nan
-    """By all robots."""
-    failed: bool = False
-    outcomes: dict[str, float] = {}
-    """The strategy's own results, each the mean over robots."""
-
-
-FAILED: Final = JudgedRun(failed=True)
-
-
-def judged(run: RunResult | None) -> JudgedRun:
-    """What a run came to; None: it failed."""
-    if run is None:
-        return FAILED
-    names = (
-        "places_done",
-        "places_total",
-        "completion_s",
-        "settled_s",
-        "simulated_s",
-        "contacts",
-        "driven_m",
-    )
-    known = {name: value for name in names if (value := getattr(run, name)) is not None}
-    return JudgedRun(**known, radio=run.radio_bytes_per_robot_s, outcomes=means(run.outcome))
+Run = RunResult | None
+"""Result of a run; None: it failed, so that it did no place and never settled."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +34,8 @@ class Metric:
     says: str
     """What it is."""
     unit: str
-    value: Callable[[JudgedRun], float]
-    """NaN: unknown of this run."""
+    value: Callable[[RunResult], float | None]
+    """None: unknown of this run."""
     more_is_better: bool
 
 
@@ -84,16 +47,22 @@ class TimeMetric:
     says: str
     event: str
     """What a run is once it is the case."""
-    at: Callable[[JudgedRun], float | None]
+    at: Callable[[RunResult], float | None]
     """s; None: not by the end."""
     unit: str = "s"
 
 
-PLACES: Final = Metric("places", "places done", "places", lambda run: float(run.places_done), True)
+PLACES: Final = Metric("places", "places done", "places", lambda run: run.places_done, True)
 METRICS: Final = (
     PLACES,
     Metric("contacts", "contacts", "contacts", lambda run: run.contacts, False),
-    Metric("radio", "octets on the air per robot and second", "octets/s", lambda run: run.radio, False),
+    Metric(
+        "radio",
+        "octets on the air per robot and second",
+        "octets/s",
+        lambda run: run.radio_bytes_per_robot_s,
+        False,
+    ),
     Metric("driven", "metres driven by all robots", "m", lambda run: run.driven_m, False),
 )
 SETTLED: Final = TimeMetric("settled", "running time", "done or given up", lambda run: run.settled_s)
@@ -120,26 +89,33 @@ def named(name: str) -> Metric | TimeMetric:
     if name in _BY_NAME:
         return _BY_NAME[name]
     own = name.removeprefix(_OWN)
-    return Metric(name, name, "", lambda run: run.outcomes.get(own, math.nan), more_is_better=True)
+    return Metric(name, name, "", lambda run: means(run.outcome).get(own), more_is_better=True)
 
 
-def horizon(runs: Sequence[JudgedRun]) -> float:
+def horizon(runs: Sequence[Run]) -> float:
     """Until when these runs of one scenario were watched, s; a run ends sooner once nothing is left to do."""
-    return max((run.simulated_s for run in runs), default=0.0)
+    return max((run.simulated_s for run in runs if run is not None), default=0.0)
 
 
-def values(metric: Metric | TimeMetric, runs: Sequence[JudgedRun], until: float) -> list[float]:
+def values(metric: Metric | TimeMetric, runs: Sequence[Run], until: float) -> list[float]:
     """A number for each run; of times the horizon `until` where it was not the case by then."""
     if isinstance(metric, Metric):
-        return [metric.value(run) for run in runs]
-    times = (metric.at(run) for run in runs)
+        failed = 0.0 if metric is PLACES else math.nan
+        found = (None if run is None else metric.value(run) for run in runs)
+        return [
+            failed if run is None else math.nan if value is None else float(value)
+            for run, value in zip(runs, found, strict=True)
+        ]
+    times = (None if run is None else metric.at(run) for run in runs)
     return [until if at is None else min(at, until) for at in times]
 
 
-def ranks(runs: Sequence[JudgedRun]) -> list[float]:
+def ranks(runs: Sequence[Run]) -> list[float]:
     """The place of each run in the lexicographic order, equal for equal ones; more is better."""
     keys = [
-        (run.places_done, -math.inf if run.settled_s is None else -run.settled_s, not run.failed)
+        (0, -math.inf, False)
+        if run is None
+        else (run.places_done or 0, -math.inf if run.settled_s is None else -run.settled_s, True)
         for run in runs
     ]
     order = {key: float(place) for place, key in enumerate(sorted(set(keys)))}
@@ -147,7 +123,7 @@ def ranks(runs: Sequence[JudgedRun]) -> list[float]:
 
 
 Floats = NDArray[np.float64]
-StrategyRuns = dict[str, dict[int, JudgedRun]]
+StrategyRuns = dict[str, dict[int, Run]]
 """By strategy and seed."""
 _LEXICOGRAPHIC_SAYS = "places done, then running time"
 
@@ -158,7 +134,7 @@ class PairedSample(NamedTuple):
     one: str
     other: str
     variant: Variant
-    pairs: tuple[tuple[JudgedRun, JudgedRun], ...]
+    pairs: tuple[tuple[Run, Run], ...]
     cells: int = 1
     """In so many the study has drawn."""
 
@@ -216,7 +192,7 @@ def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict
         variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
         of_strategy = runs.setdefault(variant, {}).setdefault(record.strategy, {})
         if record.result is not None or counts:
-            of_strategy[record.seed] = judged(record.result)
+            of_strategy[record.seed] = record.result
     return runs
 
 
@@ -281,14 +257,16 @@ def _comparisons(sample: PairedSample, names: Sequence[str]) -> Iterator[Compari
             yield made
 
 
-def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[JudgedRun, JudgedRun]]) -> Scores:
+def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
     """A metric of the pairs in which it is known of both runs."""
     runs = [run for pair in pairs for run in pair]
     found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
     known = found[~np.isnan(found).any(axis=1)]
     if isinstance(metric, Metric):
         return Scores(known[:, 0], known[:, 1], 1 if metric.more_is_better else -1, True)
-    return Scores(known[:, 0], known[:, 1], -1, any(metric.at(run) is not None for run in runs))
+    return Scores(
+        known[:, 0], known[:, 1], -1, any(run is not None and metric.at(run) is not None for run in runs)
+    )
 
 
 def estimate(sample: PairedSample, name: str) -> Comparison | None:

@@ -12,6 +12,7 @@ from acrc_testbed.experiments.campaign.store import Store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison import comparison
 from acrc_testbed.experiments.comparison.comparison import (
+    PLACES,
     Comparison,
     PairedSample,
     StrategyRuns,
@@ -22,6 +23,7 @@ from acrc_testbed.experiments.comparison.comparison import (
     samples,
     scores,
     too_few_pairs,
+    values,
 )
 from acrc_testbed.experiments.comparison.verdicts import (
     ComparedMetric,
@@ -90,8 +92,8 @@ def _differences(
     for cell, (variant, by_strategy) in enumerate(runs.items()):
         mine, theirs = by_strategy.get(one, {}), by_strategy.get(other, {})
         for seed in (seed for seed in mine if seed in theirs):
-            places = float(mine[seed].places_done - theirs[seed].places_done)
-            yield _CellDifference(cell, seed, places, _map(variant, study))
+            ours, others = values(PLACES, (mine[seed], theirs[seed]), 0.0)
+            yield _CellDifference(cell, seed, ours - others, _map(variant, study))
 
 
 def _map(variant: Variant, study: Study) -> str:

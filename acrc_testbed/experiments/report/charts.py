@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from acrc_testbed.experiments.report.quantities import BoxSpread
 from acrc_testbed.experiments.statistics.models import Completion, SurvivalCurve
 from acrc_testbed.experiments.statistics.paired_tests import Interval
 from acrc_testbed.picture.style import applied as settings_applied
@@ -152,7 +152,7 @@ class Box:
 
     label: str
     look: Look
-    spread: BoxSpread
+    values: tuple[float, ...]
     at_least: tuple[float, ...] = ()
     """Which of the values are only known to be so great or greater."""
 
@@ -206,8 +206,8 @@ def boxes(
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
     _label_rows_once(axes)
-    lows = [row.spread.least for rows in conditions.values() for row in rows]
-    highs = [row.spread.most for rows in conditions.values() for row in rows]
+    lows = [min(row.values) for rows in conditions.values() for row in rows]
+    highs = [max(row.values) for rows in conditions.values() for row in rows]
     highest = max(*highs, limit[0] if limit else highs[0])
     begin = _begins(min(lows), highest) if near else 0.0
     axes[0].set_xlim(begin, highest + 0.04 * (highest - begin) if highest > begin else begin + 1.0)
@@ -308,12 +308,14 @@ def _begins(low: float, high: float) -> float:
 
 
 def _box(panel: Axes, place: int, row: Box) -> None:
-    spread, colour = row.spread, row.look.colour
-    if len(spread.values) > max(4, len(row.at_least)):  # of fewer the dots say it all, of limits alone too
-        low, high = spread.whiskers
+    values, colour = row.values, row.look.colour
+    if len(values) > max(4, len(row.at_least)):  # of fewer the dots say it all, of limits alone too
+        q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+        reach = 1.5 * (q3 - q1)  # Tukey, "Exploratory Data Analysis", 1977
+        inside = [value for value in values if q1 - reach <= value <= q3 + reach]
         panel.bxp(
             [{
-                "med": spread.median, "q1": spread.q1, "q3": spread.q3, "whislo": low, "whishi": high,
+                "med": median, "q1": q1, "q3": q3, "whislo": min(inside), "whishi": max(inside),
                 "fliers": [],
             }],
             positions=[place], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
@@ -324,7 +326,7 @@ def _box(panel: Axes, place: int, row: Box) -> None:
         )  # fmt: skip
     limits = Counter(row.at_least)
     dots: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
-    for number, value in enumerate(spread.values):
+    for number, value in enumerate(values):
         is_limit = limits[value] > 0
         limits[value] -= is_limit
         dots[is_limit].append((value, place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))

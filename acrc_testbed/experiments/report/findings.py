@@ -5,37 +5,61 @@ from dataclasses import replace
 from typing import Final
 
 from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample, named
-from acrc_testbed.experiments.comparison.judgement import AcrossCells, CampaignJudgement
+from acrc_testbed.experiments.comparison.judgement import CampaignJudgement
 from acrc_testbed.experiments.comparison.verdicts import ComparedMetric, PairVerdict
-from acrc_testbed.experiments.report import quantities
-from acrc_testbed.experiments.report.cases import REAL, CaseSource
-from acrc_testbed.experiments.report.quantities import Cell, NumberTable
-from acrc_testbed.experiments.report.section import UPPER_BOUNDS, Group, ReportView, label
+from acrc_testbed.experiments.report.runs import (
+    REAL,
+    UPPER_BOUNDS,
+    Cell,
+    Group,
+    ReportView,
+    RunSource,
+    completed,
+    label,
+    places,
+)
 from acrc_testbed.experiments.report.time_sections import deadlocks
 from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
+from acrc_testbed.page.rendering import PageTable
 
 _TOLD = ("better", "worse", "as good", "not told apart")
+_MOST_TOLD: Final = 8
+"""Verdicts that are told in a sentence each."""
+_MOST_OPEN: Final = 12
+"""Estimates whose table is shown unasked."""
 
 
-def verdict_table(name: str, verdicts: Sequence[PairVerdict]) -> NumberTable:
-    """A row for each verdict, with the estimates of the metric by which it came about."""
-    return NumberTable(
-        f"verdicts_{name}",
-        "What each declared comparison came to, by the test of the metric that decided it, or that left it "
-        "undecided. As good: within the margin, by every test. Intervals are of 95 %.",
-        (
-            *("first", "second", "condition", "the first is", "by", "first has", "second has"),
-            *("difference", "better on", "worse on", "A12", "p after Holm"),
-        ),
-        tuple(_row(one) for one in verdicts),
+def labelled(found: CampaignJudgement) -> CampaignJudgement:
+    """Mark upper bounds among the names of strategies."""
+    return replace(
+        found,
+        verdicts=[
+            PairVerdict(
+                _named(one.sample), tuple(replace(step, sample=_named(step.sample)) for step in one.steps)
+            )
+            for one in found.verdicts
+        ],
+        across=[one._replace(one=label(one.one), other=label(one.other)) for one in found.across],
+        estimates=[replace(one, one=label(one.one), other=label(one.other)) for one in found.estimates],
     )
 
 
-def counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
-    """For each pair in how many conditions the first is better, worse, as good, or not told apart."""
-    pairs = dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts)
-    for pair in pairs:
+def _named(sample: PairedSample) -> PairedSample:
+    return sample._replace(one=label(sample.one), other=label(sample.other))
+
+
+def sentences(found: CampaignJudgement) -> list[str]:
+    """Return failures and results of the declared comparisons; many comparisons are counted."""
+    decided = [one for one in found.verdicts if one.steps]
+    if len(decided) <= _MOST_TOLD:
+        return replace(found, verdicts=decided).sentences()
+    return [*replace(found, verdicts=[]).sentences(), *_counted(decided)]
+
+
+def _counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
+    """Count for each pair the conditions by the first strategy's result."""
+    for pair in dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts):
         words = [_word(one) for one in verdicts if (one.sample.one, one.sample.other) == pair]
         parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
         yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
@@ -47,164 +71,122 @@ def _word(one: PairVerdict) -> str:
     return "as good" if one.equivalent else "not told apart"
 
 
-def _asked_last(one: PairVerdict) -> ComparedMetric:
-    return one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
+def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[PageTable]:
+    """Yield all tests with their p-values, and all estimates with their intervals."""
+    where = ("condition",) if any(one.variant for one in found.estimates) else ()
+    decided = [one for one in found.verdicts if one.steps]
+    if len(decided) > _MOST_TOLD:
+        yield view.plain_table(
+            f"verdicts_{name}",
+            "What each declared comparison came to, by the test of the metric that decided it, or that left "
+            "it undecided. As good: within the margin, by every test. Intervals are of 95 %.",
+            (
+                *("first", "second", "condition", "the first is", "by", "first has", "second has"),
+                *("difference", "better on", "worse on", "A12", "p after Holm"),
+            ),
+            map(_verdict_row, decided),
+        )
+    yield view.plain_table(
+        f"tests_{name}",
+        "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
+        "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
+        "differ. "
+        "Equivalence is that the means differ by less than the margin.",
+        (
+            *("first", "second", *where, "metric", "pairs", "that differ", "p", "Holm"),
+            *("margin", "p of equivalence"),
+        ),
+        [_test_row(step, where) for one in decided for step in one.steps],
+    )
+    across = [(one, one.fitted) for one in found.across if one.fitted is not None]
+    yield view.plain_table(
+        f"cells_{name}",
+        "The declared comparisons over all cells: the mean difference in places within pairs, "
+        "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
+        "random effects, fitted by restricted maximum likelihood; none of it is a test.",
+        (
+            *("first", "second", "cells", "pairs", "difference", "in a new cell"),
+            *("between cells", "between seeds", "of what is left"),
+        ),
+        [
+            (
+                *(one.one, one.other, fit.cells, fit.values, fit.mean, fit.new_cell),
+                *(fit.between_cells, fit.between_seeds, fit.rest),
+            )
+            for one, fit in across
+        ],
+    )
+    yield view.plain_table(
+        f"without_map_{name}",
+        "The same difference without each map in turn.",
+        ("first", "second", "without", "difference"),
+        [(one.one, one.other, *each) for one, _ in across for each in one.without],
+    )
+    yield view.plain_table(
+        f"comparisons_{name}",
+        "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
+        "probability that a run of the first is better than one of the second, ties counted half. "
+        "Intervals are of 95 %.",
+        (
+            *("first", "second", *where, "metric", "first has", "second has", "difference"),
+            *("better", "worse", "A12"),
+        ),
+        [_estimate_row(one, where) for one in found.estimates],
+        folded=len(found.estimates) > _MOST_OPEN,
+    )
 
 
-def _row(one: PairVerdict) -> tuple[Cell, ...]:
-    sample, step = one.sample, _asked_last(one)
+def _condition(variant: Variant) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in variant)
+
+
+def _verdict_row(one: PairVerdict) -> tuple[Cell, ...]:
+    """Return a verdict with the estimates of the metric that was tested last."""
+    sample = one.sample
+    step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
     found = step.estimated()
     estimates: tuple[Cell, ...] = (None,) * 6
     if found is not None:
         estimates = (found.ones, found.others, found.difference, found.better, found.worse, found.effect)
-    condition = ", ".join(f"{key} = {value}" for key, value in sample.variant)
     p = step.adjusted if step.tested else None
-    return (sample.one, sample.other, condition, _word(one), named(step.metric).says, *estimates, p)
+    named_ = (sample.one, sample.other, _condition(sample.variant), _word(one), named(step.metric).says)
+    return (*named_, *estimates, p)
 
 
-_MOST_TOLD: Final = 8
-"""Verdicts that are told in a sentence each."""
-_MOST_OPEN: Final = 12
-"""Estimates whose table is shown unasked."""
-
-
-class Findings:
-    """The comparisons of a campaign's strategies."""
-
-    def __init__(self, source: CaseSource, judgement: CampaignJudgement) -> None:
-        self.source = source
-        self.judgement = judgement
-        self.estimates = [
-            replace(one, one=label(one.one), other=label(one.other)) for one in judgement.estimates
-        ]
-
-    def sentences(self) -> list[str]:
-        """What failed, and what the declared comparisons come to: many of them are a table, and counted."""
-        told = replace(
-            self.judgement,
-            verdicts=[] if self._many else self._verdicts,
-            across=[_named_across(one) for one in self.judgement.across],
-        )
-        return [*told.sentences(), *(counted(self._verdicts) if self._many else ())]
-
-    @property
-    def _verdicts(self) -> list[PairVerdict]:
-        return [_labelled(one) for one in self.judgement.verdicts if one.steps]
-
-    @property
-    def _many(self) -> bool:
-        return len(self._verdicts) > _MOST_TOLD
-
-    def tables(self) -> Iterator[NumberTable]:
-        """Every test of the family with its p-values, and every estimate with its intervals."""
-        where = ("condition",) if any(one.variant for one in self.estimates) else ()
-        if self._many:
-            yield verdict_table(self.source.name, self._verdicts)
-        steps = [step for one in self.judgement.verdicts for step in _labelled(one).steps]
-        if steps:
-            yield NumberTable(
-                f"tests_{self.source.name}",
-                "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
-                "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
-                "differ. "
-                "Equivalence is that the means differ by less than the margin.",
-                (
-                    *("first", "second", *where, "metric", "pairs", "that differ", "p", "Holm"),
-                    *("margin", "p of equivalence"),
-                ),
-                tuple(_test(step, where) for step in steps),
-            )
-        across = [one for one in map(_named_across, self.judgement.across) if one.fitted is not None]
-        if across:
-            yield NumberTable(
-                f"cells_{self.source.name}",
-                "The declared comparisons over all cells: the mean difference in places within pairs, "
-                "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
-                "random effects, fitted by restricted maximum likelihood; none of it is a test.",
-                (
-                    *("first", "second", "cells", "pairs", "difference", "in a new cell"),
-                    *("between cells", "between seeds", "of what is left"),
-                ),
-                tuple(_cells(one) for one in across),
-            )
-            maps = tuple((one.one, one.other, *each) for one in across for each in one.without)
-            if maps:
-                yield NumberTable(
-                    f"without_map_{self.source.name}",
-                    "The same difference without each map in turn.",
-                    ("first", "second", "without", "difference"),
-                    maps,
-                )
-        if self.estimates:
-            yield NumberTable(
-                f"comparisons_{self.source.name}",
-                "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
-                "probability that a run of the first is better than one of the second, ties counted half. "
-                "Intervals are of 95 %.",
-                (
-                    *("first", "second", *where, "metric", "first has", "second has", "difference"),
-                    *("better", "worse", "A12"),
-                ),
-                tuple(_estimate(one, where) for one in self.estimates),
-                folded=len(self.estimates) > _MOST_OPEN,
-            )
-
-
-def _labelled(verdict: PairVerdict) -> PairVerdict:
-    steps = tuple(replace(step, sample=_named(step.sample)) for step in verdict.steps)
-    return PairVerdict(_named(verdict.sample), steps)
-
-
-def _named_across(one: AcrossCells) -> AcrossCells:
-    return one._replace(one=label(one.one), other=label(one.other))
-
-
-def _cells(one: AcrossCells) -> tuple[Cell, ...]:
-    fitted = one.fitted
-    assert fitted is not None
-    return (
-        *(one.one, one.other, fitted.cells, fitted.values, fitted.mean, fitted.new_cell),
-        *(fitted.between_cells, fitted.between_seeds, fitted.rest),
-    )
-
-
-def _named(sample: PairedSample) -> PairedSample:
-    return sample._replace(one=label(sample.one), other=label(sample.other))
-
-
-def _condition(variant: Variant, where: Sequence[str]) -> tuple[Cell, ...]:
-    return (", ".join(f"{key} = {value}" for key, value in variant),) if where else ()
-
-
-def _test(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
+def _test_row(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
     sample, test = step.sample, step.test
     return (
-        *(sample.one, sample.other, *_condition(sample.variant, where), named(step.metric).says),
+        *(
+            sample.one,
+            sample.other,
+            *([_condition(sample.variant)] if where else ()),
+            named(step.metric).says,
+        ),
         *(len(sample.pairs), test.differing, test.p, step.adjusted if step.tested else None),
         *(step.margin, step.equivalence_p),
     )
 
 
-def _estimate(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+def _estimate_row(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
     unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
     return (
-        *(one.one, one.other, *_condition(one.variant, where), one.says + unit),
+        *(one.one, one.other, *([_condition(one.variant)] if where else ()), one.says + unit),
         *(one.ones, one.others, one.difference, one.better, one.worse, one.effect),
     )
 
 
-def asked(sources: Sequence[CaseSource]) -> list[str]:
+def asked(sources: Sequence[RunSource]) -> list[str]:
     """What the runs were made for, a sentence for each folder."""
     return [_asked(one) for one in sources]
 
 
-def _asked(source: CaseSource) -> str:
+def _asked(source: RunSource) -> str:
     study = source.study
     if study is None:
-        (case,) = source.cases
-        if case.condition == REAL:
+        if source.conditions == (REAL,):
             return f"{source.name}: what real robots recorded on one field trial."
-        return f"{source.name}: one run of {label(case.strategy)} with seed {case.seed}."
+        (run,) = source.records
+        return f"{source.name}: one run of {label(run.strategy)} with seed {run.seed}."
     told = [
         f"{source.name}: {', '.join(map(label, study.strategies))} in {_file(study.scenario)}, each with the "
         f"same {study.seeds} seeds ({_seeds(study)})"
@@ -234,18 +216,16 @@ def _file(path: str) -> str:
     return path.replace("\\", "/").rpartition("/")[2]
 
 
-def failures(sources: Sequence[CaseSource]) -> NumberTable | None:
-    """Runs without a result, by cause; None if there is none."""
+def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
+    """Return the runs without a result, by cause; without rows if there is none."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for source in sources:
-        for case in source.cases:
-            if case.failure is not None:
-                key = (case.condition, label(case.strategy), case.failure)
-                found.setdefault(key, []).append(str(case.seed))
-    if not found:
-        return None
-    rows = tuple((*key, len(seeds), _some(seeds)) for key, seeds in found.items())
-    return NumberTable(
+        for condition, record in zip(source.conditions, source.records, strict=True):
+            if record.failure is not None:
+                key = (condition, label(record.strategy), record.failure)
+                found.setdefault(key, []).append(str(record.seed))
+    rows = [(*key, len(seeds), _some(seeds)) for key, seeds in found.items()]
+    return view.plain_table(
         "failures", "Runs that failed", ("condition", "strategy", "cause", "runs", "seeds"), rows
     )
 
@@ -261,13 +241,13 @@ _MOST_NAMES: Final = 4
 """Groups of runs that are named where one thing holds for many."""
 
 
-def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: ReportView) -> list[str]:
+def cautions(sources: Sequence[RunSource], view: ReportView) -> list[str]:
     """One sentence or two each, the gravest first."""
     return [
-        *_unfit(sources),
+        *_unfit(sources, view),
         *_told_by_robots(sources),
-        *(line for one in findings for line in one.judgement.too_few),
-        *_alone(sources, findings),
+        *(line for one in sources if one.judgement is not None for line in one.judgement.too_few),
+        *_alone(sources),
         *_incomplete(sources),
         *_bounds(view),
         *_limits(view),
@@ -277,14 +257,14 @@ def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: 
     ]
 
 
-def _unfit(sources: Sequence[CaseSource]) -> Iterator[str]:
+def _unfit(sources: Sequence[RunSource], view: ReportView) -> Iterator[str]:
     for one in sources:
         if one.study is not None and one.study.tuning:
             yield (
                 f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged "
                 "by others."
             )
-    if any(not quantities.is_watched(case.outcome) for one in sources for case in one.cases if case.outcome):
+    if any(run.places_done is None for group in view.groups for run in group.results):
         yield (
             "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
             "localisation, where time went and CPU time are unknown; completion is when the last report was "
@@ -292,25 +272,26 @@ def _unfit(sources: Sequence[CaseSource]) -> Iterator[str]:
         )
 
 
-def _told_by_robots(sources: Sequence[CaseSource]) -> Iterator[str]:
+def _told_by_robots(sources: Sequence[RunSource]) -> Iterator[str]:
     """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
     for one in sources:
-        for case in one.cases:
-            if case.outcome is not None:
-                told = (f"{case.strategy}, seed {case.seed}: {said}" for said in case.outcome.refused_reports)
+        for record in one.records:
+            run = record.result
+            if run is not None:
+                told = (f"{record.strategy}, seed {record.seed}: {said}" for said in run.refused_reports)
                 yield from (f"{one.name}: {said}." for said in told)
-            if case.outcome is not None and not case.outcome.is_simulated:
-                yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
+            if run is not None and not run.is_simulated:
+                yield from (f"{one.name}: {note.rstrip('.')}." for note in run.notes)
 
 
-def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Iterator[str]:
+def _alone(sources: Sequence[RunSource]) -> Iterator[str]:
     singles = sum(one.study is None for one in sources)
     if singles:
         yield (
             f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
             f"a comparison needs at least {LEAST_PAIRS} pairs of runs from one campaign."
         )
-    campaigns = len(findings)
+    campaigns = len(sources) - singles
     if campaigns > 1:
         yield (
             f"The {campaigns} campaigns are compared within each of them only, and p-values are adjusted "
@@ -318,18 +299,20 @@ def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Itera
         )
 
 
-def _incomplete(sources: Sequence[CaseSource]) -> Iterator[str]:
+def _incomplete(sources: Sequence[RunSource]) -> Iterator[str]:
     for one in sources:
-        failed = sum(case.failure is not None for case in one.cases)
-        if one.pending:
+        failed = sum(record.failure is not None for record in one.records)
+        pending = 0 if one.kept is None else len(one.kept.pending())
+        if pending:
             yield (
-                f"{one.name}: {one.pending} of {one.pending + len(one.cases)} runs are still to be made; "
+                f"{one.name}: {pending} of {pending + len(one.records)} runs are still to be made; "
                 "what is said may change with them."
             )
         if failed:
             yield (
-                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture, so a strategy "
-                "that fails where it would do badly looks better there than it is. Their causes stand below."
+                f"{one.name}: {failed} of {len(one.records)} runs failed and are in no picture, so a "
+                "strategy that fails where it would do badly looks better there than it is. "
+                "Their causes stand below."
             )
 
 
@@ -342,9 +325,9 @@ def _bounds(view: ReportView) -> Iterator[str]:
 def _limits(view: ReportView) -> Iterator[str]:
     """Metrics that cannot tell good from better, or bad from worse."""
     full = [
-        f"{view.row_name(group)} ({done} of {len(group.outcomes)})"
+        f"{view.row_name(group)} ({done} of {len(group.results)})"
         for group in view.groups
-        if len(group.outcomes) > 1 and (done := _all_done(group)) >= _CEILING * len(group.outcomes)
+        if len(group.results) > 1 and (done := _all_done(group)) >= _CEILING * len(group.results)
     ]
     if full:
         yield (
@@ -352,9 +335,7 @@ def _limits(view: ReportView) -> Iterator[str]:
             "ceiling there and hides differences; more robots or less time would show them."
         )
     never = [
-        view.row_name(group)
-        for group in view.groups
-        if not any(quantities.completion(one).done for one in group.outcomes)
+        view.row_name(group) for group in view.groups if not any(completed(one).done for one in group.results)
     ]
     if never:
         yield (
@@ -364,7 +345,7 @@ def _limits(view: ReportView) -> Iterator[str]:
 
 
 def _all_done(group: Group) -> int:
-    return sum(quantities.places(one) == one.places_total for one in group.outcomes)
+    return sum(places(one) == one.places_total for one in group.results)
 
 
 def _groups(names: Sequence[str]) -> str:
@@ -384,22 +365,20 @@ def _deadlocked(view: ReportView) -> Iterator[str]:
     ]
     if told:
         yield f"Pairs in a deadlock, in a run on average: {_groups(told)}."
-    elif any(one.is_simulated for group in view.groups for one in group.outcomes):
+    elif any(one.is_simulated for group in view.groups for one in group.results):
         yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
 
 
 def _unsound(view: ReportView, group: Group) -> Iterator[str]:
-    untrue = sum(
-        one.places_claimed - one.places_done for one in group.outcomes if one.places_done is not None
-    )
+    untrue = sum(one.places_claimed - one.places_done for one in group.results if one.places_done is not None)
     if untrue:
         yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
-    lost = sum(one.undelivered > 0 for one in group.outcomes if one.is_simulated)
+    lost = sum(one.undelivered > 0 for one in group.results if one.is_simulated)
     if lost:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
 
 
-def _software(sources: Sequence[CaseSource]) -> Iterator[str]:
+def _software(sources: Sequence[RunSource]) -> Iterator[str]:
     commits = dict.fromkeys(one.commit for one in sources if one.commit)
     if len(commits) > 1:
         yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."

@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
-from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, DecisionEvent, TimeSpent
+from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
-from acrc_testbed.experiments.report.quantities import Cell
-from acrc_testbed.experiments.report.section import Group, Picture, ReportView, Section
+from acrc_testbed.experiments.report.runs import Cell, Group, ReportView
+from acrc_testbed.page.rendering import PageSection
 from actors.observer.glyphs import SEEN_STATES, hexadecimal
 
 LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in SEEN_STATES.items()}
@@ -17,14 +17,9 @@ LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph i
 _MOST_LISTED: Final = 500
 
 
-def times(group: Group) -> tuple[TimeSpent, ...]:
-    """Of the group's runs for which it is known."""
-    return tuple(case.time for case in group.cases if case.time is not None)
-
-
-def causes(view: ReportView) -> Section | None:
+def causes(view: ReportView) -> PageSection | None:
     """Where robot-seconds went; None if no run says so."""
-    bars = view.panels(lambda group: Bar(group.label, _shares(group)) if times(group) else None)
+    bars = view.panels(lambda group: Bar(group.label, _shares(group)) if group.times else None)
     if not bars:
         return None
     seen = {name for rows in bars.values() for row in rows for name, part in row.parts.items() if part}
@@ -33,16 +28,16 @@ def causes(view: ReportView) -> Section | None:
         f"{view.row_name(group)}: "
         + ", ".join(f"{name} {part:.0%}" for name, part in _shares(group).items() if part >= 0.01)
         for group in view.groups
-        if times(group)
+        if group.times
     )
-    return Section(
+    return PageSection(
         "Where the time went",
         (
             "Every robot-second of every run by what it went into, by ground truth; a robot's seconds add up "
             "to the run's. Where several causes hold at once, the first in this order does: "
             f"{', '.join(cause.value for cause in Cause)}.",
         ),
-        Picture(
+        view.picture(
             "time",
             charts.bars(bars, looks, "share of robot time"),
             f"Stacked bars of the share of robot time by cause. {told}. All numbers are in the tables below.",
@@ -51,7 +46,7 @@ def causes(view: ReportView) -> Section | None:
         (
             view.table(
                 "time", "Share of robot time, %", ("runs", *LOOKS),
-                lambda group: [_percents(group)] if times(group) else [],
+                lambda group: [_percents(group)] if group.times else [],
             ),
             view.table(
                 "time_robots", "Mean time in a run, robot by robot, s", ("robot", *LOOKS), _robots,
@@ -63,7 +58,7 @@ def causes(view: ReportView) -> Section | None:
 
 def _shares(group: Group) -> dict[str, float]:
     total = Counter[str]()
-    for run in times(group):
+    for run in group.times:
         for parts in run.robots.values():
             total.update(parts)
     whole = sum(total.values()) or 1.0
@@ -71,11 +66,11 @@ def _shares(group: Group) -> dict[str, float]:
 
 
 def _percents(group: Group) -> tuple[Cell, ...]:
-    return len(times(group)), *(100.0 * part for part in _shares(group).values())
+    return len(group.times), *(100.0 * part for part in _shares(group).values())
 
 
 def _robots(group: Group) -> list[tuple[Cell, ...]]:
-    runs = times(group)
+    runs = group.times
     names = sorted({name for run in runs for name in run.robots}, key=lambda name: (len(name), name))
     return [
         (
@@ -87,12 +82,12 @@ def _robots(group: Group) -> list[tuple[Cell, ...]]:
     ]  # fmt: skip
 
 
-def blockings(view: ReportView) -> Section | None:
+def blockings(view: ReportView) -> PageSection | None:
     """How often robots stood in each other's way, and whether they noticed; None if no run says so."""
-    known = [group for group in view.groups if times(group)]
+    known = [group for group in view.groups if group.times]
     if not known:
         return None
-    return Section(
+    return PageSection(
         "Robots in each other's way",
         (
             "A blocking begins when robots stand in each other's way and ends when one of them gets on. "
@@ -117,27 +112,27 @@ def blockings(view: ReportView) -> Section | None:
             ),
             view.table(
                 "findings", "What else was found of whole runs", ("finding", "runs"),
-                lambda group: list(Counter(one.name for run in times(group) for one in run.findings).items()),
+                lambda group: list(Counter(one.name for run in group.times for one in run.findings).items()),
             ),
         ),
     )  # fmt: skip
 
 
 def _blockings(group: Group) -> list[tuple[Cell, ...]]:
-    events = [event for run in times(group) for event in run.blockings]
+    events = [event for run in group.times for event in run.blockings]
     kinds = sorted({(event.place, event.cause) for event in events})
     rows: list[tuple[Cell, ...]] = []
     for place, cause in kinds:
         of_kind = [event for event in events if (event.place, event.cause) == (place, cause)]
         median = float(np.median([event.end_s - event.begin_s for event in of_kind]))
         to_end = sum(event.at_end for event in of_kind)
-        rows.append((len(times(group)), place, cause, len(of_kind), median, to_end))
+        rows.append((len(group.times), place, cause, len(of_kind), median, to_end))
     return rows
 
 
 def deadlocks(group: Group) -> tuple[DeadlockCount, ...]:
     """Of the group's runs in which they were counted."""
-    return tuple(run.deadlocks for run in times(group) if run.deadlocks is not None)
+    return tuple(run.deadlocks for run in group.times if run.deadlocks is not None)
 
 
 def _deadlocks(group: Group) -> tuple[Cell, ...]:
@@ -147,7 +142,7 @@ def _deadlocks(group: Group) -> tuple[Cell, ...]:
 
 
 def _diagnosis(group: Group) -> list[tuple[Cell, ...]]:
-    scores = [run.diagnosis for run in times(group) if run.diagnosis is not None]
+    scores = [run.diagnosis for run in group.times if run.diagnosis is not None]
     if not scores:
         return []
     return [
@@ -166,13 +161,13 @@ def _known(said: list[float | None]) -> Cell:
     return float(np.mean(values)) if values else None
 
 
-def decisions(view: ReportView) -> Section | None:
+def decisions(view: ReportView) -> PageSection | None:
     """What the adaptation decided, and what came of it; None if nothing was decided."""
-    if not any(run.decisions for group in view.groups for run in times(group)):
+    if not any(run.decisions for group in view.groups for run in group.times):
         return None
-    left_out = sum(run.decisions_left_out for group in view.groups for run in times(group))
+    left_out = sum(run.decisions_left_out for group in view.groups for run in group.times)
     more = (f"{left_out} further decisions were made and are not listed.",) if left_out else ()
-    return Section(
+    return PageSection(
         "What the adaptation decided",
         ("Each decision by what set it off and what came of it.", *more),
         None,
@@ -194,7 +189,7 @@ def decisions(view: ReportView) -> Section | None:
 
 
 def _by_outcome(group: Group) -> list[tuple[Cell, ...]]:
-    events = [event for run in times(group) for event in run.decisions]
+    events = [event for run in group.times for event in run.decisions]
     rows: list[tuple[Cell, ...]] = []
     for kind in sorted(set(map(_kind, events))):
         of_kind = [event for event in events if _kind(event) == kind]
@@ -220,7 +215,7 @@ def _events(group: Group) -> list[tuple[Cell, ...]]:
             _goal(event.old_goal), _goal(event.new_goal), event.outcome, event.blocked_s,
             event.free_after_s,
         )
-        for case in group.cases
+        for case in group.records
         if case.time is not None
         for event in case.time.decisions
     ]  # fmt: skip

@@ -4,7 +4,7 @@ import base64
 import csv
 import html
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,9 +16,8 @@ from statsmodels.stats.proportion import proportion_confint
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison.judgement import judge
-from acrc_testbed.experiments.report import charts, report
-from acrc_testbed.experiments.report.cases import REAL, read
-from acrc_testbed.experiments.report.section import Section
+from acrc_testbed.experiments.report import report
+from acrc_testbed.experiments.report.runs import REAL, read
 from acrc_testbed.experiments.study.study import Factor, Study, Trial
 from acrc_testbed.results.result import RobotResult, RunResult, without_unknown
 from actors.runtime.errors import AcrcError
@@ -60,12 +59,6 @@ def records(folder: Path) -> dict[str, list[TrialRecord]]:
             name = "oracle (upper bound)" if record.strategy == "oracle" else record.strategy
             found.setdefault(name, []).append(record)
     return found
-
-
-@pytest.fixture(scope="module")
-def sections(folder: Path) -> Iterator[dict[str, Section]]:
-    with charts.applied():
-        yield {one.title: one for one in report.compose(read([folder])).sections}
 
 
 def rows(written: Path, name: str) -> list[dict[str, str]]:
@@ -153,14 +146,16 @@ def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> No
     assert (cause["cause"], cause["runs"], cause["seeds"]) == (EVIL, "1", "2")
 
 
-def test_every_picture_has_numbers_words_and_files(sections: dict[str, Section], written: Path) -> None:
-    pictured = [one for one in sections.values() if one.picture is not None]
+def test_every_picture_has_numbers_words_and_files(folder: Path, tmp_path: Path) -> None:
+    page = report.compose(read([folder]), tmp_path)
+    pictured = [one for one in page.sections if one.picture is not None]
     assert len(pictured) == 7
     for one in pictured:
         assert one.picture is not None and one.tables and one.tables[0].rows
         assert len(one.picture.alt) > 60
-        assert (written / f"{one.picture.name}.png").read_bytes().startswith(b"\x89PNG")
-        assert (written / f"{one.picture.name}.svg").read_bytes().startswith(b"<?xml")
+    for suffix, begin in (("png", b"\x89PNG"), ("svg", b"<?xml")):
+        files = list(tmp_path.glob(f"*.{suffix}"))
+        assert len(files) == 7 and all(one.read_bytes().startswith(begin) for one in files)
 
 
 class Reader(HTMLParser):
@@ -240,10 +235,13 @@ def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None
     study = Study(name="few", scenario="/s.toml", strategies=("none", "chapter"), seeds=2, tuning=True)
     campaign(tmp_path / "few", lied, study, drawn)
     trial = next(iter(study.trials()))
-    with charts.applied():
-        told = " ".join(report.compose(read([tmp_path / "few"])).cautions)
-        store.load(tmp_path / "few").path(trial).unlink()
-        less = report.compose(read([tmp_path / "few"])).cautions
+
+    def cautions() -> Sequence[str]:
+        return report.compose(read([tmp_path / "few"]), tmp_path).sections[1].warnings
+
+    told = " ".join(cautions())
+    store.load(tmp_path / "few").path(trial).unlink()
+    less = cautions()
     assert "these are seeds for tuning" in told
     assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
     assert f"few: none, seed {trial.seed}: {lie}." in told
@@ -294,8 +292,8 @@ def test_real_robots_stand_beside_a_run_and_what_nobody_knows(plain: RunResult, 
     real = put(tmp_path / "friday", "run.json", field_trial(plain))
     run = put(tmp_path / "simulated", "result/run.json", plain)
     sources = read([real, run])
-    assert [one.cases[0].condition for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
-    assert [one.cases[0].strategy for one in sources] == ["friday", "chapter"]
+    assert [one.conditions[0] for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
+    assert [one.records[0].strategy for one in sources] == ["friday", "chapter"]
     page = report.write([real, run], tmp_path / "out").read_text()
     assert "Of real robots nobody knows the truth: places are as they reported them" in page
     assert "friday: r2: no frame connects its clock." in page
@@ -319,11 +317,10 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
         Study(name="chapter", scenario="/s.toml", strategies=("none",), seeds=1),
         thirty,
     )
-    alone = [case.condition for case in read([one])[0].cases]
-    assert alone == ["robots.count = 4", "robots.count = 8"]
-    assert [[case.condition for case in source.cases] for source in read([one, other])] == [
-        ["one: robots.count = 4", "one: robots.count = 8"],
-        ["one-2"],
+    assert read([one])[0].conditions == ("robots.count = 4", "robots.count = 8")
+    assert [source.conditions for source in read([one, other])] == [
+        ("one: robots.count = 4", "one: robots.count = 8"),
+        ("one-2",),
     ]
 
 

@@ -1,0 +1,269 @@
+"""Runs that a report is about, by condition and strategy, and the pictures and tables made of them."""
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple, TypeVar
+
+from matplotlib.figure import Figure
+
+from acrc_testbed.accounting.time_spent import TimeSpent
+from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.campaign.store import Store
+from acrc_testbed.experiments.campaign.trial_record import TrialRecord
+from acrc_testbed.experiments.comparison.judgement import CampaignJudgement, judge
+from acrc_testbed.experiments.report import charts
+from acrc_testbed.experiments.report.charts import Look
+from acrc_testbed.experiments.statistics.models import Completion
+from acrc_testbed.experiments.statistics.paired_tests import Interval
+from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.page.rendering import PagePicture, PageTable
+from acrc_testbed.results.result import RobotResult, RunResult
+from actors.runtime import regular_file, typed_json
+from actors.runtime.errors import AcrcError
+
+T = TypeVar("T")
+Cell = str | int | float | Interval | None
+"""Of a table; None: unknown, or does not exist."""
+REAL: Final = "real robots"
+"""Condition of field trials."""
+UPPER_BOUNDS: Final = frozenset({"oracle"})
+"""Strategies that use what no robot can know."""
+_RESULTS: Final = ("run.json", "result/run.json")
+"""Path of a run's result in its folder; the second is that of emulated devices."""
+
+
+@dataclass(frozen=True)
+class RunSource:
+    """One folder: a campaign, a run or a field trial."""
+
+    name: str
+    records: tuple[TrialRecord, ...]
+    conditions: tuple[str, ...]
+    """Condition of each record; runs of one condition are compared."""
+    kept: Store | None = None
+    """None: the folder of a single run."""
+    judgement: CampaignJudgement | None = None
+
+    @property
+    def study(self) -> Study | None:
+        """Return the study of a campaign."""
+        return None if self.kept is None else self.kept.study
+
+    @property
+    def commit(self) -> str:
+        """Return the commit of the software; "" if unknown."""
+        if self.kept is not None:
+            return self.kept.commit
+        return "".join(record.result.origin.commit for record in self.records if record.result is not None)
+
+
+def read(folders: Sequence[Path]) -> tuple[RunSource, ...]:
+    """Read the folders, in their order. Raises AcrcError."""
+    several = sum(map(store.holds, folders)) > 1
+    named = zip(folders, _names(folders), strict=True)
+    return tuple(
+        _campaign(store.load(folder), name, several=several) if store.holds(folder) else _single(folder, name)
+        for folder, name in named
+    )
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Return the name of each folder, numbered where names repeat."""
+    found: list[str] = []
+    for folder in folders:
+        name = folder.resolve().name
+        tries = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+        found.append(next(one for one in tries if one not in found))
+    return found
+
+
+def _campaign(kept: Store, name: str, *, several: bool) -> RunSource:
+    records = tuple(kept.records())
+    variants = (", ".join(f"{key} = {value}" for key, value in one.variant.items()) for one in records)
+    conditions = tuple(
+        ": ".join(part for part in (name if several else "", variant) if part) or kept.study.name
+        for variant in variants
+    )
+    return RunSource(name, records, conditions, kept, judge(kept))
+
+
+def _single(folder: Path, name: str) -> RunSource:
+    path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
+    if path is None:
+        raise AcrcError(
+            f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
+            "acrc campaign, acrc run or acrc fleet collect has made"
+        )
+    result = typed_json.read(path, RunResult, "result of a run")
+    if not result.is_simulated:
+        return RunSource(name, (TrialRecord(name, 0, {}, result),), (REAL,))
+    origin = result.origin
+    condition = f"{origin.scenario or 'one scenario'}, {result.robots} robots, {result.simulated_s:g} s"
+    return RunSource(name, (TrialRecord(origin.strategy or name, result.seed, {}, result),), (condition,))
+
+
+def places(part: RunResult | RobotResult) -> float:
+    """Return the places done; without ground truth, those that robots reported."""
+    return float(part.places_claimed if part.places_done is None else part.places_done)
+
+
+def until(at: float | None, run: RunResult) -> Completion:
+    """Return when something was the case in a run; None: not before its end."""
+    return Completion(run.length_s, False) if at is None else Completion(at, True)
+
+
+def completed(run: RunResult) -> Completion:
+    """Return when all places were done."""
+    return until(run.completion_s, run)
+
+
+class Group(NamedTuple):
+    """The runs of one strategy under one condition that have a result; at least one."""
+
+    condition: str
+    strategy: str
+    records: tuple[TrialRecord, ...]
+
+    @property
+    def label(self) -> str:
+        """Return the strategy, marked if it is an upper bound."""
+        return label(self.strategy)
+
+    @property
+    def results(self) -> tuple[RunResult, ...]:
+        """Return the results of its runs."""
+        return tuple(one.result for one in self.records if one.result is not None)
+
+    @property
+    def times(self) -> tuple[TimeSpent, ...]:
+        """Return where the time of its runs went, of those for which it is known."""
+        return tuple(one.time for one in self.records if one.time is not None)
+
+
+def label(strategy: str) -> str:
+    """Return a strategy's name, marked if it is an upper bound."""
+    return f"{strategy} (upper bound)" if strategy in UPPER_BOUNDS else strategy
+
+
+class ReportView:
+    """All runs that have a result, and the folder for pictures and tables."""
+
+    def __init__(self, sources: Iterable[RunSource], out: Path) -> None:
+        self.out = out
+        found: dict[tuple[str, str], list[TrialRecord]] = {}
+        for source in sources:
+            for condition, record in zip(source.conditions, source.records, strict=True):
+                if record.result is not None:
+                    found.setdefault((condition, record.strategy), []).append(record)
+        conditions = dict.fromkeys(condition for condition, _ in found)
+        strategies = dict.fromkeys(strategy for _, strategy in found)
+        self.groups = tuple(
+            Group(condition, strategy, tuple(found[condition, strategy]))
+            for condition in conditions
+            for strategy in strategies
+            if (condition, strategy) in found
+        )
+        self._looks = {name: charts.look(place) for place, name in enumerate(strategies)}
+        self.has_conditions = len(conditions) > 1
+
+    def look(self, group: Group) -> Look:
+        """Return the look of a group's strategy, the same in every picture."""
+        return self._looks[group.strategy]
+
+    def row_name(self, group: Group) -> str:
+        """Name a group among those of all conditions."""
+        return f"{group.condition}: {group.label}" if self.has_conditions else group.label
+
+    def panels(self, made: Callable[[Group], T | None]) -> dict[str, list[T]]:
+        """Return the content of each condition's panel, group by group; None adds nothing."""
+        found: dict[str, list[T]] = {}
+        for group in self.groups:
+            one = made(group)
+            if one is not None:
+                found.setdefault(group.condition, []).append(one)
+        return found
+
+    def picture(self, name: str, figure: Figure, alt: str, caption: str) -> PagePicture:
+        """Write a picture as PNG and SVG, and return it for the page."""
+        return PagePicture(charts.save(figure, self.out, name), alt, caption)
+
+    def table(
+        self,
+        name: str,
+        caption: str,
+        columns: Sequence[str],
+        rows: Callable[[Group], Iterable[Sequence[Cell]]],
+        *,
+        folded: bool = False,
+    ) -> PageTable:
+        """Write a table with rows of every group, each headed by the group's name."""
+        head = ("condition", "strategy") if self.has_conditions else ("strategy",)
+        told = [
+            (*((group.condition, group.label) if self.has_conditions else (group.label,)), *row)
+            for group in self.groups
+            for row in rows(group)
+        ]
+        return self.plain_table(name, caption, (*head, *columns), told, folded=folded)
+
+    def plain_table(
+        self,
+        name: str,
+        caption: str,
+        columns: Sequence[str],
+        rows: Iterable[Sequence[Cell]],
+        *,
+        folded: bool = False,
+    ) -> PageTable:
+        """Write a table as comma-separated values unless it is empty, and return it for the page."""
+        told = list(rows)
+        if told:
+            regular_file.write(self.out / f"{name}.csv", _csv(columns, told).encode())
+        numeric = [
+            any(not isinstance(cell, str | None) for cell in column) for column in zip(*told, strict=True)
+        ]
+        return PageTable(caption, columns, [list(map(_written, row)) for row in told], numeric, folded)
+
+
+def _written(cell: Cell) -> str:
+    """Return a cell as readers see it."""
+    if cell is None:
+        return "n/a"
+    if isinstance(cell, Interval):
+        if math.isnan(cell.low):
+            return _number(cell.value, 3)
+        return f"{_number(cell.value, 3)} [{_number(cell.low, 3)}, {_number(cell.high, 3)}]"
+    return cell if isinstance(cell, str) else _number(cell, 4)
+
+
+def _number(value: float, digits: int) -> str:
+    """Return so many significant digits, and all before the point."""
+    if abs(value) >= 10**digits or value == int(value):
+        return f"{value:.0f}"
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def _csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    """Return comma-separated values; an interval takes three columns."""
+    intervals = [any(isinstance(cell, Interval) for cell in column) for column in zip(*rows, strict=True)]
+    into = io.StringIO()
+    writer = csv.writer(into, lineterminator="\n")
+    heads = (
+        (name, f"{name}, low", f"{name}, high")[: 3 if wide else 1]
+        for name, wide in zip(columns, intervals, strict=True)
+    )
+    writer.writerow(itertools.chain.from_iterable(heads))
+    for row in rows:
+        cells = (_cells(cell) if wide else (cell,) for cell, wide in zip(row, intervals, strict=True))
+        writer.writerow(itertools.chain.from_iterable(cells))
+    return into.getvalue()
+
+
+def _cells(cell: Cell) -> Sequence[Cell]:
+    if not isinstance(cell, Interval):
+        return None, None, None
+    return tuple(None if math.isnan(one) else one for one in cell)
