@@ -301,7 +301,9 @@ def test_cells_are_compared_together_and_fixed_factors_one_by_one(plain: RunResu
         ((("p", 1),), 8, 2), ((("p", 2),), 8, 2),
     ]  # fmt: skip
     assert found[0].where == " with p = 1 over 2 cells"
-    assert [mine.places_done for mine, _ in found[0].pairs if mine] == [14, 18] * 4, "seed by seed, cell by cell"
+    assert [mine.places_done for mine, _ in found[0].pairs if mine] == [14, 18] * 4, (
+        "seed by seed, cell by cell"
+    )
     assert count_tests(study) == 2 and rules_for(study).differ.looks == (8,)
     first = verdicts(found, study)[0]
     assert first.steps[0].test.p == pytest.approx(2 / 2**8) and first.deciding is not None
