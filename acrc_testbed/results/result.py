@@ -4,7 +4,6 @@ import platform
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
@@ -326,58 +325,37 @@ def without_unknown(kind: type[S], **known: Any) -> S:
     return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | known)
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What the result says about the way the run was made."""
+def gather(
+    programs: Sequence[Program],
+    notes: Mapping[Path, Mapping[str, str]],
+    *,
+    step_us: int,
+    began_s: float,
+    rosters: int,
+    **known: Any,
+) -> tuple[RunResult, tuple[PlaceOutcome, ...]]:
+    """Return the result of a run whose processes have all ended as planned, and its places.
 
-    out: Path
-    robots: Sequence[str]
-    seed: int
-    step_us: int
-    isolation: str
-    bus: str
-    began_s: float
-    """Wall clock when the command began, s since the epoch."""
-    cpu_s: float
-    """CPU time of all processes, as the system has told their parent."""
-    parent_received: int
-    origin: Origin = UNKNOWN
-    warnings: tuple[str, ...] = ()
-    held_up: Mapping[str, HoldUp] = field(default_factory=dict)
-    notes: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
-    """Of recordings that are not here, or have been read already."""
-
-
-class Gathered(NamedTuple):
-    """The result of a run, and what it says in counts only."""
-
-    result: RunResult
-    places: tuple[PlaceOutcome, ...]
-
-
-def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
-    """The result of a run whose processes have all ended as planned."""
-    finals = [(program, _final(program.record, about)) for program in programs if program.record is not None]
+    `notes`: of recordings that are not here, or have been read already. `began_s`: wall clock when the
+    command began, s since the epoch. `rosters`: see `undelivered`. `known`: fields of the result that the
+    parent of the processes knows.
+    """
+    finals = [(program, _final(program.record, notes)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
     truth, air = world.report(WorldReport), radio.report(RadioReport)
     places = msgspec.json.decode(world.outcome["places"], type=tuple[PlaceOutcome, ...])
-    simulated = in_seconds(truth.steps * about.step_us)
+    simulated, robots = in_seconds(truth.steps * step_us), list(truth.pose_errors)
     wall = max(world.ended_s - world.started_s, 1e-9)
-    missing, sentences = undelivered(
-        [(program.actor, final) for program, final in finals], about.parent_received
-    )
-    frames = air.frames
-    pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
+    missing, sentences = undelivered([(program.actor, final) for program, final in finals], rosters)
+    pairs = {name: air.frames.pop(name) for name in ("pairs", "pairs_in_reach")}
     said = robot_reports(_of_robots(finals))
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
-        robots=len(about.robots),
-        seed=about.seed,
+        robots=len(robots),
         simulated_s=simulated,
         wall_s=round(wall, 3),
-        startup_s=round(world.started_s - about.began_s, 3),
-        cpu_s=round(about.cpu_s, 3),
+        startup_s=round(world.started_s - began_s, 3),
         real_time_factor=round(simulated / wall, 2),
         **counted(places),
         per_robot={
@@ -386,32 +364,27 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
                 pose_error=truth.pose_errors[robot],
                 driven_m=truth.driven[robot],
             )
-            for robot in about.robots
+            for robot in robots
         },
         undelivered=missing,
         not_delivered=sentences,
         unread=world.unread + radio.unread + said.unread,
         contacts=truth.contacts,
         refused_orders=truth.refused_orders,
-        frames=frames,
-        radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
+        frames=air.frames,
+        radio_bytes_per_robot_s=rate(air.frames["bytes_sent"], len(robots) * simulated),
         direct_reach=share(pairs),
         frames_by_robot=air.frames_by_robot,
         deeco=said.deeco,
         navigation=said.navigation,
         reported_by_robots=OWN_WORD,
         refused_reports=said.refused,
-        isolation=about.isolation,
-        bus=about.bus,
-        out=str(about.out),
-        origin=about.origin,
-        warnings=about.warnings,
         processor=processor(),
         driven_m=round(sum(truth.driven.values()), 3),
         outcome=said.outcomes,
-        held_up=dict(about.held_up),
+        **known,
     )
-    return Gathered(result, places)
+    return result, places
 
 
 def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[str, Path, FinalNote]]:
@@ -473,8 +446,8 @@ def rate(count: int, robot_seconds: float) -> float:
     return round(count / robot_seconds, 3) if robot_seconds else 0.0
 
 
-def _final(record: Path, about: Circumstances) -> FinalNote:
-    text = (about.notes[record] if record in about.notes else read_notes(record)).get("final")
+def _final(record: Path, notes: Mapping[Path, Mapping[str, str]]) -> FinalNote:
+    text = (notes[record] if record in notes else read_notes(record)).get("final")
     if text is None:
         raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
     return decoded(record, "final", text, FinalNote)

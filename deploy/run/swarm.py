@@ -17,7 +17,7 @@ import msgspec
 
 from acrc_testbed.results import summary
 from acrc_testbed.results.outcome import write_table
-from acrc_testbed.results.result import Circumstances, RunResult, gather
+from acrc_testbed.results.result import RunResult, gather
 from acrc_testbed.results.seal import elsewhere, seal
 from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
@@ -345,9 +345,7 @@ def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None 
     except Interrupted:
         _tell(swarm.held_up)
         raise
-    about = _circumstances(plan, began, "memory", swarm.rosters, time.process_time())
-    about = replace(about, held_up=swarm.held_up)
-    return _finish(plan, swarm.programs, about)
+    return _finish(plan, swarm, began, "memory", time.process_time())
 
 
 def run_processes(
@@ -369,10 +367,7 @@ def run_processes(
         lay_out(plan)
         with hosts_of(plan, recruits) as away:
             supervisor = _supervise(plan, starting, on_progress, away)
-    cpu_s = supervisor.cpu_s + time.process_time()
-    about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
-    about = replace(about, held_up=supervisor.held_up, notes=supervisor.notes)
-    return _finish(plan, supervisor.programs, about)
+    return _finish(plan, supervisor, began, "zenoh", supervisor.cpu_s + time.process_time())
 
 
 def _supervise(
@@ -440,27 +435,27 @@ def _tell(held_up: Mapping[str, HoldUp]) -> None:
         _say(sentence)
 
 
-def _finish(plan: RunPlan, programs: Sequence[Program], about: Circumstances) -> RunResult:
-    result, places = gather(programs, about)
+def _finish(
+    plan: RunPlan, swarm: MemorySwarm | RunSupervisor, began: float, bus: str, cpu_s: float
+) -> RunResult:
+    isolation = (
+        "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
+    )
+    result, places = gather(
+        swarm.programs,
+        swarm.notes if isinstance(swarm, RunSupervisor) else {},
+        step_us=plan.world.step_us,
+        began_s=began,
+        rosters=swarm.rosters,
+        seed=plan.world.seed,
+        cpu_s=round(cpu_s, 3),
+        isolation=isolation,
+        bus=bus,
+        out=str(plan.out),
+        origin=plan.scenario.origin,
+        warnings=plan.warnings,
+        held_up=dict(swarm.held_up),
+    )
     write_table(places, plan.out / "places.csv")
     (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     return result
-
-
-def _circumstances(plan: RunPlan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
-    isolation_kind = (
-        "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
-    )
-    return Circumstances(
-        out=plan.out,
-        robots=[robot.id for robot in plan.world.robots],
-        seed=plan.world.seed,
-        step_us=plan.world.step_us,
-        isolation=isolation_kind,
-        bus=bus,
-        origin=plan.scenario.origin,
-        warnings=plan.warnings,
-        began_s=began,
-        cpu_s=cpu_s,
-        parent_received=rosters,
-    )
