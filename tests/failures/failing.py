@@ -22,7 +22,7 @@ def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
 
 def stepping(out: Path) -> bool:
     recording = out / "world" / "world.mcap"
-    return recording.exists() and recording.stat().st_size > 100_000
+    return recording.exists() and recording.stat().st_size > 20_000
 
 
 def process_of(out: Path, actor: str) -> int:
@@ -64,8 +64,8 @@ class Death(NamedTuple):
     lasted_s: float
 
 
-def killed(out: Path, actor: str, spawn: str) -> Death:
-    process = started(begin, out, "--spawn", spawn)
+def killed(out: Path, actor: str) -> Death:
+    process = started(begin, out)
     os.kill(process_of(out, actor), signal.SIGKILL)
     died = time.monotonic()
     _, said = process.communicate(timeout=20)

@@ -22,12 +22,12 @@ pytestmark = pytest.mark.usefixtures("forked_servers")
 
 @pytest.fixture(scope="module")
 def r2_killed(tmp_path_factory: pytest.TempPathFactory) -> Death:
-    return killed(tmp_path_factory.mktemp("r2") / "out", "r2", "forkserver")
+    return killed(tmp_path_factory.mktemp("r2") / "out", "r2")
 
 
 def test_a_killed_process_ends_the_run_at_once(r2_killed: Death, tmp_path: Path) -> None:
     check_end(r2_killed, "r2")
-    check_end(killed(tmp_path / "out", "world", "exec"), "world")
+    check_end(killed(tmp_path / "out", "world"), "world")
 
 
 def check_end(death: Death, actor: str) -> None:
@@ -62,7 +62,7 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path) -> None:
 
 def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = started(begin, out, "--spawn", "exec")
+    process = started(begin, out)
     process.send_signal(signal.SIGSTOP)  # else it might tidy up after the world
     os.kill(process_of(out, "world"), signal.SIGKILL)
     process.kill()

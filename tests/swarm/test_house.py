@@ -124,7 +124,7 @@ def test_one_digest_with_isolated_robots(eventful: Run, recorded: Run) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ("--no-isolate",),
+        pytest.param(("--no-isolate",), marks=pytest.mark.nightly),
         pytest.param(("--speed", "4"), marks=pytest.mark.nightly),
         pytest.param(("--view",), marks=pytest.mark.nightly),
     ],
