@@ -335,7 +335,7 @@ def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
     assert frames == {f"{robot}/{name}" for robot in ("r1", "r2") for name in ("odom", "base_link")}
     bodies = shapes(log, "/robots")[0.0]
     assert {one.header.frame_id for one in bodies} == {"r1/base_link", "r2/base_link"}
-    assert max(logged for logged, _ in log["/r1/scan"]) < 11e9 and "/r1/plan" in log
+    assert max(logged for logged, _ in log["/r1/scan"]) < 11e9
 
 
 @pytest.mark.parametrize(
