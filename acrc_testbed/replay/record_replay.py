@@ -128,53 +128,37 @@ class Onlook:
     """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
 
 
-@dataclass(frozen=True)
-class Again:
-    """An actor that is to be replayed."""
+def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs.
 
-    part: ActorProcess
-    run: RunNote
-    """What its recording begins with."""
-    path: Path
-    recall: Callable[[bytes], bytes | None]
-    """Gives a message of the run by its sha256."""
-
-
-def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints | None = None) -> Again:
-    """The actor as it was before its first step. RecordingError where there is no recording of it.
-
-    Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
-    lay. AcrcError for a module that is not the recorded one.
+    Its code is loaded from where this process looks (`look_in`), not from where a recording says that it lay.
+    Raises RecordingError where there is no recording of it, AcrcError for a module that is not the recorded
+    one.
     """
     files = all_recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
     path = files[actor]
     run = run_of(path)
+    prints = None if onlook.prints is None else onlook.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
         expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
         part = _part(path, actor, run, onlook)
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
-    return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
-
-
-def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
-    """Execute one actor again from what it received; ReplayError at the first output that differs."""
-    files = all_recordings(out)
-    prints = None
-    if onlook.prints is not None and actor in files:
-        prints = onlook.prints(run_of(files[actor]).step_us)
-    again = made_again(out, actor, onlook, prints)
-    bus = ReplayBus(again.path, again.recall)
-    shell = shell_of(again, bus)
+    bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
+    shell = Shell(part.core, bus, bus, actor=run.actor, open_to=part.open_to)
+    if part.ready is not None:
+        shell.send(part.ready)
     shell.prints = prints
     try:
         replay(shell, bus)
     except EnoughError:
         return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
-        raise explained(error, again) from None
+        here = part.run
+        why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
+        raise (ReplayError(f"{error}; {why}") if why else error) from None
     return ReplayReport(actor, bus.compared)
 
 
@@ -310,22 +294,6 @@ def _again(out: Path, actor: str) -> RecheckedActor:
     except Exception as error:  # a strategy that takes another way may fail there
         failure.release()
         return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
-
-
-def shell_of(again: Again, bus: ReplayBus) -> Shell:
-    """The shell around an actor that is replayed; it has said that it is ready."""
-    part = again.part
-    shell = Shell(part.core, bus, bus, actor=again.run.actor, open_to=part.open_to)
-    if part.ready is not None:
-        shell.send(part.ready)
-    return shell
-
-
-def explained(error: ReplayError, again: Again) -> ReplayError:
-    """The same, with what is otherwise here than where it was recorded."""
-    run, here = again.run, again.part.run
-    why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
-    return ReplayError(f"{error}; {why}") if why else error
 
 
 def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:

@@ -124,16 +124,16 @@ def ask(
     Code that the permit does not cover is not run, which is the call's fault. `isolate`: see
     `actors.runtime.isolation.sandbox`.
     """
-    spawn = "forkserver" if len(calls) > 1 else "exec"
+    spawn, files = "forkserver" if len(calls) > 1 else "exec", all_recordings(out)
     with scratch_folder() as home, launcher(spawn) as launched:
         waiting, running = deque(calls), list[_Running]()
         while waiting or running:
             while waiting and len(running) < (os.cpu_count() or 1):
                 call = waiting.popleft()
                 try:
-                    words = program_words(out, call, permit=permit, isolate=isolate)
-                    patience_s = _patience(out, call, bounds)
-                    child = start(launched, module, home, call, words)
+                    child = _start(launched, out, module, home, call, permit, isolate)
+                    size = sum(files[actor].stat().st_size for actor in call.actors)
+                    patience_s = bounds.least_s + size / bounds.bytes_per_s
                     running.append(
                         _Running(child, home / call.name, patience_s, time.monotonic() + patience_s)
                     )
@@ -147,41 +147,26 @@ def ask(
                 launched.wait(0.5)
 
 
-def program_words(out: Path, call: Call, *, permit: Permit, isolate: bool) -> tuple[str, ...]:
-    """Return the program's arguments. Raises AcrcError for code that must not run."""
+def _start(
+    launched: Launcher, out: Path, module: str, home: Path, call: Call, permit: Permit, isolate: bool
+) -> Child:
+    """Start the program in a folder of the call's name. Raises AcrcError for code that must not run."""
     code: dict[Path, None] = {}
     for actor in call.actors:
         folders = check_trust(out, actor, permit)
         if folders is None:
             raise AcrcError(f"{actor}: is no robot")
         code |= dict.fromkeys(folders)
-    return (
+    stage = home / call.name
+    (stage / "own").mkdir(parents=True)
+    argv = (
         *("--out", str(out.resolve()), "--actor", call.name, *call.words),
         *(word for folder in code for word in ("--path", str(folder))),
         *(("--any-content",) if permit.trust else ()),
         *(("--isolate",) if isolate else ()),
+        *("--answer", str(stage / "answer"), "--own", str(stage / "own")),
     )
-
-
-def _patience(out: Path, call: Call, bounds: Bounds) -> float:
-    files = all_recordings(out)
-    size = sum(files[actor].stat().st_size for actor in call.actors)
-    return bounds.least_s + size / bounds.bytes_per_s
-
-
-def start(launched: Launcher, module: str, home: Path, call: Call, words: tuple[str, ...]) -> Child:
-    """Start the program in a folder of the call's name in `home`, in which it will write `answer`."""
-    stage = home / call.name
-    (stage / "own").mkdir(parents=True)
-    argv = (*words, "--answer", str(stage / "answer"), "--own", str(stage / "own"))
     return launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
-
-
-def failed(child: Child) -> str:
-    """Return why a program left no answer, in a sentence."""
-    last = " ".join(said(child.program).split())[-_SHOWN:]
-    why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
-    return f"{child.program.actor}: could not be replayed ({why})"
 
 
 @dataclass(frozen=True)
@@ -211,7 +196,9 @@ class _Running:
         if fault is None and len(data) > bounds.most_bytes:
             fault = f"{program.actor}: answers with more than {bounds.most_bytes} bytes"
         if fault is None and (not data or self.child.exit_code != 0):
-            fault = failed(self.child)
+            last = " ".join(said(program).split())[-_SHOWN:]
+            why = f"exit code {self.child.exit_code}" + (f"; the last that it said: {last}" if last else "")
+            fault = f"{program.actor}: could not be replayed ({why})"
         return CallOutcome(program.actor, data if fault is None else None, fault, said(program))
 
 
@@ -273,12 +260,11 @@ def parser(program: str) -> ArgumentParser:
 
 
 @contextmanager
-def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None = None) -> Iterator[FileIO]:
+def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
     """Open the new file for the answer, then enter the sandbox if `--isolate` is given.
 
-    `readable`: the files of the run that may be read; None: all, for a run that has ended, which holds no
-    secret. The process ends with its parent, and no file that it writes becomes larger than `file_mb`. Raises
-    OSError where the file exists already, or cannot be made.
+    The process ends with its parent, and no file that it writes becomes larger than `file_mb`. Raises OSError
+    where the file exists already, or cannot be made.
     """
     Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
@@ -290,7 +276,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
                 Confinement(
                     own=options.own,
                     hidden=(options.own.parent,),
-                    readable=(options.out,) if readable is None else tuple(readable),
+                    readable=(options.out,),
                     code=tuple(options.path),
                     descriptors=(1, 2, answer.fileno(), room),
                     parent=parent,

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from acrc_testbed.recordings.topics import Standing, standing
-from acrc_testbed.replay.record_replay import GrowingBus, made_again
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.trace.rows import Trace
 from acrc_testbed.trace.traces import Traced, own_files, traces
@@ -22,7 +21,6 @@ from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
 from actors.observer.drawing.layout import Arrangement, Sheet
 from actors.robot.behaviour.foreign import INSTALLED
-from actors.runtime.bus.replay_bus import ReplayError
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet
@@ -119,18 +117,6 @@ def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder:
     assert standing(growing.out) is Standing.DIED
     growing.grow(1.0)
     assert standing(growing.out) is Standing.ENDED
-
-
-def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(growing: Growing) -> None:
-    growing.grow(0.05)
-    bus = GrowingBus(made_again(growing.out, "r1"))
-    bus.publish("swarm/up/r1/drive", b"before it is ready")
-    growing.grow(0.2)
-    with pytest.raises(
-        ReplayError, match="sends on swarm/up/r1/drive; recorded was a message on swarm/up/r1/ready"
-    ):
-        bus.grow()
-    bus.close()
 
 
 def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: Path, tmp_path: Path) -> None:

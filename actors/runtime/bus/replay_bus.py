@@ -3,7 +3,7 @@
 import contextlib
 import functools
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from itertools import zip_longest
 from pathlib import Path
@@ -15,7 +15,7 @@ from actors.messages import TOPICS
 from actors.runtime.codec import decode
 from actors.runtime.core import Delivery
 from actors.runtime.errors import AcrcError
-from actors.runtime.recording import Entry, Note, read_recording
+from actors.runtime.recording import Entry, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.topic import Message, Topic
 
@@ -78,19 +78,9 @@ class ReplayBus:
     It is the replayed actor's journal, too: so messages that are only recorded are compared as well.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        recall: Callable[[bytes], bytes | None] = lambda sha256: None,
-        items: Iterable[Entry | Note] | None = None,
-    ) -> None:
-        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference.
-
-        `items`: of the recording; None: all that it holds.
-        """
-        entries = [
-            item for item in (read_recording(path) if items is None else items) if isinstance(item, Entry)
-        ]
+    def __init__(self, path: Path, recall: Callable[[bytes], bytes | None] = lambda sha256: None) -> None:
+        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference."""
+        entries = [item for item in read_recording(path) if isinstance(item, Entry)]
         self._path = path
         self._recall = recall
         self._inputs = deque(entry for entry in entries if entry.direction == "in")
