@@ -11,6 +11,7 @@ import pytest
 
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
+from actors.runtime.process_setup import RecordDetail
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
@@ -19,7 +20,9 @@ from deploy.scenario.tables import Scenario
 HEAD_ON = REPOSITORY / "scenarios" / "head_on.toml"
 
 
-def record(out: Path, scenario: Path | str | Scenario = HEAD_ON, **overrides: Any) -> RunResult:
+def record(
+    out: Path, scenario: Path | str | Scenario = HEAD_ON, *, detail: RecordDetail = "full", **overrides: Any
+) -> RunResult:
     """Run a scenario in memory; `scenario` is a file, the text of one, or settled already.
 
     Maps in a text are found as from the folder `scenarios` of this project. `overrides`: see `Overrides`.
@@ -31,7 +34,8 @@ def record(out: Path, scenario: Path | str | Scenario = HEAD_ON, **overrides: An
     else:
         assert not overrides
         settled = scenario
-    return swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    options = RunOptions(out, bus="memory", record=detail)
+    return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None)
 
 
 @pytest.fixture(scope="session")

@@ -39,6 +39,7 @@ Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
 _LATEST: Final = 10**15
 """µs; no run lasts longer."""
+_NO_WINDOWS: Final = np.zeros((0, 1, 1), np.uint8)
 _MOST_FIELDS: Final = 1000
 """Of a robot's knowledge."""
 NOT_RECORDED: Final = "what it computed was not recorded; record the run with --record full"
@@ -400,9 +401,7 @@ class _Part:
             plans=_sets([one[0] for one in self._plans], [one[1] for one in self._plans]),
             windows=CostWindows(
                 np.array([one[0] for one in self._windows], np.float64),
-                np.stack([one[1] for one in self._windows])
-                if self._windows
-                else np.zeros((0, 1, 1), np.uint8),
+                np.stack([one[1] for one in self._windows]) if self._windows else _NO_WINDOWS,
                 np.array([one[2] for one in self._windows], np.float64).reshape(-1, 3),
                 self._model.cell,
             ),

@@ -1,4 +1,4 @@
-"""One run in a doorway, traced once; tests that need rerun are left out where it is not installed."""
+"""One run in a doorway; tests that need rerun are left out where it is not installed."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -9,10 +9,7 @@ import pytest
 
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import read_run
-from acrc_testbed.trace.rows import Trace
-from acrc_testbed.trace.traces import Traced, traces
-from actors.robot.behaviour.foreign import INSTALLED
-from actors.runtime.isolation import sandbox
+from tests.recorded_runs import record
 
 DRAWN = ("drawn", "live", "painting")
 collect_ignore = [] if find_spec("rerun") else [f"test_{name}.py" for name in DRAWN]
@@ -48,19 +45,13 @@ def strict() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def evidence(folder: Path) -> RunData:
-    return read_run(folder)
+    """The run with what its robots computed."""
+    return read_run(folder, internals=True)
 
 
 @pytest.fixture(scope="session")
-def traced(folder: Path, evidence: RunData) -> list[Traced]:
-    """World and robots, each in a sandbox where the machine has one."""
-    isolate = sandbox.available() is None
-    return list(traces(folder, ["world", *evidence.robots], permit=INSTALLED, isolate=isolate))
-
-
-@pytest.fixture(scope="session")
-def insides(traced: list[Traced]) -> dict[str, Trace]:
-    """The trace of each robot."""
-    found = {one.actor: one.whole() for one in traced if one.parts}
-    assert sorted(found) == ["r1", "r2"], traced
-    return found
+def lean(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a run whose actors recorded nothing of what they computed."""
+    out = tmp_path_factory.mktemp("lean") / "run"
+    record(out, detail="lean", duration=10.0)
+    return out

@@ -17,8 +17,7 @@ from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
-from acrc_testbed.view import live
-from acrc_testbed.view.drawn import SEEN_FROM_OUTSIDE
+from acrc_testbed.view import command
 from acrc_testbed.view.painting import Painting
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
@@ -170,7 +169,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
             assert b"Rerun" in shown.read()
         pages.append(page)
 
-    monkeypatch.setattr(live, "follow", follow)
+    monkeypatch.setattr(command, "follow", follow)
     assert program.main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert said.startswith(f"To see the run while it goes on, open {pages[0]}?url=")
@@ -242,7 +241,7 @@ def test_states_of_like_colour_differ_by_their_hatch_in_grey() -> None:
 
 def test_each_word_has_one_glyph() -> None:
     assert set(glyphs.SEEN_STATES) == {cause.value for cause in Cause}
-    assert {*ACTIVITIES, *SEEN_FROM_OUTSIDE.values(), "frozen", "off", "not heard"} <= set(glyphs.OWN_STATES)
+    assert {*ACTIVITIES, "driving", "standing", "frozen", "off", "not heard"} <= set(glyphs.OWN_STATES)
     for word in set(glyphs.SEEN_STATES) & set(glyphs.OWN_STATES):
         assert glyphs.SEEN_STATES[word] == glyphs.OWN_STATES[word]
 
