@@ -172,95 +172,79 @@ class AlignmentParameters:
     """Pairs of stamps; of more frames than give so many, some are left out evenly."""
 
 
-class System:
+class Solution(NamedTuple):
     """The unknowns: for each clock offset at its origin (µs) and drift (µs/s), then the two lags (µs)."""
 
-    def __init__(
-        self,
-        pairs: Pairs,
-        trees: Sequence[Tree],
-        origins: NDArray[np.int64],
-        parameters: AlignmentParameters,
-    ) -> None:
-        self._parameters = parameters
-        clocks = len(trees)
-        count, size = len(pairs.weight), 2 * clocks + 2
-        ahead = np.array([tree.ahead for tree in trees], dtype=np.int64)
-        rows = np.arange(count)
-        design = np.zeros((count, size))
-        shown = []
-        for side, sign in ((pairs.first, 1.0), (pairs.second, -1.0)):
-            clock, instant, kind = side[:, 0], side[:, 1], side[:, 2]
-            design[rows, 2 * clock] += sign
-            design[rows, 2 * clock + 1] += sign * (instant - origins[clock]) / 1e6
-            told = kind > 0
-            design[rows[told], 2 * clocks + kind[told] - 1] += sign
-            shown.append(instant - ahead[clock])
-        self._design = design
-        self._target: Floats = (shown[0] - shown[1]).astype(np.float64)
-        self._weight = pairs.weight
-        self.blocks: NDArray[np.int64] = shown[1] // parameters.block_us
-        fixed = np.repeat([tree.parent is None for tree in trees], 2)
-        self._free = np.concatenate((np.flatnonzero(~fixed), [2 * clocks, 2 * clocks + 1]))
-        drifts = np.tile([0.0, parameters.drift_ppm**-2], clocks)
-        self._prior = np.concatenate((drifts, np.full(2, parameters.lag_spread_us**-2)))
-        self._expected = np.concatenate((np.zeros(2 * clocks), parameters.lag_us))
+    estimate: Floats
+    variance: Floats
+    """Covariance of the estimate: the larger one of what noise and what the residuals themselves say."""
+    noise: float
+    """Standard deviation of the residuals."""
+    blocks: NDArray[np.int64]
+    """Block of each pair, in which errors may be common."""
 
-    def solve(self) -> tuple[Floats, float]:
-        """The estimate, and the residuals' standard deviation. Stops when nothing moves by 1 ns."""
-        estimate = self._expected.copy()
-        noise = self._noise(estimate)
-        for _ in range(100):
-            before = estimate
-            estimate = self._step(estimate, noise)
-            noise = self._noise(estimate)
-            if np.abs(estimate - before).max(initial=0.0) < 1e-3:
-                break
-        return estimate, noise
 
-    def variance(self, estimate: Floats, noise: float) -> Floats:
-        """Covariance of the estimate: the larger one of what noise and what the residuals themselves say."""
-        free = self._free
-        design = self._design[:, free]
-        residual = self._residual(estimate)
-        near = np.abs(residual) <= _HUBER * noise
-        prior = np.diag(self._prior[free])
-        curved = self._weight * near / noise**2
-        bread = np.linalg.inv(design.T @ (design * curved[:, None]) + prior)
-        slopes = design * (self._weight * self._huber(residual, noise) * residual / noise**2)[:, None]
-        _, block = np.unique(self.blocks, return_inverse=True)
-        sums = np.zeros((int(block.max(initial=-1)) + 1, len(free)))
-        np.add.at(sums, block, slopes)
-        filled = bread @ (sums.T @ sums + prior) @ bread
-        whole = np.zeros((len(estimate), len(estimate)))
-        whole[np.ix_(free, free)] = _larger(filled, bread)
-        return whole
+def solve(
+    pairs: Pairs, trees: Sequence[Tree], origins: NDArray[np.int64], p: AlignmentParameters
+) -> Solution:
+    """Estimate all unknowns together; stops when nothing moves by 1 ns."""
+    clocks, count = len(trees), len(pairs.weight)
+    ahead = np.array([tree.ahead for tree in trees], dtype=np.int64)
+    rows, whole, shown = np.arange(count), np.zeros((count, 2 * clocks + 2)), []
+    for side, sign in ((pairs.first, 1.0), (pairs.second, -1.0)):
+        clock, instant, kind = side[:, 0], side[:, 1], side[:, 2]
+        whole[rows, 2 * clock] += sign
+        whole[rows, 2 * clock + 1] += sign * (instant - origins[clock]) / 1e6
+        told = kind > 0
+        whole[rows[told], 2 * clocks + kind[told] - 1] += sign
+        shown.append(instant - ahead[clock])
+    target: Floats = (shown[0] - shown[1]).astype(np.float64)
+    blocks: NDArray[np.int64] = shown[1] // p.block_us
+    fixed = np.repeat([tree.parent is None for tree in trees], 2)
+    free = np.concatenate((np.flatnonzero(~fixed), [2 * clocks, 2 * clocks + 1]))
+    design = whole[:, free]
+    drifts = np.tile([0.0, p.drift_ppm**-2], clocks)
+    prior = np.concatenate((drifts, np.full(2, p.lag_spread_us**-2)))[free]
+    expected = np.concatenate((np.zeros(2 * clocks), p.lag_us))[free]
 
-    def _step(self, estimate: Floats, noise: float) -> Floats:
-        free = self._free
-        design, prior = self._design[:, free], self._prior[free]
-        weight = self._weight * self._huber(self._residual(estimate), noise) / noise**2
+    estimate = expected.copy()
+    residual, noise = _residual(design, target, estimate, p)
+    for _ in range(100):
+        before, weight = estimate, pairs.weight * _huber(residual, noise) / noise**2
         matrix = design.T @ (design * weight[:, None]) + np.diag(prior)
-        side = design.T @ (weight * self._target) + prior * self._expected[free]
-        solved = np.zeros_like(estimate)
-        solved[free] = np.linalg.solve(matrix, side)
-        return solved
+        estimate = np.linalg.solve(matrix, design.T @ (weight * target) + prior * expected)
+        residual, noise = _residual(design, target, estimate, p)
+        if np.abs(estimate - before).max(initial=0.0) < 1e-3:
+            break
 
-    def _residual(self, estimate: Floats) -> Floats:
-        residual: Floats = self._target - self._design @ estimate
-        return residual
+    curved = pairs.weight * (np.abs(residual) <= _HUBER * noise) / noise**2
+    bread = np.linalg.inv(design.T @ (design * curved[:, None]) + np.diag(prior))
+    slopes = design * (pairs.weight * _huber(residual, noise) * residual / noise**2)[:, None]
+    _, block = np.unique(blocks, return_inverse=True)
+    sums = np.zeros((int(block.max(initial=-1)) + 1, len(free)))
+    np.add.at(sums, block, slopes)
+    variance = np.zeros((whole.shape[1], whole.shape[1]))
+    variance[np.ix_(free, free)] = _larger(bread @ (sums.T @ sums + np.diag(prior)) @ bread, bread)
+    every = np.zeros(whole.shape[1])
+    every[free] = estimate
+    return Solution(every, variance, noise, blocks)
 
-    def _huber(self, residual: Floats, noise: float) -> Floats:
-        most = _HUBER * noise
-        share: Floats = most / np.maximum(np.abs(residual), most)
-        return share
 
-    def _noise(self, estimate: Floats) -> float:
-        residual = np.abs(self._residual(estimate))
-        if not residual.size:
-            return self._parameters.noise_us
-        spread = _MAD * float(np.median(residual))
-        return max(spread, self._parameters.noise_us / residual.size, self._parameters.resolution_us)
+def _residual(
+    design: Floats, target: Floats, estimate: Floats, p: AlignmentParameters
+) -> tuple[Floats, float]:
+    """Return the residuals and their standard deviation."""
+    residual: Floats = target - design @ estimate
+    if not residual.size:
+        return residual, p.noise_us
+    spread = _MAD * float(np.median(np.abs(residual)))
+    return residual, max(spread, p.noise_us / residual.size, p.resolution_us)
+
+
+def _huber(residual: Floats, noise: float) -> Floats:
+    most = _HUBER * noise
+    share: Floats = most / np.maximum(np.abs(residual), most)
+    return share
 
 
 def _larger(one: Floats, other: Floats) -> Floats:
@@ -331,16 +315,14 @@ def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentPara
     pairs = pairs_of(frames, parameters.most_pairs)
     trees = spanning_trees(clocks, pairs.first[:, :2], pairs.second[:, :2])
     origins = _origins(clocks, pairs)
-    system = System(pairs, trees, origins, parameters)
-    estimate, noise = system.solve()
-    variance = system.variance(estimate, noise)
+    estimate, variance, noise, parts = solve(pairs, trees, origins, parameters)
     limits = _limits(frames, trees, origins, estimate)
     free = sum(tree.parent is not None for tree in trees)
     tail = (1 - parameters.confidence) / (4 * max(free, 1))  # two sides, two ends of each clock's time
     fits = []
     for clock, tree in enumerate(trees):
         touched = (pairs.first[:, 0] == clock) | (pairs.second[:, 0] == clock)
-        blocks = len(np.unique(system.blocks[touched]))
+        blocks = len(np.unique(parts[touched]))
         at = slice(2 * clock, 2 * clock + 2)
         part = variance[at, at]
         fits.append(
