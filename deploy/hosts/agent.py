@@ -277,16 +277,15 @@ class _Session:
             while not self.begun.is_set():
                 self._turn()
             with launcher(self._task.spawn) as launched:
-                try:
-                    self._run(launched)
-                finally:
-                    self._end_robots(launched)
+                self._run(launched)
         except _FinishedError:
             pass
         except Exception as error:
             kind = "" if isinstance(error, AcrcError) else f"{type(error).__name__}: "
             self._fault = f"{kind}{error}"[:2000]
         finally:
+            with self._lock:
+                self._robots.close()
             shutil.rmtree(self._folder / _KEYS, ignore_errors=True)
             with suppress(AcrcError):  # a robot has put something else in their place
                 credentials.remove_router_file(secrets)
@@ -297,9 +296,12 @@ class _Session:
         keys = tls.load_keys(self._folder / _KEYS)
         config = tls.host_config(issued, keys, self._task.endpoint)
         with open_host_router(config, self._task.robots[0], between=self._turn) as router:
-            while True:
-                self._turn()
-                self._look_at_link(router, issued)
+            try:
+                while True:
+                    self._turn()
+                    self._look_at_link(router, issued)
+            finally:  # while there is a router, for robots end in order
+                self._end_robots()
 
     def _lay_out(self, launched: Launcher) -> Credentials:
         """Draw the robots' passwords and load shared data; the launcher's server removes the secrets even if
@@ -337,7 +339,7 @@ class _Session:
         elif self._joined and not self._unlinked:
             self._unlinked = not router.linked
 
-    def _end_robots(self, launched: Launcher) -> None:
+    def _end_robots(self) -> None:
         for number in (SIGTERM, SIGKILL):
             with self._lock:
                 self._robots.end(number)
@@ -346,8 +348,6 @@ class _Session:
                 with self._lock:
                     self._robots.look()
                 time.sleep(_POLL_S)
-        with self._lock:
-            self._robots.close()
 
 
 class RobotProcesses:
