@@ -116,7 +116,7 @@ _SEAL_LARGEST: Final = 64 * 1024 * 1024
 """Of a file with sums, bytes."""
 _NAMED: Final = 5
 """So many files are named in a sentence."""
-_MADE_ANEW: Final = re.compile(r"[^/]*\.rrd|[^/]+/[^/]+\.trace|report/[^/]+\.(html|png|svg|csv)")
+_MADE_ANEW: Final = re.compile(r"[^/]*\.rrd|report/[^/]+\.(html|png|svg|csv)")
 """Views in a run's folder, traces beside recordings, a campaign's report: they come of what is sealed."""
 _LINE: Final = re.compile(r"(\\?)([0-9a-f]{64})  (.+)")
 _LEFT_OUT: Final = "# not sealed: "

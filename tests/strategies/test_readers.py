@@ -17,8 +17,8 @@ READERS = (
     "explain {out} r1 --modules .", "causes {out}", "record check {out}", "record info {out}",
     "branch {out}@0.5 --modules . --out {out}/../branch",
     "view {out} --png --html --svg", "view {out} --json", "replay {out} --modules .",
-    "replay {out} --robot r2 --modules . --no-isolate", "export {out} --modules .",
-    "export {out} --mcap ros2 --modules .",
+    "replay {out} --robot r2 --modules . --no-isolate", "export {out}",
+    "export {out} --mcap ros2",
     "report {out}", "causes {out}", "record echo {out} r1/drive",
     "record plot {out} r1/drive vx --out {out}/vx.png",
 )  # fmt: skip
