@@ -41,6 +41,10 @@ _STATIC: Final = (
     *(f"/proc/{name}" for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
 )
 """Files that libraries read about the machine. A robot gets copies: procfs and sysfs show other processes."""
+_SCRATCH_BYTES: Final = 64 * 1024 * 1024
+"""Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm)."""
+_SCRATCH_FILES: Final = 10_000
+"""Files and folders in each; one takes the kernel about a kilobyte."""
 _DEPTH: Final = 3
 """Folder levels that are searched for runs."""
 
@@ -54,10 +58,6 @@ class FileView(NamedTuple):
     """Folders of which only what is deeper and shown is seen; they cannot be written to, even in /tmp."""
     shown: Sequence[Path]
     """Files and folders that can be read; what is not there is left out."""
-    scratch_bytes: int
-    """Size of each private scratch folder, B."""
-    scratch_files: int
-    """Files and folders in each."""
     home: Path | None = None
     """Where the own folder is seen instead."""
     renamed: Mapping[Path, Path] = MappingProxyType({})
@@ -72,11 +72,11 @@ def enter(view: FileView) -> None:
     linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
     links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
     handles = _handles(view, [path for path in SYSTEM if path not in links])
-    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={view.scratch_bytes},mode=0755")
+    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={_SCRATCH_BYTES},mode=0755")
     sealed = {place for path in view.sealed if _is_folder(path) for place in _places(path)}
     for folder in (*SCRATCH, *sorted(path for path in sealed - {*SCRATCH} if _is_under(path, SCRATCH))):
         _new(folder).mkdir(parents=True, exist_ok=True)
-        options = f"size={view.scratch_bytes},nr_inodes={view.scratch_files},mode=0755"
+        options = f"size={_SCRATCH_BYTES},nr_inodes={_SCRATCH_FILES},mode=0755"
         linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
     for place in sorted(handles, key=lambda path: len(path.parts)):
         _bind(handles[place], _new(place))

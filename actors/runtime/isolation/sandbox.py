@@ -67,10 +67,6 @@ class Confinement:
     starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
     descriptors: tuple[int, ...] = (1, 2)
     """Open descriptors to keep; none may be a folder. All others become /dev/null."""
-    scratch_bytes: int = 64 * 1024 * 1024
-    """Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm), B."""
-    scratch_files: int = 10_000
-    """Files and folders in each; one takes the kernel about a kilobyte."""
     parent: int | None = None
     """End when this process ends, which must be the parent; None: outlive it."""
 
@@ -138,9 +134,7 @@ def enter_namespaces() -> None:
 
 def file_view(plan: Confinement) -> mounts.FileView:
     """What `plan` lets the process see."""
-    return mounts.FileView(
-        plan.own, (*plan.hidden, *_code(plan)), tuple(_shown(plan)), plan.scratch_bytes, plan.scratch_files
-    )
+    return mounts.FileView(plan.own, (*plan.hidden, *_code(plan)), tuple(_shown(plan)))
 
 
 @functools.cache
