@@ -83,14 +83,14 @@ def campaign(
     """
     from acrc_testbed.experiments.campaign import campaign, store
     from acrc_testbed.experiments.campaign.campaign import CampaignOptions, carry_out
-    from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
+    from acrc_testbed.experiments.study.draws import StudyOptions, check, study_of
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.isolation.sandbox import choose
     from deploy.run import out_folder
 
     file = file_of("studies", study)
-    asked = study_of(StudyWishes(file, seeds=seeds))
+    asked = study_of(StudyOptions(file, seeds=seeds))
     if asked.isolated:
         choose(True)  # refused here, not run by run
     _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)

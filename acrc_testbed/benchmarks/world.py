@@ -1,10 +1,8 @@
-"""Speed of physics and scans alone, beside navground, pymunk and given figures of Stage."""
+"""Speed of physics and scans alone, beside pymunk and given figures of Stage."""
 
-import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from pathlib import Path
 from statistics import median
 from typing import Any, Final, TypeVar
@@ -62,68 +60,6 @@ def wishes(count: int, seconds_long: int, seed: int) -> list[list[Twist]]:
         (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (seconds_long, count, 3)
     )
     return [[Twist(*draw) for draw in second] for second in draws.tolist()]
-
-
-def navground_version() -> str | None:
-    """Of the installed navground; None if there is none."""
-    return metadata.version("navground") if importlib.util.find_spec("navground") else None
-
-
-def navground_speed(
-    grid: OccupancyGrid, robots: int, rays: int, seconds_long: int, repeats: int, seed: int
-) -> float | None:
-    """Simulated seconds per CPU second; None if it is not installed."""
-    if navground_version() is None:
-        return None
-    steps = wishes(robots, seconds_long, seed)
-    return seconds_long / best(
-        lambda: _NavgroundSwarm(grid, robots, rays, seed), lambda swarm: swarm.simulate(steps), repeats
-    )
-
-
-class _NavgroundSwarm:
-    """Robots with lidars among walls."""
-
-    def __init__(self, grid: OccupancyGrid, robots: int, rays: int, seed: int) -> None:
-        self.core, self.sim = (importlib.import_module(f"navground.{name}") for name in ("core", "sim"))
-        self.model = turtlebot(rays)
-        self.world = self.sim.World()
-        for x0, y0, x1, y1 in outline(grid).tolist():
-            self.world.add_wall(self.sim.Wall((x0, y0), (x1, y1)))
-        poses = strewn(grid, robots, np.random.default_rng(seed))
-        self.robots = [self._robot(pose) for pose in poses]
-
-    def simulate(self, steps: list[list[Twist]]) -> None:
-        """Drive and scan in steps of 0.1 s, with new wishes every second."""
-        for twists in steps:
-            for (agent, _, _), twist in zip(self.robots, twists, strict=True):
-                wish = self.core.Twist2((twist.vx, 0.0), twist.omega, self.core.Frame.relative)
-                agent.behavior.target = self.core.Target.Twist(wish)
-            for _ in range(10):
-                self.world.run(1, 0.1)
-                for agent, lidar, scan in self.robots:  # by hand: its agents scan for learned behaviours only
-                    lidar.update(agent, self.world, scan)
-
-    def _robot(self, pose: Pose) -> tuple[Any, Any, Any]:
-        """An agent, its lidar, and what that writes to."""
-        drive = self.core.kinematics.TwoWheelsDifferentialDriveKinematics(
-            max_speed=self.model.drive.speed * 2, wheel_axis=0.23, max_forward_speed=self.model.drive.speed
-        )
-        agent = self.sim.Agent(
-            radius=self.model.footprint.circumradius,
-            behavior=self.core.Behavior.make_type("Dummy"),
-            kinematics=drive,
-            control_period=0.1,
-        )
-        agent.pose = self.core.Pose2((pose.x, pose.y), pose.heading)
-        self.world.add_agent(agent)
-        sensor = self.model.sensor
-        lidar = self.sim.state_estimations.LidarStateEstimation(
-            range=sensor.range_max, resolution=sensor.rays, position=(sensor.x, sensor.y)
-        )
-        scan = self.core.SensingState()
-        lidar.prepare_state(scan)
-        return agent, lidar, scan
 
 
 @dataclass(frozen=True)
@@ -246,7 +182,7 @@ class WorldTask:
     """The fastest counts."""
     seed: int = 1
     stage_goal: float = 20.0
-    """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage or navground."""
+    """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage."""
 
 
 def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measured:
@@ -254,21 +190,16 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     task = task or WorldTask()
     grid = load_map(map_file)
     speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
-    goals, peer, scans = _judged(speeds, task), navground_version(), measure_scans(map_file)
+    goals, scans = _judged(speeds, task), measure_scans(map_file)
     figures = {
         "task": asdict(task),
-        "navground": peer,
         "speeds": speeds,
         "goals": [asdict(goal) for goal in goals],
         "scans": scans.figures,
     }
-    beside = "navground is not installed: it was NOT measured."
-    if peer is not None:
-        beside = f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans."
     shown = (
         _table(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s"),
         "Stage: given figures of Stage 4.3, one core of such a machine.",
-        beside,
         *map(str, goals),
         *scans.shown,
     )
@@ -280,8 +211,7 @@ def _judged(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
     dense = [speed["ratio"] for speed in speeds if (speed["rays"], speed["robots"]) == (640, 20)]
     goals = [at_least("times Stage with 640 rays and 20 robots", dense[0], task.stage_goal)] if dense else []
     goals.append(at_least("times Stage everywhere", min(speed["ratio"] for speed in speeds), 1))
-    beside = [one["speed"] / one["navground"] for one in speeds if one["navground"] is not None]
-    return [*goals, at_least("times navground everywhere", min(beside), 1)] if beside else goals
+    return goals
 
 
 def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> dict[str, Any]:
@@ -300,7 +230,6 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> di
         "speed": speed,
         "stage": stage,
         "ratio": speed / stage,
-        "navground": navground_speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
         "substep_us": physics / (task.seconds_long * 100) * 1e6,
         "scan_us": (whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
         "contacts": contacts[0],

@@ -47,8 +47,8 @@ from acrc_testbed.experiments.comparison.verdicts import (
 )
 from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
 from acrc_testbed.experiments.study import frozen_plan
+from acrc_testbed.experiments.study.draws import StudyOptions, check, path_of, study_of, understood
 from acrc_testbed.experiments.study.study import Study, load_study
-from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, path_of, study_of, understood
 from acrc_testbed.results.seal import seal
 from actors.console import print_table, screen
 from actors.installation.usage import OptionError, typed, wrong_value
@@ -64,7 +64,7 @@ from deploy.run.progress import lines
 
 
 def campaign(
-    wishes: StudyWishes,
+    wishes: StudyOptions,
     out: Path | None,
     options: CampaignOptions,
     permit: Permit,

@@ -10,8 +10,8 @@ import pytest
 from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import IN_MEMORY
 from acrc_testbed.experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from acrc_testbed.experiments.study.draws import StudyOptions, study_of, understood
 from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.experiments.study.study_wishes import StudyWishes, study_of, understood
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import SUMS, SealError, check_seal, lines, seal
 from tests import in_process
@@ -26,7 +26,7 @@ def acrc(*words: str) -> tuple[int, str, str]:
 
 def over(folder: Path, plain: RunResult, *, digest: str) -> list[str]:
     """The words of a campaign of 20 runs that has nothing left to do; its first run was repeated."""
-    kept = store.create(folder, study_of(StudyWishes(seeds=10)))
+    kept = store.create(folder, study_of(StudyOptions(seeds=10)))
     for trial in kept.study.trials():
         places = 40 if trial.strategy == "chapter" else 20 + trial.seed
         result = msgspec.structs.replace(
@@ -81,7 +81,7 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
 
 
 def test_until_decided_begins_no_further_run(plain: RunResult, tmp_path: Path) -> None:
-    study = study_of(StudyWishes(seeds=60))
+    study = study_of(StudyOptions(seeds=60))
     kept = store.create(tmp_path / "out", study)
     for trial in study.trials():
         if trial.seed <= 30:
@@ -99,7 +99,7 @@ def test_until_decided_begins_no_further_run(plain: RunResult, tmp_path: Path) -
 
 
 def test_failed_runs_are_told_first_and_too_few_seeds(plain: RunResult, tmp_path: Path) -> None:
-    study = study_of(StudyWishes(seeds=3))
+    study = study_of(StudyOptions(seeds=3))
     kept = store.create(tmp_path / "out", study)
     for trial in study.trials():
         failed = trial.strategy == "chapter" and trial.seed == 2
@@ -137,10 +137,10 @@ def test_files_and_options_that_do_not_fit_are_refused(words: str, sentence: str
 
 def test_a_scenario_where_a_study_is_wanted_is_made_one(plain: RunResult, tmp_path: Path) -> None:
     scenario = ROOT / "scenarios" / "chapter.toml"
-    wishes = StudyWishes(study=scenario, seeds=2, strategies="chapter")
-    assert understood(wishes)[0] == StudyWishes(scenario=scenario, seeds=2, strategies="chapter")
+    wishes = StudyOptions(study=scenario, seeds=2, strategies="chapter")
+    assert understood(wishes)[0] == StudyOptions(scenario=scenario, seeds=2, strategies="chapter")
     study = ROOT / "studies" / "chapter.toml"
-    assert understood(StudyWishes(study=study)) == (StudyWishes(study=study), ())
+    assert understood(StudyOptions(study=study)) == (StudyOptions(study=study), ())
     words = over(tmp_path / "out", plain, digest=plain.digest)
     code, out, err = acrc("campaign", "scenarios/chapter.toml", *words[1:])
     assert code == 0 and "20 of 20 runs, 0 failed, in " in out
@@ -148,7 +148,7 @@ def test_a_scenario_where_a_study_is_wanted_is_made_one(plain: RunResult, tmp_pa
 
 
 def test_the_preset_is_the_chapters_experiment() -> None:
-    study = study_of(StudyWishes(preset="chapter"))
+    study = study_of(StudyOptions(preset="chapter"))
     assert (study.strategies, study.seeds) == (("none-original", "none", "chapter"), 10)
     assert study.primary == (("chapter", "none-original"), ("chapter", "none"))
     assert Path(study.scenario) == ROOT / "scenarios" / "chapter.toml"

@@ -13,7 +13,15 @@ from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison.comparison import samples
 from acrc_testbed.experiments.comparison.verdicts import rules_for, verdicts
 from acrc_testbed.experiments.comparison.verdicts import tests_of as count_tests
-from acrc_testbed.experiments.study.draws import SHADOWING_DB, drawn, drawn_conditions, same_for_all_seeds
+from acrc_testbed.experiments.study.draws import (
+    SHADOWING_DB,
+    StudyOptions,
+    check,
+    drawn,
+    drawn_conditions,
+    same_for_all_seeds,
+    study_of,
+)
 from acrc_testbed.experiments.study.study import (
     Distribution,
     Factor,
@@ -24,7 +32,6 @@ from acrc_testbed.experiments.study.study import (
     draw_cells,
     load_study,
 )
-from acrc_testbed.experiments.study.study_wishes import StudyWishes, check, study_of
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit
@@ -195,7 +202,7 @@ def test_as_written_nothing_is_drawn_and_every_seed_begins_alike() -> None:
     (sentence,) = [line for line in check(written, Permit(), CHAPTER)[0] if "the same positions" in line]
     assert sentence == same_for_all_seeds(load_scenario(CHAPTER))
     assert not any("the same positions" in line for line in check(CONDITIONS_STUDY, Permit(), CHAPTER)[0])
-    assert study_of(StudyWishes(scenario=CHAPTER, strategies="none")).conditions == "as written"
+    assert study_of(StudyOptions(scenario=CHAPTER, strategies="none")).conditions == "as written"
 
 
 def chapter(own: Variant) -> Scenario:

@@ -11,8 +11,7 @@ import msgspec
 from distributed import Future, KilledWorker
 from distributed import wait as wait_for
 
-from acrc_testbed.experiments.campaign.pool import TRIAL, EndedTrial
-from acrc_testbed.experiments.campaign.store import Pending, Store
+from acrc_testbed.experiments.campaign.store import TRIAL, EndedTrial, Pending, Store
 from acrc_testbed.experiments.campaign.trial_record import (
     MOST_BYTES,
     MOST_SAID,
