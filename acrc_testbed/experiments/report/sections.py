@@ -88,17 +88,17 @@ def _box(name: str, view: ReportView, group: Group, runs: Sequence[Completion]) 
 _PLACES: Final = _Boxes(
     "places", "places done", "", "places done",
     "Places done, run by run (the chapter's Fig. 7.10, one of its two boxes, for each strategy).",
-    "Places done", lambda run: Completion(places(run), True),
+    table="Places done", of=lambda run: Completion(places(run), True),
 )  # fmt: skip
 _RUNNING: Final = _Boxes(
     "running_time", "running time", " s", "simulated s",
     "Running time until all places were done or given up (Fig. 7.10, the other box).",
-    "Running time until done or given up, s", lambda run: until(run.settled_s, run),
+    table="Running time until done or given up, s", of=lambda run: until(run.settled_s, run),
 )  # fmt: skip
 _RADIO: Final = _Boxes(
     "radio", "radio load", " octets/s", "octets on the air per robot and s",
     "Octets on the air per robot and second.",
-    "Octets on the air per robot and s", lambda run: Completion(run.radio_bytes_per_robot_s, True),
+    table="Octets on the air per robot and s", of=lambda run: Completion(run.radio_bytes_per_robot_s, True),
 )  # fmt: skip
 
 
