@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json
+from acrc_testbed.command_line.options import Json, argument, option
 
 
 @dataclass(frozen=True)
@@ -64,75 +64,48 @@ def names() -> list[str]:
 
 
 def bench(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help=f"{', '.join(BENCHMARKS)}.", autocompletion=names)
-    ] = None,
+    name: Annotated[str | None, argument("NAME", f"{', '.join(BENCHMARKS)}.", autocompletion=names)] = None,
     commit: Annotated[
         str | None,
-        typer.Argument(metavar="COMMIT", help="beside: a commit, or the folder of a clone."),
+        argument("COMMIT", "beside: a commit, or the folder of a clone."),
     ] = None,
     robots: Annotated[
         list[int] | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            max=1000,
-            help="swarm, start, beside, hosts: number of robots. Repeatable.",
-        ),
+        option("N", "swarm, start, beside, hosts: number of robots. Repeatable.", min=1, max=1000),
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            min=1,
-            max=3600,
-            help="swarm, budget, beside, hosts: simulated seconds.",
-        ),
+        option("S", "swarm, budget, beside, hosts: simulated seconds.", min=1, max=3600),
     ] = None,
     repeat: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=100, help="swarm, start: number of runs whose median counts."),
+        option("N", "swarm, start: number of runs whose median counts.", min=1, max=100),
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="beside: random seed.")] = None,
+    seed: Annotated[int | None, option("N", "beside: random seed.", min=0)] = None,
     scenario: Annotated[
         Path | None,
-        typer.Option(
-            metavar="SCENARIO.toml",
-            help="beside: run this scenario.",
-            autocompletion=options.scenarios,
-        ),
+        option("SCENARIO.toml", "beside: run this scenario.", autocompletion=options.scenarios),
     ] = None,
     bus: Annotated[
         str | None,
-        typer.Option(
-            metavar="zenoh|memory",
-            help="budget, beside: run on this bus.  [default: budget: both; beside: zenoh]",
-        ),
+        option("zenoh|memory", "budget, beside: run on this bus.  [default: budget: both; beside: zenoh]"),
     ] = None,
     pairs: Annotated[
         int | None,
-        typer.Option(metavar="N", min=2, max=1000, help="beside: number of pairs of runs.  [default: 5]"),
+        option("N", "beside: number of pairs of runs.  [default: 5]", min=2, max=1000),
     ] = None,
     navigation: Annotated[
         str | None,
-        typer.Option(
-            metavar="PRESET",
-            help="beside: run this state, not the other, with it.",
-            autocompletion=options.navigation,
+        option(
+            "PRESET", "beside: run this state, not the other, with it.", autocompletion=options.navigation
         ),
     ] = None,
     write: Annotated[
         bool | None, typer.Option("--write", help="budget: keep the counts as what a change is held to.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="radio: only draw the figures, into this folder.")
-    ] = None,
-    data: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="radio --out: draw these rows of ns-3 as dots.")
-    ] = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="YAML", help="world, radio --out: use this map.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "radio: only draw the figures, into this folder.")] = None,
+    data: Annotated[Path | None, option("DIR", "radio --out: draw these rows of ns-3 as dots.")] = None,
+    map_file: Annotated[Path | None, option("YAML", "world, radio --out: use this map.", "--map")] = None,
     json: Json = False,
 ) -> None:
     """Measure time and memory; without NAME, list the benchmarks."""
@@ -163,11 +136,11 @@ def _given(options: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the options that were given. Raises OptionError for one that this benchmark does not take."""
     from actors.installation.usage import OptionError
 
-    given = {option: value for option, value in options.items() if value is not None}
-    for option in given:
-        if option not in BENCHMARKS[name].takes:
-            others = ", ".join(taker for taker, one in BENCHMARKS.items() if option in one.takes)
-            word = _WORDS.get(option, f"--{option.replace('_', '-')}")
+    given = {key: value for key, value in options.items() if value is not None}
+    for key in given:
+        if key not in BENCHMARKS[name].takes:
+            others = ", ".join(taker for taker, one in BENCHMARKS.items() if key in one.takes)
+            word = _WORDS.get(key, f"--{key.replace('_', '-')}")
             raise OptionError(f"{word}: is not for {name}, but for {others}")
     return given
 
@@ -223,41 +196,35 @@ def claims() -> list[str]:
 def verify(
     claim: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="CLAIM",
-            help="Check only these claims; --list names them.  [default: all]",
-            autocompletion=claims,
+        argument(
+            "CLAIM", "Check only these claims; --list names them.  [default: all]", autocompletion=claims
         ),
     ] = None,
     listed: Annotated[
         bool, typer.Option("--list", help="List the claims and the files of their tests.")
     ] = False,
     full: Annotated[bool, typer.Option("--full", help="Run the size that docs/how-true.md reports.")] = False,
-    data: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="radio: compare with these rows of ns-3.")
-    ] = None,
+    data: Annotated[Path | None, option("DIR", "radio: compare with these rows of ns-3.")] = None,
     source: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "FILE|DIR",
+            "localisation: feed the filter with these logs; navigation: compare with these rows.",
             "--from",
-            metavar="FILE|DIR",
-            help="localisation: feed the filter with these logs; navigation: compare with these rows.",
         ),
     ] = None,
     runs: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
+        option(
+            "N",
+            "radio --data: number of own frames per frame of ns-3; localisation --from: number of runs.",
             min=1,
             max=10_000,
-            help="radio --data: number of own frames per frame of ns-3; localisation --from: number of runs.",
         ),
     ] = None,
     against: Annotated[
         Path | None,
-        typer.Option(
-            metavar="JSON", help="localisation --from: compare with the results of another localisation."
-        ),
+        option("JSON", "localisation --from: compare with the results of another localisation."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -319,13 +286,13 @@ def _compared(names: Sequence[str], given: Mapping[str, Any]) -> str:
 
     name = names[0] if len(names) == 1 else ""
     takes = _TAKES.get(name, ())
-    for option in given:
-        if option not in takes:
-            others = ", ".join(taker for taker, its in _TAKES.items() if option in its)
+    for word in given:
+        if word not in takes:
+            others = ", ".join(taker for taker, its in _TAKES.items() if word in its)
             wrong = (
                 f"is not for {', '.join(names)}, but for" if names else "must stand beside what it is for:"
             )
-            raise OptionError(f"--{option}: {wrong} {others}")
+            raise OptionError(f"--{word}: {wrong} {others}")
     if takes[0] not in given:
         raise OptionError(f"--{next(iter(given))}: needs --{takes[0]}, the data to compare with")
     return name

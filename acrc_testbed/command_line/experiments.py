@@ -11,59 +11,47 @@ from rich.table import Table
 
 from acrc_testbed.accounting.time_spent import Cause, TimeSpent
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Robots, Setting, Trust
+from acrc_testbed.command_line.options import Json, Modules, Robots, Setting, Trust, argument, option
 from actors.console import print_table, screen
 
 
 def campaign(
     study: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="STUDY.toml",
-            show_default=False,
-            help="What to compare. A scenario here is the same as --scenario.",
+        argument(
+            "STUDY.toml", "What to compare. A scenario here is the same as --scenario.", show_default=False
         ),
     ] = None,
     scenario: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Without a study: run this scenario.  [default: scenarios/chapter.toml]"
-        ),
+        option("FILE", "Without a study: run this scenario.  [default: scenarios/chapter.toml]"),
     ] = None,
     strategies: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Without a study: compare these strategies.  [default: none,chapter]",
+        option(
+            "NAMES",
+            "Without a study: compare these strategies.  [default: none,chapter]",
             autocompletion=options.strategies,
         ),
     ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=100_000, help="Use seeds 1 to N.  [default: 10]")
-    ] = None,
+    seeds: Annotated[int | None, option("N", "Use seeds 1 to N.  [default: 10]", min=1, max=100_000)] = None,
     robots: Robots = None,
-    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds of each run.")] = None,
+    duration: Annotated[str | None, option("S", "Simulated seconds of each run.")] = None,
     setting: Setting = None,
     tuning: Annotated[
         bool, typer.Option("--tuning", help="Use other seeds than tests do, to choose settings.")
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder for the results; an interrupted one is resumed.  [default: in campaigns/]",
-        ),
+        option("DIR", "Folder for the results; an interrupted one is resumed.  [default: in campaigns/]"),
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Run a shipped study: chapter, the chapter's experiment."),
+        option("NAME", "Run a shipped study: chapter, the chapter's experiment."),
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Hold it against this frozen plan.  [default: STUDY.frozen.json if there is one]",
-        ),
+        option("FILE", "Hold it against this frozen plan.  [default: STUDY.frozen.json if there is one]"),
     ] = None,
     until_decided: Annotated[
         bool,
@@ -74,10 +62,10 @@ def campaign(
     ] = False,
     check_every: Annotated[
         int,
-        typer.Option(
-            metavar="N",
+        option(
+            "N",
+            "Repeat the first run of each strategy, and every Nth, as processes to check them; 0: none.",
             min=0,
-            help="Repeat the first run of each strategy, and every Nth, as processes to check them; 0: none.",
         ),
     ] = 20,
     isolate: Annotated[
@@ -88,11 +76,9 @@ def campaign(
     ] = False,
     on: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster: tls://HOST:PORT.  [default: here]"),
+        option("ADDRESS", "Run on a Dask cluster: tls://HOST:PORT.  [default: here]"),
     ] = None,
-    jobs: Annotated[
-        int, typer.Option(metavar="N", min=0, max=1024, help="Number of parallel runs; 0: one per core.")
-    ] = 0,
+    jobs: Annotated[int, option("N", "Number of parallel runs; 0: one per core.", min=0, max=1024)] = 0,
     modules: Modules = None,
     trust: Trust = False,
     json: Json = False,
@@ -124,9 +110,7 @@ def campaign(
 
 
 def causes(
-    folder: Annotated[
-        Path, typer.Argument(metavar="OUT", show_default=False, help="A simulated run's folder.")
-    ],
+    folder: Annotated[Path, argument("OUT", "A simulated run's folder.", show_default=False)],
     json: Json = False,
 ) -> None:
     """Say where the robots' time went, by cause.
@@ -138,12 +122,12 @@ def causes(
 
 
 def compare(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
+    folder: Annotated[Path, argument("DIR", "A campaign's folder.", show_default=False)],
     metric: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Compare only this: places, contacts, radio, driven, completion, settled, lexicographic; "
+        option(
+            "NAME",
+            "Compare only this: places, contacts, radio, driven, completion, settled, lexicographic; "
             "or outcome.NAME, a number that strategies report.",
         ),
     ] = None,
@@ -158,15 +142,11 @@ def compare(
 def report(
     folders: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="DIR…",
-            show_default=False,
-            help="Folder of a campaign, of a run, or of `acrc fleet collect`.",
-        ),
+        argument("DIR…", "Folder of a campaign, of a run, or of `acrc fleet collect`.", show_default=False),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder for the report.  [default: report in the first DIR]"),
+        option("DIR", "Folder for the report.  [default: report in the first DIR]"),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -177,14 +157,12 @@ def report(
 
 
 def bundle(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
+    folder: Annotated[Path, argument("DIR", "A campaign's folder.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.zip", help="File for the bundle.  [default: DIR.zip beside it]"),
+        option("FILE.zip", "File for the bundle.  [default: DIR.zip beside it]"),
     ] = None,
-    author: Annotated[
-        list[str] | None, typer.Option("--author", metavar="NAME", help="Author to cite. Repeatable.")
-    ] = None,
+    author: Annotated[list[str] | None, option("NAME", "Author to cite. Repeatable.", "--author")] = None,
     json: Json = False,
 ) -> None:
     """Pack a campaign so that others can check and repeat it."""
@@ -196,26 +174,24 @@ def bundle(
 def plan(
     a12: Annotated[
         float,
-        typer.Option(metavar="A", min=0.0, max=1.0, help="Effect size to detect (Vargha and Delaney's A12)."),
+        option("A", "Effect size to detect (Vargha and Delaney's A12).", min=0.0, max=1.0),
     ] = 0.71,
-    power: Annotated[
-        float, typer.Option(metavar="P", min=0.5, max=0.999, help="Probability of detecting it.")
-    ] = 0.9,
+    power: Annotated[float, option("P", "Probability of detecting it.", min=0.5, max=0.999)] = 0.9,
     correlation: Annotated[
         float,
-        typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
+        option("R", "Correlation of two runs with the same seed.", min=-0.99, max=0.99),
     ] = 0.0,
     comparisons: Annotated[
         int,
-        typer.Option(metavar="N", min=1, max=1000, help="Number of declared comparisons that share the 5 %."),
+        option("N", "Number of declared comparisons that share the 5 %.", min=1, max=1000),
     ] = 1,
     pilot: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Draw campaigns from this one, and judge them."),
+        option("DIR", "Draw campaigns from this one, and judge them."),
     ] = None,
     metric: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
+        option("NAME", "Metric of the pilot, as for compare.  [default: the study's]"),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -229,12 +205,10 @@ def plan(
 
 
 def freeze(
-    study: Annotated[
-        Path, typer.Argument(metavar="STUDY.toml", show_default=False, help="What is to be compared.")
-    ],
+    study: Annotated[Path, argument("STUDY.toml", "What is to be compared.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="File for the plan.  [default: STUDY.frozen.json beside it]"),
+        option("FILE", "File for the plan.  [default: STUDY.frozen.json beside it]"),
     ] = None,
     until_decided: Annotated[
         bool,

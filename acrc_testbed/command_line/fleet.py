@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from acrc_testbed.command_line.options import Endpoints, FleetFile, Json, Modules, OperatorKeys, answer
+from acrc_testbed.command_line.options import (
+    Endpoints,
+    FleetFile,
+    Json,
+    Modules,
+    OperatorKeys,
+    answer,
+    argument,
+    option,
+)
 from actors.console import screen
 from actors.installation.repository import clone
 from actors.processes.signals import Interrupted
@@ -26,17 +35,15 @@ if TYPE_CHECKING:
 def collect(
     folders: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="FOLDER…", help="A robot's folder, such as runs/mine/r2, or a folder of these."
-        ),
+        argument("FOLDER…", "A robot's folder, such as runs/mine/r2, or a folder of these."),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="New folder for run.json and places.csv.  [default: print only]"),
+        option("DIR", "New folder for run.json and places.csv.  [default: print only]"),
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Ground truth, by the laboratory of emulated devices."),
+        option("FILE", "Ground truth, by the laboratory of emulated devices."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -52,7 +59,7 @@ def watch(
     keys: OperatorKeys,
     view: Annotated[
         Path | None,
-        typer.Option(metavar="FLEET.toml", help="Show robots in the viewer, on the fleet's map."),
+        option("FLEET.toml", "Show robots in the viewer, on the fleet's map."),
     ] = None,
 ) -> None:
     """Watch robots from a laptop, until Ctrl-C."""
@@ -119,10 +126,8 @@ def _leave(code: int) -> NoReturn:
 
 def onboard(
     fleet: FleetFile,
-    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder for the recordings.  [default: in runs/]")
-    ] = None,
+    robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
+    out: Annotated[Path | None, option("DIR", "New folder for the recordings.  [default: in runs/]")] = None,
     isolate: Annotated[
         bool | None,
         typer.Option(
@@ -133,18 +138,13 @@ def onboard(
     ] = None,
     debugpy: Annotated[
         int | None,
-        typer.Option(
-            metavar="PORT",
-            min=1,
-            max=65535,
-            help="Let an editor attach to the robot's process at 127.0.0.1:PORT.",
-        ),
+        option("PORT", "Let an editor attach to the robot's process at 127.0.0.1:PORT.", min=1, max=65535),
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option(
-            metavar="WHERE",
-            help="Where the robot stands: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
+        option(
+            "WHERE",
+            "Where the robot stands: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
             "[default: near its last pose, which it verifies; `start` the first time]",
         ),
     ] = None,
@@ -170,16 +170,10 @@ def onboard(
 
 def bundle(
     fleet: FleetFile,
-    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that the bundle is for.")],
-    machine: Annotated[
-        str, typer.Option(metavar="NAME", help="Processor of its computer: x86-64 or aarch64.")
-    ] = "x86-64",
-    python: Annotated[
-        str, typer.Option(metavar="3.N", help="Python of its computer, from 3.11 to 3.14.")
-    ] = "3.11",
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="New archive.  [default: acrc-ID.tar]")
-    ] = None,
+    robot: Annotated[str, option("ID", "Id of the robot that the bundle is for.")],
+    machine: Annotated[str, option("NAME", "Processor of its computer: x86-64 or aarch64.")] = "x86-64",
+    python: Annotated[str, option("3.N", "Python of its computer, from 3.11 to 3.14.")] = "3.11",
+    out: Annotated[Path | None, option("FILE", "New archive.  [default: acrc-ID.tar]")] = None,
     modules: Modules = None,
     json: Json = False,
 ) -> None:
@@ -217,11 +211,11 @@ def bundle(
 
 def units(
     fleet: FleetFile,
-    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("units"),
+    robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
+    out: Annotated[Path, option("DIR", "Folder for the files.")] = Path("units"),
     user: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Run the robot as this user.  [default: the clone's owner]"),
+        option("NAME", "Run the robot as this user.  [default: the clone's owner]"),
     ] = None,
     modules: Modules = None,
     json: Json = False,
@@ -270,19 +264,16 @@ def keys(
     fleet: FleetFile,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="New folder for the keys.  [default: as in the fleet file]"),
+        option("DIR", "New folder for the keys.  [default: as in the fleet file]"),
     ] = None,
     host: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID=HOST", help="Name or address of a robot. Repeatable."),
+        option("ID=HOST", "Name or address of a robot. Repeatable."),
     ] = None,
-    days: Annotated[int, typer.Option(metavar="N", help="Days that the keys are valid.")] = 730,
+    days: Annotated[int, option("N", "Days that the keys are valid.")] = 730,
     revoke: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="Replace all keys after this robot (or the operator) lost its own. Repeatable.",
-        ),
+        option("ID", "Replace all keys after this robot (or the operator) lost its own. Repeatable."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -312,12 +303,8 @@ def keys(
 
 
 def doctor(
-    fleet: Annotated[
-        Path | None, typer.Argument(metavar="FLEET.toml", help="Fleet file: which robots there are.")
-    ] = None,
-    robot: Annotated[
-        str | None, typer.Option(metavar="ID", help="Id of the robot that this computer is.")
-    ] = None,
+    fleet: Annotated[Path | None, argument("FLEET.toml", "Fleet file: which robots there are.")] = None,
+    robot: Annotated[str | None, option("ID", "Id of the robot that this computer is.")] = None,
     modules: Modules = None,
     json: Json = False,
 ) -> None:
@@ -375,9 +362,7 @@ cluster = typer.Typer(
 
 Address = Annotated[
     str,
-    typer.Argument(
-        metavar="ADDRESS", help="Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer."
-    ),
+    argument("ADDRESS", "Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer."),
 ]
 
 
@@ -400,7 +385,7 @@ def join(
     address: Address,
     workers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=1024, help="Number of workers.  [default: one per core]"),
+        option("N", "Number of workers.  [default: one per core]", min=1, max=1024),
     ] = None,
 ) -> None:
     """Let a cluster use this computer, until Ctrl-C.
@@ -422,10 +407,10 @@ def join(
 
 @cluster.command()
 def fetch(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a run over several computers.")],
+    out: Annotated[Path, argument("OUT", "Folder of a run over several computers.")],
     on: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Of its cluster's scheduler.  [default: as the run had it]"),
+        option("ADDRESS", "Of its cluster's scheduler.  [default: as the run had it]"),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Robots, Seed, Setting, Trust, answer
+from acrc_testbed.command_line.options import (
+    Json,
+    Modules,
+    Robots,
+    Seed,
+    Setting,
+    Trust,
+    answer,
+    argument,
+    option,
+)
 from actors.console import screen
 from actors.installation.usage import OptionError, output_file, typed
 from actors.runtime.errors import AcrcError
@@ -27,7 +37,7 @@ _JUDGED_S: Final = 5.0
 def demo(
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="New folder for both runs and the picture.  [default: in runs/]"),
+        option("DIR", "New folder for both runs and the picture.  [default: in runs/]"),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -57,9 +67,9 @@ def demo(
 def view(
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="OUT|FILE",
-            help="OUT: a run's folder, or one with folders collected from robots.  [default: the newest in "
+        argument(
+            "OUT|FILE",
+            "OUT: a run's folder, or one with folders collected from robots.  [default: the newest in "
             "runs/]  FILE: where a page goes, by its suffix, as in --html page.html.",
         ),
     ] = None,
@@ -72,35 +82,28 @@ def view(
     ] = False,
     movie: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+        option("FILE", "Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
     ] = None,
     beside: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="DIR",
-            help="This run, too, beside it, at the same instant; with --png or --svg on one picture.  "
+        option(
+            "DIR",
+            "This run, too, beside it, at the same instant; with --png or --svg on one picture.  "
             "[default: OUT/beside.png] Repeatable.",
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+        float, option("X", "Simulated seconds per second of --movie.", min=1.0, max=1000.0)
     ] = 20.0,
-    save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the view to a file.rrd, and open nothing.")
-    ] = None,
-    screenshot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a picture of the window to a file.png.")
-    ] = None,
+    save: Annotated[Path | None, option("FILE", "Write the view to a file.rrd, and open nothing.")] = None,
+    screenshot: Annotated[Path | None, option("FILE", "Write a picture of the window to a file.png.")] = None,
     at: Annotated[
         float | None,
-        typer.Option(metavar="S", min=0, help="Of which simulated second.  [default: half-way]"),
+        option("S", "Of which simulated second.  [default: half-way]", min=0),
     ] = None,
     robot: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="Show everything that this robot perceives; repeatable.  [default: the first eight]",
-        ),
+        option("ID", "Show everything that this robot perceives; repeatable.  [default: the first eight]"),
     ] = None,
     why: Annotated[
         bool,
@@ -268,16 +271,14 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
 def scenario(
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=options.scenarios
-        ),
+        argument("FILE", "A scenario, a map or a robot model.", autocompletion=options.scenarios),
     ],
     robots: Robots = None,
     seed: Seed = None,
     setting: Setting = None,
     png: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
+        option("FILE", "Draw it: floor, doors, starts, places, reach of radio."),
     ] = None,
     modules: Modules = None,
     trust: Trust = False,

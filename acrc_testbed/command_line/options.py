@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -39,32 +39,40 @@ def navigation(incomplete: str) -> list[str]:
     return [name for name in NAVIGATION_PRESETS if name.startswith(incomplete)]
 
 
+def option(metavar: str, text: str, *names: str, **others: Any) -> Any:
+    """Declare an option with a value, by default named as its parameter; `text`: its help."""
+    return typer.Option(*names, metavar=metavar, help=text, **others)
+
+
+def argument(metavar: str, text: str, **others: Any) -> Any:
+    """Declare an argument."""
+    return typer.Argument(metavar=metavar, help=text, **others)
+
+
 ScenarioFile = Annotated[
     Path | None,
-    typer.Argument(
-        metavar="SCENARIO.toml",
-        help="What to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
+    argument(
+        "SCENARIO.toml",
+        "What to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
         autocompletion=scenarios,
     ),
 ]
-FleetFile = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Fleet file: which robots there are.")]
+FleetFile = Annotated[Path, argument("FLEET.toml", "Fleet file: which robots there are.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
-OperatorKeys = Annotated[
-    Path, typer.Option(metavar="DIR", help="The operator's keys, from `acrc fleet keys`.")
-]
+OperatorKeys = Annotated[Path, option("DIR", "The operator's keys, from `acrc fleet keys`.")]
 Endpoints = Annotated[
     list[str],
-    typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
+    argument("ENDPOINT…", "Where robots listen, such as tls/192.168.1.12:7447."),
 ]
 Modules = Annotated[
     list[Path] | None,
-    typer.Option("--modules", metavar="DIR", help="Load strategies from this folder, too. Repeatable."),
+    option("DIR", "Load strategies from this folder, too. Repeatable.", "--modules"),
 ]
 Record = Annotated[
     str,
-    typer.Option(
-        metavar="full|lean",
-        help="Record also what viewers and exports show of each robot's inside (full), or only what results "
+    option(
+        "full|lean",
+        "Record also what viewers and exports show of each robot's inside (full), or only what results "
         "and causes need (lean).",
         autocompletion=lambda: ["full", "lean"],
     ),
@@ -75,13 +83,11 @@ Trust = Annotated[
         "--trust", help="Run the code that the file names, even if it lies elsewhere or has changed."
     ),
 ]
-Robots = Annotated[str | None, typer.Option(metavar="N", help="How many robots.")]
-Seed = Annotated[str | None, typer.Option(metavar="N", help="Random seed: the same one gives the same run.")]
+Robots = Annotated[str | None, option("N", "How many robots.")]
+Seed = Annotated[str | None, option("N", "Random seed: the same one gives the same run.")]
 Setting = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="Replace a key of the scenario: deeco.publish=0.5. Repeatable."
-    ),
+    option("KEY=VALUE", "Replace a key of the scenario: deeco.publish=0.5. Repeatable.", "--set"),
 ]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acrc_testbed.command_line.options import Json, answer
+from acrc_testbed.command_line.options import Json, answer, argument, option
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
@@ -16,13 +16,11 @@ if TYPE_CHECKING:
     from acrc_testbed.recordings.topics import Recorded
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Recorded = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
-_Growing = Annotated[
-    Path, typer.Argument(metavar="OUT", help="A run's folder, also while it goes on, or one recording.")
-]
+_Recorded = Annotated[Path, argument("OUT", "A run's folder, or one recording.")]
+_Growing = Annotated[Path, argument("OUT", "A run's folder, also while it goes on, or one recording.")]
 _KEY = "r1/drive, truth, */senses for all robots, or in full"
-_Begin = Annotated[float, typer.Option("--from", metavar="S", min=0, help="Begin at this simulated second.")]
-_End = Annotated[float | None, typer.Option("--to", metavar="S", min=0, help="End at this simulated second.")]
+_Begin = Annotated[float, option("S", "Begin at this simulated second.", "--from", min=0)]
+_End = Annotated[float | None, option("S", "End at this simulated second.", "--to", min=0)]
 _Follow = Annotated[bool, typer.Option("--follow", "-f", help="Follow what the run adds, to its end.")]
 _EVERY_S = 1.0
 
@@ -30,9 +28,7 @@ _EVERY_S = 1.0
 @app.command()
 def info(
     out: _Growing,
-    keys: Annotated[
-        list[str] | None, typer.Argument(metavar="[KEY…]", help=f"{_KEY}.  [default: a line per recording]")
-    ] = None,
+    keys: Annotated[list[str] | None, argument("[KEY…]", f"{_KEY}.  [default: a line per recording]")] = None,
     begin: _Begin = 0.0,
     end: _End = None,
     follow: _Follow = False,
@@ -66,7 +62,7 @@ def echo(
     out: _Growing,
     keys: Annotated[
         list[str],
-        typer.Argument(metavar="KEY…", help=f"{_KEY}; r1/log: what r1's strategy printed."),
+        argument("KEY…", f"{_KEY}; r1/log: what r1's strategy printed."),
     ],
     begin: _Begin = 0.0,
     end: _End = None,
@@ -92,11 +88,9 @@ def echo(
 @app.command()
 def plot(
     out: _Growing,
-    key: Annotated[str, typer.Argument(metavar="KEY", help=f"{_KEY}.")],
-    field: Annotated[str, typer.Argument(metavar="FIELD", help="A number: vx, odometry.x, robots[0].x.")],
-    file: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The drawing: a .png, or an .svg for papers.")
-    ],
+    key: Annotated[str, argument("KEY", f"{_KEY}.")],
+    field: Annotated[str, argument("FIELD", "A number: vx, odometry.x, robots[0].x.")],
+    file: Annotated[Path, option("FILE", "The drawing: a .png, or an .svg for papers.", "--out", "-o")],
     begin: _Begin = 0.0,
     end: _End = None,
     json: Json = False,

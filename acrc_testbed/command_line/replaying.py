@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Trust, answer
+from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, option
 from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 
@@ -19,34 +19,25 @@ if TYPE_CHECKING:
 
 
 def replay(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    out: Annotated[Path, argument("OUT", "A run's folder.")],
     robot: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Only this actor, from what it took in: r1, r1.1 once restarted, world or radio.",
-        ),
+        option("NAME", "Only this actor, from what it took in: r1, r1.1 once restarted, world or radio."),
     ] = None,
-    begin: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Stop there, in a debugger.", min=0.0)
-    ] = None,
-    end: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="Stop replaying there.", min=0.0)
-    ] = None,
+    begin: Annotated[float | None, option("S", "Stop there, in a debugger.", "--from", min=0.0)] = None,
+    end: Annotated[float | None, option("S", "Stop replaying there.", "--to", min=0.0)] = None,
     pdb: Annotated[
         bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
     ] = False,
     debugpy: Annotated[
         int | None,
-        typer.Option(
-            metavar="PORT", help="The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535
-        ),
+        option("PORT", "The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535),
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Let another strategy decide, and say where it decides differently.",
+        option(
+            "NAME",
+            "Let another strategy decide, and say where it decides differently.",
             autocompletion=options.strategies,
         ),
     ] = None,
@@ -166,12 +157,10 @@ def _one(
 
 
 def explain(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    out: Annotated[Path, argument("OUT", "A run's folder.")],
     who: Annotated[
         str,
-        typer.Argument(
-            metavar="ROBOT[@S]", help="r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."
-        ),
+        argument("ROBOT[@S]", "r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."),
     ],
     json: Json = False,
     modules: Modules = None,
@@ -215,28 +204,19 @@ def explain(
 def export(
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="A run's folder; with --mcap also one collected from robots."),
+        argument("OUT", "A run's folder; with --mcap also one collected from robots."),
     ],
     folder: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="PATH",
-            help="Output folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]",
-        ),
+        option("PATH", "Output folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]", "--out"),
     ] = None,
     mcap: Annotated[
         str | None,
-        typer.Option(
-            metavar="FORM", help="Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove."
-        ),
+        option("FORM", "Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove."),
     ] = None,
     robot: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="With --mcap: write all of this robot; repeatable.  [default: of every one]",
-        ),
+        option("ID", "With --mcap: write all of this robot; repeatable.  [default: of every one]"),
     ] = None,
     json: Json = False,
 ) -> None:
