@@ -387,22 +387,19 @@ def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, Plac
 
 def sentences(found: ScenarioSurvey) -> Sequence[str]:
     """What a person wants to know first."""
-    world, grid = found.resolved.world, found.grid
-    places = sum(len(body.places) for body in world.robots)
-    doors, count = found.parts.doors, len(world.robots)
-    robots = "1 robot" if count == 1 else f"{count} robots"
-    width, depth = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
+    told = as_json(found)
+    floor, count = told["floor"], told["robots"]
     said = [
-        f"{robots}, {places} places, {world.duration_us / 1e6:g} s at most, strategy "
-        f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
-        f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
-        f"{found.parts.count} regions, {_narrow_places(len(doors))}",
-        "navigation {navigation}, localisation {localisation}".format(**found.resolved.scenario.presets),
-        f"radio: half of the longest frames arrive over {found.radio_reach:.1f} m in line of sight",
+        f"{count} robot{'s' * (count > 1)}, {told['places']} places, {told['duration_s']:g} s at most, "
+        f"strategy {told['strategy']}, seed {told['seed']}",
+        f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre gets to "
+        f"{floor['reached_m2']:.0f} m²; {told['regions']} regions, {_narrow_places(floor['narrow_places'])}",
+        f"navigation {told['navigation']}, localisation {told['localisation']}",
+        f"radio: half of the longest frames arrive over {told['radio_reach_m']:.1f} m in line of sight",
     ]
     said += [
-        f"places {_name(one)} and {_name(other)} are {apart:.2f} m apart: who cleans one cleans the other"
-        for one, other, apart in found.close
+        f"places {one} and {other} are {apart:.2f} m apart: who cleans one cleans the other"
+        for one, other, apart in (pair.values() for pair in told["close"])
     ]
     return [*said, *(f"warning: {sentence}" for sentence in found.warnings)]
 
@@ -469,20 +466,18 @@ def survey_map(path: Path) -> MapSurvey:
 
 def map_sentences(found: MapSurvey) -> Iterator[str]:
     """What a person wants to know first."""
-    grid, cell = found.grid, found.grid.resolution**2
-    width, depth = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
-    free, unknown = grid.free.sum() * cell, (grid.cells == UNKNOWN).sum() * cell
+    told, origin, cell = map_as_json(found), found.grid.origin, found.grid.resolution**2
     yield (
-        f"{found.name}: {width:.1f} m by {depth:.1f} m in cells of {grid.resolution:g} m, from "
-        f"({grid.origin.x:g}, {grid.origin.y:g}) on; free {free:.0f} m², unknown {unknown:.0f} m²"
+        f"{found.name}: {told['width_m']:.1f} m by {told['depth_m']:.1f} m in cells of {told['cell_m']:g} m, "
+        f"from ({origin.x:g}, {origin.y:g}) on; free {told['free_m2']:.0f} m², unknown "
+        f"{told['unknown_m2']:.0f} m²"
     )
     yield from (f"warning: {told}" for told in found.warnings)
-    reached = found.reached.sum() * cell
-    if not reached:
+    if not told["reached_m2"]:
         yield f"a robot of {2 * found.radius:g} m has room nowhere"
         return
-    narrow = _narrow_places(len(found.parts.doors))
-    yield f"the centre of a robot of {2 * found.radius:g} m gets to {reached:.0f} m²; {narrow}"
+    narrow = _narrow_places(told["narrow_places"])
+    yield f"the centre of a robot of {2 * found.radius:g} m gets to {told['reached_m2']:.0f} m²; {narrow}"
     apart = ((found.parts.labels > 0) & ~found.reached).sum() * cell
     if apart >= cell:
         yield f"{apart:.1f} m² more have room for it, but no way leads there from the largest piece"

@@ -162,8 +162,8 @@ def test_what_the_scenario_says_of_relaying_reaches_the_node(rssi_dbm: float, re
     listener = hosted("r2", 2)
     listener.advance(View(Instant(0), still, False, None, ()), second)
     listener.advance(View(second, still, False, None, heard), Instant(3_000_000))
-    model = listener.outcome()["deeco"]  # type: ignore[attr-defined]
-    assert (model["counters"]["packets"], model["counters"]["relayed"]) == (1, relays)
+    counters = listener.outcome()["deeco"].counters  # type: ignore[attr-defined]
+    assert (counters["packets"], counters["relayed"]) == (1, relays)
 
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
