@@ -18,7 +18,7 @@ from acrc_testbed.run_model.floor import FloorState
 from acrc_testbed.run_model.frames import NO_COPIES, Copies
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
-from actors.instant import Instant, in_seconds
+from actors.instant import in_seconds
 from actors.messages import Jam
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
@@ -216,8 +216,3 @@ class RunData:
     def duration(self, steps: int) -> float:
         """Return the length of so many steps, s."""
         return in_seconds(steps * self.step_us)
-
-
-def step_start(step: int, step_us: int) -> Instant:
-    """Return when a step begins, µs."""
-    return Instant(step * step_us)

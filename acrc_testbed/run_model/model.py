@@ -15,7 +15,6 @@ from acrc_testbed.run_model.data import (
     RunDescription,
     Trajectory,
     step_columns,
-    step_start,
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
 from acrc_testbed.run_model.frames import Copies, copies_of
@@ -281,7 +280,7 @@ class RunModel:
 
     def _answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
         """Fold a robot's answer to the senses of a step."""
-        self._reports.extend(robot, drive, in_seconds(step_start(drive.step, self.description.step_us)))
+        self._reports.extend(robot, drive, in_seconds(drive.step * self.description.step_us))
         if drive.route is not None:
             self._left[index] = self._reports.left(robot)
             columns["places_left"][max(row, 0) :, index] = self._left[index]

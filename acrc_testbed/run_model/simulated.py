@@ -13,7 +13,6 @@ from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, 
 from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recorded import largest_radius, place_outcomes, run_result, world_setup
 from actors.floor.map_file import load_map
-from actors.instant import in_seconds
 from actors.messages import (
     AIRED,
     CONTROL,
@@ -103,10 +102,6 @@ class RunReader:
         """Read what the radio recorded by now, and return how many steps were not taken out."""
         self._take("radio", "", self._opened("radio", recordings(self.description.out)["radio"]))
         return self.behind
-
-    def recorded_s(self, actor: str) -> float:
-        """Return until when the actor's recording was read, s."""
-        return in_seconds((self._files[actor].reading.step or 0) * self.description.step_us)
 
     def beginning(self) -> RunData:
         """Return the run before its first step."""

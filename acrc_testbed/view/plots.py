@@ -1,18 +1,18 @@
 """Plots and event texts of a run for the viewer."""
 
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.events import ordered_changes
 from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
-from acrc_testbed.run_model.introspection import ActivityChange, Floats, RobotInternals
+from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.places import first_reports
-from actors.observer.drawing import places, words
+from actors.observer.drawing import words
 from actors.observer.drawing.canvas import FEW, Canvas
-from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
+from actors.observer.drawing.words import DrawnEvent, Occupation
 from actors.observer.glyphs import FATES, GREY, WHITE
 from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
@@ -46,34 +46,6 @@ class Happenings:
             if note not in self._notes:
                 self._notes.add(note)
                 yield DrawnEvent(run.since, "", note, "WARN")
-
-
-class InnerEvents:
-    """Event texts of one process of a robot."""
-
-    def __init__(self, robot: str) -> None:
-        self._robot = robot
-        self._blocked: float | None = None
-        self._activity = ""
-
-    def of(self, inside: RobotInternals) -> Iterator[DrawnEvent]:
-        """Yield what happened in its next part."""
-        for one in inside.activities:
-            if one.activity == "blocked" and self._blocked is None:
-                self._blocked = one.second
-                yield DrawnEvent(one.second, self._robot, "is blocked", "WARN")
-            elif one.activity != "blocked" and self._blocked is not None:
-                lasted = one.second - self._blocked
-                yield DrawnEvent(one.second, self._robot, f"free again after {lasted:.0f} s")
-                self._blocked = None
-            if one.activity == "aborted" and self._activity != "aborted":
-                yield DrawnEvent(one.second, self._robot, "navigation gives its goal up", "ERROR")
-            self._activity = one.activity
-        for change, decision in inside.decisions():
-            made = change.commit
-            told = f" from {made.peer}, {made.age / 1e6:.1f} s old" if made.peer else ""
-            words = f"{decision.words} ({made.by.partition('.')[0]}{told})"
-            yield DrawnEvent(change.second, self._robot, words, "WARN")
 
 
 def name(place: PlaceKey) -> str:
@@ -229,12 +201,6 @@ class Way:
         return np.column_stack([np.interp(seconds, known[:, 0], known[:, axis]) for axis in (1, 2)])
 
 
-_LINE_S: Final = 0.5
-"""Between two lines to a destination."""
-_AGE_S: Final = 1.0
-"""Between two points of the plot of replicas' ages."""
-
-
 class RobotLane:
     """The lane of a robot, which itself does not know when it was frozen or off."""
 
@@ -281,91 +247,3 @@ def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) ->
         going = [one for one in before if one.second < begin]
         own = [*going, Occupation(begin, "deadlock"), *(one._replace(second=end) for one in last), *after]
     return list(own)
-
-
-class DrawnParts(NamedTuple):
-    """What is drawn of a robot beside what it does and knows."""
-
-    detailed: bool
-    """All that it perceives."""
-    goals: bool
-    """Where it heads for."""
-
-
-class PaintedInside:
-    """What one process of a robot computed, drawn part by part."""
-
-    def __init__(self, canvas: Canvas, robot: str, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
-        self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
-        self._shown = shown
-        self._events = InnerEvents(robot)
-        self._last: ActivityChange | None = None
-        self._line_due: float | None = None
-        self._met: dict[str, tuple[float, float]] = {}
-        """By peer: when the plot of its age goes on, and when it was heard last, s."""
-        if shown.detailed:
-            words.introduce_inside(canvas, robot)
-
-    def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[LearntExchange]:
-        """Draw the next part, and yield what it learnt from others. `end`: of the run, if nothing follows."""
-        canvas, robot = self._canvas, self._robot
-        until = inside.end if end is None else end
-        if self._shown.detailed:
-            _draw_perception(canvas, robot, inside)
-            self._ages(inside, until)
-        doings = [Occupation(one.second, one.activity, one.destination) for one in inside.activities]
-        self._lane.do(doings, until)
-        words.draw_knowledge(canvas, robot, list(inside.knowledge))
-        if self._shown.goals:
-            self._intents(inside.activities, inside.end)
-        words.draw_events(canvas, "inside", list(self._events.of(inside)))
-        for one, _ in inside.decisions():
-            if one.commit.peer:
-                yield LearntExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
-
-    def _intents(self, activities: Sequence[ActivityChange], until: float) -> None:
-        """Draw where the robot heads for, twice a second."""
-        known = [*([] if self._last is None else [self._last]), *activities]
-        if not known:
-            return
-        begins = np.array([one.second for one in known], np.float64)
-        points = np.array([one.point or (np.nan, np.nan) for one in known], np.float64)
-        first = begins[0] if self._line_due is None else self._line_due
-        lines = np.arange(first, until, _LINE_S)
-        self._line_due = float(first + len(lines) * _LINE_S)
-        self._last = known[-1]
-        seconds = np.union1d(lines, begins if len(known) == len(activities) else begins[1:])
-        if not len(seconds):
-            return
-        there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
-        places.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
-
-    def _ages(self, inside: RobotInternals, until: float) -> None:
-        """Draw how old what it knows of each other robot is."""
-        canvas, robot = self._canvas, self._robot
-        for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
-            mine = [one for one in inside.contacts if one.peer == peer]
-            begins = np.array([one.second for one in mine], np.float64)
-            heard = np.array([np.nan if one.heard is None else one.heard for one in mine], np.float64)
-            path = f"plots/ages/{peer}_at_{robot}"
-            if peer not in self._met:
-                words.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
-                self._met[peer] = float(begins[0]), np.nan
-            due, last = self._met[peer]
-            begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
-            seconds = np.arange(due, until, _AGE_S)
-            ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
-            known = np.isfinite(ages)
-            words.draw_line(canvas, path, seconds[known], ages[known])
-            self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
-
-
-def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None:
-    """Draw scan, particles, estimate, costs, plan and arc."""
-    for name, sets in (("scan", inside.scans), ("particles", inside.particles)):
-        words.draw_clouds(canvas, robot, name, sets.seconds, sets.counts, sets.points)
-    words.draw_estimates(canvas, robot, inside.seconds, inside.estimates, inside.covariances)
-    words.draw_arcs(canvas, robot, inside.seconds, inside.estimates, inside.twists)
-    words.draw_plans(canvas, robot, inside.plans.seconds, inside.plans.sets())
-    windows = inside.windows
-    words.draw_costs(canvas, robot, windows.seconds, windows.costs, windows.corners, windows.cell)
