@@ -9,7 +9,7 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime.isolation import sandbox
 
 LATER = (
-    *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.experiments."),
+    *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.campaigns."),
     *("deploy.clusters.", "deploy.hosts."),
 ) + (() if find_spec("rerun") else ("deploy.fleet.watched", "acrc_testbed.view."))
 

@@ -1,4 +1,4 @@
-"""Result of a benchmark or a comparison: figures, tables, goals, intervals, and a verdict."""
+"""Result of a benchmark: figures, tables, goals, intervals, verdict; cost of commands."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""`acrc verify`: run the tests that check claims, or compare with data of other simulators and robots."""
+"""`acrc bench`: measurements of time and memory; `acrc verify`: claims and reference data."""
 
 import difflib
 import json as json_module

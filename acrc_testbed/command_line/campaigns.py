@@ -1,4 +1,4 @@
-"""Commands that read campaigns: compare, study plan."""
+"""Commands on campaigns: campaign, compare, report, bundle, study plan and study freeze."""
 
 import dataclasses
 import json

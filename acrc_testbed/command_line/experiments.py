@@ -1,4 +1,4 @@
-"""Command lines of experiments: campaign, compare, causes, report, bundle, study."""
+"""Options of the commands on experiments: campaign, compare, causes, report, bundle, study."""
 
 import sys
 from collections.abc import Iterator

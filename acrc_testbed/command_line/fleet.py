@@ -1,4 +1,4 @@
-"""`acrc fleet`: what makes computers robots, and what is done with them then."""
+"""`acrc fleet`: real robots; `acrc cluster`: computers that run simulations together."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""`acrc replay` and `acrc explain`: a run or one actor replayed, to compare, to stop in, to ask why."""
+"""`acrc replay`, `acrc explain` and `acrc export`."""
 
 import sys
 from collections.abc import Callable, Sequence

@@ -19,6 +19,8 @@ from acrc_testbed.command_line.options import (
     Setting,
     Trust,
     answer,
+    argument,
+    option,
 )
 from actors.console import screen
 from actors.installation.usage import OptionError, typed
@@ -34,24 +36,24 @@ def run(
     seed: Seed = None,
     key: Annotated[
         str | None,
-        typer.Option(metavar="HEX", help="Secret part of the random seed, which no strategy can guess."),
+        option("HEX", "Secret part of the random seed, which no strategy can guess."),
     ] = None,
-    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
-    step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
+    duration: Annotated[str | None, option("S", "Simulated seconds.")] = None,
+    step: Annotated[str | None, option("MS", "Length of a step, 10 to 100 ms.")] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Adaptation strategy: a name from `acrc list strategies`, or module:function. "
+        option(
+            "NAME",
+            "Adaptation strategy: a name from `acrc list strategies`, or module:function. "
             "Drops the scenario's settings of another strategy.",
             autocompletion=options.strategies,
         ),
     ] = None,
     navigation: Annotated[
         str | None,
-        typer.Option(
-            metavar="PRESET",
-            help="Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
+        option(
+            "PRESET",
+            "Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
             autocompletion=options.navigation,
         ),
     ] = None,
@@ -59,25 +61,19 @@ def run(
     record: Record = "full",
     speed: Annotated[
         str | None,
-        typer.Option(
-            metavar="X", help="Simulated seconds per second, or max.  [default: max; with --control: 1]"
-        ),
+        option("X", "Simulated seconds per second, or max.  [default: max; with --control: 1]"),
     ] = None,
     bus: Annotated[
         str,
-        typer.Option(
-            metavar="zenoh|memory",
-            help="Run each robot as a process (zenoh), or all in one process (memory).",
+        option(
+            "zenoh|memory",
+            "Run each robot as a process (zenoh), or all in one process (memory).",
             autocompletion=lambda: ["zenoh", "memory"],
         ),
     ] = "zenoh",
     spawn: Annotated[
         str,
-        typer.Option(
-            metavar="forkserver|exec",
-            help="How to start processes.",
-            autocompletion=lambda: ["forkserver", "exec"],
-        ),
+        option("forkserver|exec", "How to start processes.", autocompletion=lambda: ["forkserver", "exec"]),
     ] = "forkserver",
     isolate: Annotated[
         bool | None,
@@ -89,27 +85,22 @@ def run(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
-        ),
+        option("DIR", "New folder for the recordings and the result.  [default: in runs/]"),
     ] = None,
     log: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+        option("NAME", "Show what this robot's strategy prints; * for all. Repeatable."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
     robot: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="With --view: show what this robot perceives; repeatable.  [default: the first eight]",
-        ),
+        option("ID", "With --view: show what this robot perceives; repeatable.  [default: the first eight]"),
     ] = None,
     debug: Annotated[
         str | None,
-        typer.Option(
-            metavar="ROBOT",
-            help="breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+        option(
+            "ROBOT",
+            "breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
         ),
     ] = None,
     control: Annotated[
@@ -125,24 +116,22 @@ def run(
     ] = False,
     board: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
+        option(
+            "ID",
+            "With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
             "repeatable.  [default: all]",
         ),
     ] = None,
     on: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Run the robots on the computers of a Dask cluster: tls://HOST:PORT.  [default: here]",
+        option(
+            "ADDRESS", "Run the robots on the computers of a Dask cluster: tls://HOST:PORT.  [default: here]"
         ),
     ] = None,
     listen: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST[:PORT]",
-            help="With --on: address and port here that those computers connect to.  [default: any]",
+        option(
+            "HOST[:PORT]", "With --on: address and port here that those computers connect to.  [default: any]"
         ),
     ] = None,
     leave: Annotated[
@@ -155,20 +144,15 @@ def run(
     trust: Trust = False,
     limit: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=N",
-            help="Limit each robot's process: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+        option(
+            "NAME=N",
+            "Limit each robot's process: memory_mb, open_files, file_mb, disk_mb, disk_files, "
             "processes. Repeatable.",
         ),
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(
-            metavar="S",
-            min=1,
-            max=86400,
-            help="End the run if one process keeps all others waiting for longer.",
-        ),
+        option("S", "End the run if one process keeps all others waiting for longer.", min=1, max=86400),
     ] = 30.0,
     json: Json = False,
     check: Annotated[
@@ -270,29 +254,23 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
 def branch(
     place: Annotated[
         str,
-        typer.Argument(metavar="RUN@S", help="A recorded run's folder, and an instant in simulated seconds."),
+        argument("RUN@S", "A recorded run's folder, and an instant in simulated seconds."),
     ],
     strategy: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Let robots follow this strategy from then on.",
-            autocompletion=options.strategies,
-        ),
+        option("NAME", "Let robots follow this strategy from then on.", autocompletion=options.strategies),
     ] = None,
     setting: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Set a setting of --strategy: strategy.N=3. Repeatable."
-        ),
+        option("KEY=VALUE", "Set a setting of --strategy: strategy.N=3. Repeatable.", "--set"),
     ] = None,
     event: Annotated[
         list[str] | None,
-        typer.Option(metavar="ORDER", help="Give an order: 'kill r2 at 130'. Repeatable."),
+        option("ORDER", "Give an order: 'kill r2 at 130'. Repeatable."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="New folder for the branch.  [default: in runs/]"),
+        option("DIR", "New folder for the branch.  [default: in runs/]"),
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
@@ -310,14 +288,12 @@ def branch(
 
 
 def order(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run in progress.")],
+    out: Annotated[Path, argument("OUT", "The folder of a run in progress.")],
     verb: Annotated[
         str,
-        typer.Argument(
-            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=options.orders
-        ),
+        argument("VERB", "kill, freeze, move, pause, stop, …", autocompletion=options.orders),
     ],
-    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,
+    words: Annotated[list[str] | None, argument("WORDS", "Arguments of the verb.")] = None,
     json: Json = False,
 ) -> None:
     """Give an order to a run in progress.

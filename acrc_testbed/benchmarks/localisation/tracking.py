@@ -1,4 +1,4 @@
-"""Runs of the particle filter on logged courses, and their errors against the ground truth."""
+"""Localisation logs, runs of the particle filter on them, and errors against the ground truth."""
 
 import io
 import json

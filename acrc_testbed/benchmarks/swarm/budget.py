@@ -1,4 +1,4 @@
-"""`acrc bench budget`: cost of one robot's step in memory and over Zenoh, beside the kept counts."""
+"""`acrc bench budget`: counted cost of a robot in one step, in memory and over Zenoh."""
 
 import shutil
 import sys

@@ -1,4 +1,4 @@
-"""Runs of a full swarm for the benchmarks, and their CPU time in one process by package."""
+"""Runs of a swarm for benchmarks: in memory with CPU by package, over Zenoh with memory by process."""
 
 import contextlib
 import cProfile

@@ -1,4 +1,4 @@
-"""Carries a study out: as many trials at once as there are cores, whatever is missing of them."""
+"""Execution of a campaign: pool of local processes, resumption, and tables of results."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""The folder of a campaign: its study, and a file for each trial that has ended."""
+"""Folder of a campaign: its study, a record for each completed trial, and its frozen plan."""
 
 from collections.abc import Iterator, Sequence
 from os.path import realpath

@@ -1,4 +1,4 @@
-"""Every pair of strategies by every metric: estimates with intervals, over the seeds that both have ended."""
+"""Metrics, paired samples and estimates with intervals for each pair of strategies; coinciding runs."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Results of a campaign in sentences: failures, declared comparisons and estimates."""
+"""Results of a campaign in sentences: failures, verdicts, estimates, effects over random cells."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""When a campaign may stop: it is looked at on its way, and yet errs no more often than if it were not."""
+"""Tests of the declared comparisons: multiplicity control, interim looks, and power from a pilot."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

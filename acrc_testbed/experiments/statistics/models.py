@@ -1,4 +1,4 @@
-"""A mean over cells that differ at random: how sure it is, and what a new cell may have."""
+"""Survival curves, and random effects of cells and seeds."""
 
 import math
 import warnings
