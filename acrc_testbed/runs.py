@@ -142,9 +142,9 @@ def open_run(
 @arguments_named()
 def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
     """Draw several runs side by side, such as one without and one with adaptation; `file` as for a run."""
-    from acrc_testbed.picture import side_by_side
+    from acrc_testbed.picture import run_page
 
-    return _drawn(lambda: side_by_side.draw([one.evidence for one in runs]), file)
+    return _drawn(lambda: run_page.draw_several([one.evidence for one in runs]), file)
 
 
 def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "Figure":

@@ -42,7 +42,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Show two robots in a doorway, without and with adaptation."""
-    from acrc_testbed.picture import side_by_side
+    from acrc_testbed.picture import run_page
     from acrc_testbed.run_model.simulated import read_run
     from deploy.run import out_folder, start
     from deploy.run.options import RunOptions, checked, folder_name
@@ -57,7 +57,7 @@ def demo(
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
     with out_folder.writing(options.out):
         for picture in pictures:
-            side_by_side.write(runs, picture)
+            run_page.write_several(runs, picture)
     said = start.sentences(results, len(runs[-1].taken_over), pictures)
     answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
     if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -221,7 +221,7 @@ def _show(
 
 def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
     """Draw several runs beside one another into each file; return the files."""
-    from acrc_testbed.picture import side_by_side
+    from acrc_testbed.picture import run_page
     from acrc_testbed.run_model.simulated import read_run
     from deploy.run import out_folder
 
@@ -230,7 +230,7 @@ def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[
         _warn_of_lack(folder, run)
     for picture in pictures:
         with out_folder.writing(picture.parent):
-            side_by_side.write(runs, picture)
+            run_page.write_several(runs, picture)
     return pictures
 
 

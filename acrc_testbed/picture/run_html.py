@@ -13,8 +13,7 @@ from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.recordings.topics import goes_on
 from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results import summary
-from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.data import RunData, ordered_changes
 from acrc_testbed.run_model.recorded import adaptation, final_outcomes
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision

@@ -1,20 +1,108 @@
-"""A run on one page: floor, what everybody did, radio, progress."""
+"""A run on one page, and several beside each other: floor, a lane for each robot, radio, progress."""
 
+from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from acrc_testbed.accounting.account import spells
-from acrc_testbed.picture import floor_picture, lanes, marks, style
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.accounting.account import Spell, spells
+from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.picture import floor_picture, marks, style
+from acrc_testbed.picture.floor_picture import DrawnRun
+from acrc_testbed.run_model.data import PlaceEvent, RunData, ordered_changes
+from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
+
+_HALF: Final = 0.38
+"""Half the height of a lane, of which there is one per unit."""
+_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
+_ORDERED: Final = "something was ordered"
+
+
+def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool) -> None:
+    """Draw a lane for each robot.
+
+    Ticks: a place cleaned, in its owner's colour; triangles: one taken over; dashed lines: orders.
+    """
+    few = style.few(run.robots)
+    rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
+    for one in doing:
+        extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
+        axes.broken_barh(*extent, **look_of(SEEN_STATES[one.cause.value]))
+    for deed in run.reported:
+        _mark(axes, run, deed, rows, "cleaned", 0.0, 9.0 if few else 3.0)
+    for deed in run.taken_over:
+        _mark(axes, run, deed, rows, "took over", -_HALF, 5.0 if few else 2.0)
+    for change in ordered_changes(run):
+        axes.axvline(change.second, color=hexadecimal(PUT), ls="--", lw=0.8, zorder=3)
+    axes.set_yticks(range(len(rows)), list(rows), fontsize=8.5 if few else 6.0)
+    for label, robot in zip(axes.get_yticklabels(), rows, strict=True):
+        label.set_color(style.colour(run.robots.index(robot)))
+        label.set_fontweight("bold")
+    axes.set_ylim(len(rows) - 0.4, -0.7)
+    axes.set_xlim(0.0, run.end)
+    if legend:
+        axes.legend(
+            handles=lane_legend([run], doing), ncols=5, fontsize=7, frameon=False, handlelength=1.6,
+            columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        )  # fmt: skip
+
+
+def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
+    """The robots from above: a few as they are, many by how long something kept them, the longest first."""
+    if style.few(run.robots):
+        return list(run.robots)
+    kept: defaultdict[str, float] = defaultdict(float)
+    for one in doing:
+        kept[one.robot] += 0.0 if one.cause in _WELL else one.end - one.begin
+    return sorted(run.robots, key=lambda robot: -kept[robot])
+
+
+def lane_legend(runs: Sequence[RunData], doing: Sequence[Spell]) -> list[Artist]:
+    """What the colours and marks mean that there are."""
+    seen = {one.cause.value for one in doing}
+    states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
+    kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
+    used = [
+        name
+        for name, deeds in (
+            ("cleaned", [run.reported for run in runs]), ("took over", [run.taken_over for run in runs]),
+        )
+        if any(deeds)
+    ]  # fmt: skip
+    kinds += [marks.sample(name) for name in used]
+    if any(ordered_changes(run) for run in runs):
+        kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=_ORDERED))
+    return kinds
+
+
+def look_of(glyph: StateGlyph) -> dict[str, Any]:
+    """Colour, and a hatch that can be seen on it."""
+    ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
+    colour = hexadecimal(glyph.colour)
+    edge = ink if glyph.hatch else colour
+    return {"facecolor": colour, "edgecolor": edge, "hatch": glyph.hatch, "lw": 0}
+
+
+def _mark(
+    axes: Axes, run: RunData, deed: PlaceEvent, rows: dict[str, int], name: str, shift: float, size: float
+) -> None:
+    if deed.robot in rows:
+        owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0
+        marks.plot(axes, name, deed.second, rows[deed.robot] + shift, style.colour(owner), size=size)
+        if MARKS[name].shape == "tick":  # a robot's colour may be that of what it did
+            axes.lines[-1].set_path_effects(style.HALO)
 
 
 def draw(run: RunData) -> Figure:
-    """The page."""
+    """Draw the page of a run."""
     doing = spells(run)
     tall = 0.24 * min(max(len(run.robots), 4), 50)
     figure = style.new_figure(11.0, 7.0 + tall)
@@ -32,7 +120,7 @@ def draw(run: RunData) -> Figure:
         frameon=False,
     )
     below = figure.add_subplot(grid[1, 0])
-    lanes.draw(below, run, doing, legend=True)
+    draw_lanes(below, run, doing, legend=True)
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
@@ -43,7 +131,7 @@ def draw(run: RunData) -> Figure:
 
 
 def write(run: RunData, path: Path) -> None:
-    """The page as a PNG or SVG file."""
+    """Write the page as a PNG or SVG file."""
     with style.applied(style.LOOK):
         style.save(draw(run), path)
 
@@ -96,3 +184,55 @@ def _draw_radio(axes: Axes, run: RunData) -> None:
     axes.set_xlabel("simulated time, s")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
+
+
+_MARGIN: Final = 1.5
+"""Around what happened, m."""
+
+
+def draw_several(runs: Sequence[RunData]) -> Figure:
+    """Draw runs beside each other: a column for each, with its floor and its lanes."""
+    figure = style.new_figure(4.6 * len(runs), 6.6)
+    grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
+    end = max(run.end for run in runs)
+    done = [spells(run) for run in runs]
+    floors: list[tuple[Axes, DrawnRun]] = []
+    for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
+        axes = figure.add_subplot(grid[0, column])
+        floors.append((axes, _draw_part(axes, run, doing)))
+        axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
+        below = figure.add_subplot(grid[1, column])
+        draw_lanes(below, run, doing, legend=False)
+        below.set_xlim(0.0, end)
+        below.tick_params(labelbottom=True)
+        below.set_xlabel("simulated time, s")
+    figure.legend(
+        handles=[
+            *lane_legend(runs, [one for doing in done for one in doing]),
+            *floor_picture.legend({kind for _, drawn in floors for kind in drawn.kinds}),
+        ],
+        loc="outside lower center", ncols=3, fontsize=7, frameon=False,
+    )  # fmt: skip
+    marks.settle(figure)
+    for axes, drawn in floors:
+        marks.place(axes, drawn.labels, drawn.taken)
+    return figure
+
+
+def write_several(runs: Sequence[RunData], path: Path) -> None:
+    """Write several runs beside each other as a PNG or SVG file."""
+    with style.applied(style.LOOK):
+        style.save(draw_several(runs), path)
+
+
+def _draw_part(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
+    """Draw the part of the floor where something happened."""
+    floor_picture.draw_floor(axes, run.grid)
+    drawn = floor_picture.draw_run(axes, run, doing)
+    points = np.concatenate(
+        [run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.outcomes]]
+    )
+    (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
+    axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))
+    return drawn

@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from acrc_testbed.run_model.data import RunData, Trajectory
-from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
 from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
 from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.places import first_reports

@@ -22,14 +22,13 @@ from PIL import Image
 
 from acrc_testbed.accounting.account import account, spells
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
-from acrc_testbed.picture import lanes, marks, moving, run_html, run_page, style
+from acrc_testbed.picture import marks, moving, run_html, run_page, style
 from acrc_testbed.picture.floor_picture import meetings
 from acrc_testbed.recordings.topics import Recorded
 from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model import recorded as recorded_contents
 from acrc_testbed.run_model import simulated
-from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError
-from acrc_testbed.run_model.events import ordered_changes
+from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError, ordered_changes
 from acrc_testbed.run_model.floor import FloorObject, floor_intervals
 from acrc_testbed.run_model.simulated import RunReader, read_run
 from actors.installation.repository import REPOSITORY as ROOT
@@ -262,12 +261,12 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
 
 def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: pytest.MonkeyPatch) -> None:
     doing = spells(ordered_run)
-    assert lanes.order(ordered_run, doing) == list(ordered_run.robots)
+    assert run_page.lane_order(ordered_run, doing) == list(ordered_run.robots)
     monkeypatch.setattr(style, "_FEW", 1)
     kept = dict.fromkeys(ordered_run.robots, 0.0)
     for one in doing:
         kept[one.robot] += 0.0 if one.cause in (Cause.DRIVING, Cause.IDLE) else one.end - one.begin
-    assert lanes.order(ordered_run, doing) == sorted(kept, key=lambda robot: -kept[robot])
+    assert run_page.lane_order(ordered_run, doing) == sorted(kept, key=lambda robot: -kept[robot])
 
 
 def glyph_sheet() -> Figure:
@@ -283,7 +282,7 @@ def glyph_sheet() -> Figure:
 
 
 def _states(states: Mapping[str, StateGlyph]) -> list[Artist]:
-    return [Patch(label=word, **lanes.look_of(glyph)) for word, glyph in states.items()]
+    return [Patch(label=word, **run_page.look_of(glyph)) for word, glyph in states.items()]
 
 
 def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from acrc_testbed.command_line import look as look_commands
-from acrc_testbed.picture import floor_picture, moving, run_html, run_page, side_by_side, style
+from acrc_testbed.picture import floor_picture, moving, run_html, run_page, style
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import read_run
 from actors.installation.usage import OptionError
@@ -68,7 +68,7 @@ def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunDat
 
 
 def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> None:
-    figure = side_by_side.draw([evidence, evidence])
+    figure = run_page.draw_several([evidence, evidence])
     floors, lanes = figure.axes[::2], figure.axes[1::2]
     assert {axes.get_xlim() for axes in lanes} == {(0.0, evidence.end)}
     assert all(axes.get_title(loc="left") == "chapter: 6 of 6 places in 99.1 s" for axes in floors)
