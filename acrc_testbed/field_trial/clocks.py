@@ -6,8 +6,8 @@ by a clock of the same machine, which differs only if its time was set between t
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from acrc_testbed.field_trial.clock_alignment import (
@@ -43,7 +43,7 @@ class ClockSegment:
     """By how much events may be off against steps."""
 
 
-class _ClockSegment(NamedTuple):
+class _TickClock(NamedTuple):
     """Which clock stamped a step, and what is to be added to the instants of the events that it brings."""
 
     clock: int
@@ -57,7 +57,7 @@ class ClockSegments:
         self.clocks: list[ClockSegment] = []
         self.notes: list[str] = []
         """What was put right, a sentence each."""
-        self._places: dict[int, list[_ClockSegment]] = {}
+        self._places: dict[int, list[_TickClock]] = {}
         for robot, logs in trial.logs.items():
             before: Tick | None = None
             for log in logs:
@@ -85,7 +85,7 @@ class ClockSegments:
             if before is None or not _runs_on(before, tick, log.identity.step_us):
                 self.clocks.append(ClockSegment(robot, tick.instant, tick.instant))
             self.clocks[-1].last = tick.instant
-            places.append(_ClockSegment(len(self.clocks) - 1, shifts.get(number, 0)))
+            places.append(_TickClock(len(self.clocks) - 1, shifts.get(number, 0)))
             before = tick
         for number in shifts:
             self.clocks[places[number].clock].doubt = log.identity.step_us
@@ -126,49 +126,39 @@ def _is_plausible(lag: int) -> bool:
 Stamping = Callable[[RobotLog, Moment, StampKind], Stamp]
 
 
-@dataclass
-class _Sightings:
-    """Everything that is said of the frames of one sender with the same bytes."""
-
-    sent: list[Stamp] = field(default_factory=list)
-    handed: list[Stamp] = field(default_factory=list)
-    heard: dict[str, list[Stamp]] = field(default_factory=dict)
-    """By the robot that has heard it."""
-
-    @property
-    def is_unique(self) -> bool:
-        """True if nobody has sent or heard two such frames."""
-        return len(self.handed) <= 1 and all(len(stamps) == 1 for stamps in self.heard.values())
-
-
 def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[StampedFrame]:
-    """The frames with stamps of at least two robots, in a fixed order, without those that might be mixed up.
+    """Return the frames with stamps of at least two robots, in a fixed order.
 
-    `stamp` makes a robot's word on a frame a stamp.
+    Frames of one sender with the same bytes are left out if they could be confused: one robot has sent or
+    heard two of them. `stamp` makes a robot's record of a frame a stamp.
     """
-    found: dict[tuple[int, bytes], _Sightings] = {}
+    found: dict[tuple[int, bytes], list[tuple[str, Stamp]]] = {}
     for log in trial.all_logs():
-        identity = log.identity
+        robot = log.identity.id
         for sent in log.sent:
-            sightings = found.setdefault((identity.address, sent.data), _Sightings())
-            sightings.handed.append(stamp(log, sent.handed, StampKind.HANDED))
+            seen = found.setdefault((log.identity.address, sent.data), [])
+            seen.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
             if sent.sent is not None:
-                sightings.sent.append(stamp(log, sent.sent, StampKind.SENT))
+                seen.append((robot, stamp(log, sent.sent, StampKind.SENT)))
         for heard in log.heard:
-            sightings = found.setdefault((heard.sender, heard.data), _Sightings())
-            sightings.heard.setdefault(identity.id, []).append(stamp(log, heard.heard, StampKind.HEARD))
-    return [
-        frame
-        for sightings in found.values()
-        if sightings.is_unique and len((frame := _frame(sightings)).stamps) > 1
-    ]
+            seen = found.setdefault((heard.sender, heard.data), [])
+            seen.append((robot, stamp(log, heard.heard, StampKind.HEARD)))
+    return [frame for seen in found.values() if (frame := _frame(seen)) is not None]
 
 
-def _frame(sightings: _Sightings) -> StampedFrame:
-    """The sender's best stamp and all others; one that was never confirmed has left all the same if heard."""
-    heard = [stamp for stamps in sightings.heard.values() for stamp in stamps]
-    handed = sightings.handed[0] if sightings.handed else None
-    return StampedFrame((*(sightings.sent or sightings.handed), *heard), handed)
+def _frame(seen: Sequence[tuple[str, Stamp]]) -> StampedFrame | None:
+    """Return the sender's best stamp and all others; None if there are not two, or they are ambiguous."""
+    sent, handed = (
+        [one for _, one in seen if one.kind is kind] for kind in (StampKind.SENT, StampKind.HANDED)
+    )
+    heard = {robot: one for robot, one in seen if one.kind is StampKind.HEARD}
+    stamps = (
+        *(sent or handed),
+        *heard.values(),
+    )  # one that was never confirmed has left all the same if heard
+    if len(handed) > 1 or len(stamps) < 2 or len(seen) != len(sent) + len(handed) + len(heard):
+        return None
+    return StampedFrame(stamps, handed[0] if handed else None)
 
 
 _MOST_NOISE_US: Final = 1_000_000
