@@ -206,7 +206,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
         image = regular_file.content(header.image, limits.image_bytes)
     except (OSError, ValueError) as error:  # a ValueError: a zero byte in its name
         raise MapError(
-            f"{header.image}: the map's image cannot be read: {getattr(error, 'strerror', error)}."
+            f"{str(header.image)[:300]}: the map's image cannot be read: {getattr(error, 'strerror', error)}."
         ) from error
     content = hashlib.sha256(image).digest(), replace(header, image=Path()), limits
     return _MAPS.get(content, lambda: _grid(path, header, _decoded(header.image, image, limits)))

@@ -104,8 +104,8 @@ def test_old_states_are_removed_but_for_the_one_before(package: Path) -> None:
 def test_every_module_with_kernels_and_what_it_calls_is_among_their_sources() -> None:
     folder = Path(str(kernels.__file__)).parent
     found = {str(source.relative_to(folder)) for source in kernels.kernel_sources()}
-    assert {"robot/local_planning/disc_dwa.py", "portable/compiled.py", "floor/traversal.py"} <= found
-    assert {"portable/trigonometry.py", "geometry.py"} <= found, "what kernels import"
+    assert {"robot/local_planning/disc_dwa.py", "portable/compiled.py", "floor/raster.py"} <= found
+    assert {"portable/elementary.py", "geometry.py"} <= found, "what kernels import"
     assert not {"runtime/shell.py", "robot/navigation/navigator.py"} & found, "nothing that calls kernels"
     for source in folder.rglob("*.py"):
         text = source.read_text()
