@@ -19,12 +19,9 @@ if TYPE_CHECKING:
     from acrc_testbed.accounting.time_spent import TimeSpent
     from acrc_testbed.results.result import RunResult
     from acrc_testbed.run_model.data import RunData
-    from actors.robot.behaviour.foreign import Permit
 
 _MARK: Final = "world/world.mcap"
 """A file that every run writes."""
-_PERMITS: Final = dict[Path, "Permit"]()
-"""Code that runs of this process were allowed to load, by the run's folder."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +65,6 @@ class Run:
 
         return account(self.folder)
 
-    def _permit(self, modules: Sequence[str | PathLike[str]], *, trust: bool) -> "Permit":
-        """Return what this process has allowed the run, and what `modules` and `trust` add."""
-        from actors.robot.behaviour.foreign import INSTALLED, permit_of
-
-        known = _PERMITS.get(self.folder.resolve(), INSTALLED)
-        return permit_of([*known.modules, *map(Path, modules)], trust=trust or known.trust)
-
 
 @arguments_named()
 def run(
@@ -100,7 +90,7 @@ def run(
     of your own is a module in the working directory or in a folder of `modules`.
     """
     from acrc_testbed.recordings.topics import Standing, standing
-    from actors.robot.behaviour.foreign import Permit, permit_of
+    from actors.robot.behaviour.foreign import permit_of
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
     from deploy.scenario.scenario_file import Overrides
@@ -116,7 +106,6 @@ def run(
     if out is None:
         prepared = claimed(prepared)
     options = prepared.options
-    _PERMITS[options.out] = Permit(options.modules)
     if overwrite and (options.out / _MARK).is_file() and standing(options.out) is Standing.GOING_ON:
         raise AcrcError(f"--out: {options.out} is the folder of a run that is going on; must be another one")
     start_run(prepared, replaces=_MARK if overwrite else "")
@@ -124,19 +113,12 @@ def run(
 
 
 @arguments_named()
-def open_run(
-    folder: str | PathLike[str], *, modules: Sequence[str | PathLike[str]] = (), trust: bool = False
-) -> Run:
-    """Open the run in a folder. Raises AcrcError if there is none.
-
-    `modules`, `trust`: allow the run's methods to load a strategy that is not installed, as in `run`.
-    """
+def open_run(folder: str | PathLike[str]) -> Run:
+    """Open the run in a folder. Raises AcrcError if there is none."""
     from acrc_testbed.replay.run_recordings import all_recordings
 
     all_recordings(Path(folder))
-    found = Run(Path(folder).absolute())
-    _PERMITS[found.folder.resolve()] = found._permit(modules, trust=trust)
-    return found
+    return Run(Path(folder).absolute())
 
 
 @arguments_named()

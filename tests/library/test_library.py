@@ -5,20 +5,15 @@ import os
 import re
 import subprocess
 import sys
-from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import acrc_testbed as acrc
-from acrc_testbed import runs
 from acrc_testbed.errors import arguments_named
-from acrc_testbed.export import rows
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import Permit
-from actors.robot.behaviour.loading import look_in
 from tests import in_process
 from tests.documentation.markdown import MarkdownPage
 
@@ -128,30 +123,6 @@ def test_errors_name_arguments(sentence: str, right: str) -> None:
 
 
 OWN = "from cleaning.strategies.none import behaviour as behaviour\n"
-
-
-def test_a_run_remembers_what_it_was_allowed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
-    request.addfinalizer(lambda: look_in(()))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code" / "my_library_strategy.py").write_text(OWN)
-    wished = {"run.strategy": "my_library_strategy:behaviour"}
-    made = acrc.run("head_on", "mine", duration=1, settings=wished, bus="memory", modules=["code"])
-    taken: list[Permit] = []
-
-    def tables(folder: Path, permit: Permit, isolate: bool) -> dict[str, list[object]]:
-        taken.append(permit)
-        return defaultdict(list)
-
-    monkeypatch.setattr(rows, "tables", tables)
-    assert made.tables() and acrc.open_run("mine").tables()
-    assert taken == [Permit((tmp_path / "code",))] * 2
-    monkeypatch.setattr(runs, "_PERMITS", {})
-    with pytest.raises(acrc.AcrcError, match=r'then say modules=\["/.*code"\], or trust=True'):
-        made.tables()
-    assert acrc.open_run("mine", modules=["code"]).tables()
 
 
 def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
