@@ -20,17 +20,6 @@ class EstimateQuality(MessagePart, frozen=True):
     """False: it looks for itself; then Drive has no pose."""
 
 
-class ParticleCloud(MessagePart, frozen=True):
-    """Where particles of the filter are, at most 300."""
-
-    least: float
-    """m, map frame; what is 0 in `points`, ..."""
-    greatest: float
-    """... and what would be 65 536."""
-    points: bytes
-    """uint16, x and y of each, rounded down."""
-
-
 class CostWindow(MessagePart, frozen=True):
     """The local cost map that navigation steers by: `CostMap.restore` has all costs from it."""
 
@@ -48,8 +37,8 @@ class PerceptionSample(MessagePart, frozen=True):
 
     sensor: tuple[float, float, float] | None
     """Pose of the range sensor at the last scan, map frame, by the present estimate; None: no scan yet."""
-    particles: ParticleCloud | None
-    """None: as before, or there are none."""
+    particles: bytes | None
+    """float32, x and y of at most 300 particles, m, map frame; None: as before, or there are none."""
     plan: bytes | None
     """float32, x and y of every fourth point of the plan and of its last, m, map frame; empty: it has none;
     None: as before."""

@@ -5,8 +5,7 @@ of its instants, and gives what the link is to send.
 """
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -110,14 +109,19 @@ def onlooker() -> Onlooker | None:
     return _PRESENT.get()
 
 
-@contextmanager
-def looking_on(who: Onlooker) -> Iterator[None]:
-    """Nodes that are made meanwhile, in this thread, tell `who` what they do."""
-    token = _PRESENT.set(who)
-    try:
-        yield
-    finally:
-        _PRESENT.reset(token)
+class looking_on:  # noqa: N801  # a context manager is named as a function
+    """Let nodes that are made meanwhile, in this thread, report to `who` what they do."""
+
+    __slots__ = ("_token", "_who")
+
+    def __init__(self, who: Onlooker) -> None:
+        self._who = who
+
+    def __enter__(self) -> None:
+        self._token = _PRESENT.set(self._who)
+
+    def __exit__(self, *_: object) -> None:
+        _PRESENT.reset(self._token)
 
 
 CASCADE_LIMIT: Final = 16

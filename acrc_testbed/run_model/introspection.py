@@ -18,7 +18,6 @@ from actors.introspection import (
     GoalState,
     Introspection,
     KnowledgeCommit,
-    ParticleCloud,
     PerceptionSample,
     ValueChange,
 )
@@ -373,7 +372,7 @@ class _Part:
 
     def _sample(self, second: float, sample: PerceptionSample) -> None:
         if sample.particles is not None:
-            self._particles.append((second, _cloud(sample.particles)))
+            self._particles.append((second, _points(sample.particles)))
         if sample.plan is not None:
             self._plans.append((second, _points(sample.plan)))
         if (window := sample.window) is not None:
@@ -413,15 +412,6 @@ class _Part:
             commits=tuple(self._commits),
             is_recorded=self._model.is_recorded,
         )
-
-
-def _cloud(cloud: ParticleCloud) -> Singles:
-    """Return the particles, (k, 2). Raises ValueError for bytes that are no points."""
-    if len(cloud.points) % 4 or not np.isfinite([cloud.least, cloud.greatest]).all():
-        raise ValueError(f"{len(cloud.points)} bytes from {cloud.least} to {cloud.greatest} are no particles")
-    step = (cloud.greatest - cloud.least) / 65_536
-    points = cloud.least + (np.frombuffer(cloud.points, "<u2") + 0.5) * step
-    return points.astype(np.float32).reshape(-1, 2)
 
 
 def _points(data: bytes) -> Singles:

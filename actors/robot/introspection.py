@@ -23,7 +23,6 @@ from actors.introspection import (
     GoalState,
     Introspection,
     KnowledgeCommit,
-    ParticleCloud,
     PerceptionSample,
     ReplicaContact,
     ReplicaUse,
@@ -124,7 +123,7 @@ class Introspector:
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
         """The node has a newer replica."""
-        self._news[replica.id] = int(replica.contact(now).heard)
+        self._news[replica.id] = int(replica.heard)
         if self._outer is not None:
             self._outer.heard(component, replica, now)
 
@@ -222,7 +221,7 @@ class Introspector:
             0 if commit.heard is None else instant - commit.heard,
             self._changes(commit),
             None if replica is None else _use(replica, instant),
-            decision(commit),
+            decision(commit) if commit.adaptation else None,
         )
 
     def _changes(self, commit: Commit) -> tuple[ValueChange, ...]:
@@ -262,18 +261,15 @@ class Introspector:
             sensor, self._changed_particles(), self._changed_plan(), self._window(correction)
         )
 
-    def _changed_particles(self) -> ParticleCloud | None:
+    def _changed_particles(self) -> bytes | None:
         particles = getattr(self._localisation, "particles", None)
         if particles is None:
             return None
-        some = particles[:: -(-len(particles) // _PARTICLES), :2]
-        if (known := some.tobytes()) == self._particles:
+        some: bytes = particles[:: -(-len(particles) // _PARTICLES), :2].astype(np.float32).tobytes()
+        if some == self._particles:
             return None
-        self._particles = known
-        least, most = float(some.min()), float(some.max())
-        greatest = least + (most - least) * (65_536 / 65_535) + 1e-6
-        points = ((some - least) * (65_536 / (greatest - least))).astype("<u2")
-        return ParticleCloud(least, greatest, points.tobytes())
+        self._particles = some
+        return some
 
     def _changed_plan(self) -> bytes | None:
         plan = self._navigation.plan
