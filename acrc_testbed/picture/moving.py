@@ -27,7 +27,6 @@ from acrc_testbed.run_model.floor import floor_intervals
 from acrc_testbed.run_model.introspection import Floats
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
-from actors.orders import Give
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
@@ -128,7 +127,10 @@ class _Scene:
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
         self._few = few = style.few(run.robots)
-        self._begins = _begins(run)
+        self._begins = {
+            PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
+        }
+        """When places came that were not there from the beginning, s."""
         self._places = {
             (key := PlaceKey(one.owner, one.place)): _place(
                 axes, run, one, few=few, given=key in self._begins
@@ -214,18 +216,6 @@ def _place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: b
     size = 4.6 if few else 2.6
     marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
     return axes.lines[-1]
-
-
-def _begins(run: RunData) -> dict[PlaceKey, float]:
-    """When the places came that were not there from the beginning, s."""
-    count = {robot: len(places) for robot, places in run.description.own_places.items()}
-    found = {}
-    for step, given in run.orders:
-        if isinstance(given, Give) and given.robot in count:
-            for _ in given.places:
-                found[PlaceKey(given.robot, count[given.robot])] = in_seconds(step * run.step_us)
-                count[given.robot] += 1
-    return found
 
 
 def _body(axes: Axes, index: int, *, few: bool) -> _Body:
