@@ -36,7 +36,7 @@ class Growing:
 
     def __init__(self, whole: Path, out: Path) -> None:
         self._whole, self.out = whole, out
-        shutil.copytree(whole, out, ignore=shutil.ignore_patterns("*.mcap", "*.trace", "run.json"))
+        shutil.copytree(whole, out, ignore=shutil.ignore_patterns("*.mcap", "run.json"))
 
     def grow(self, share: float) -> None:
         for path in self._whole.glob("*/*.mcap"):
