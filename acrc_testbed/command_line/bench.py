@@ -40,7 +40,7 @@ BENCHMARKS: Final = {
     ),
     "beside": Benchmark(
         "swarm.beside", "this state and another COMMIT in turn: wall and CPU time, digests",
-        ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation"),
+        ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation", "record"),
     ),
     "hosts": Benchmark(
         "hosts", "a swarm over 1 to 3 network namespaces as hosts, by delay",
@@ -100,6 +100,10 @@ def bench(
             "PRESET", "beside: run this state, not the other, with it.", autocompletion=options.navigation
         ),
     ] = None,
+    record: Annotated[
+        str | None,
+        option("full|lean", "beside: how much this state, not the other, records.  [default: full]"),
+    ] = None,
     write: Annotated[
         bool | None, typer.Option("--write", help="budget: keep the counts as what a change is held to.")
     ] = None,
@@ -122,6 +126,7 @@ def bench(
         "commit": commit, "robots": robots, "duration": duration, "repeat": repeat,
         "seed": seed, "scenario": scenario, "out": out, "data": data,
         "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
+        "record": record,
     }  # fmt: skip
     settings = _given(options, name)
     found = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure(**settings)

@@ -18,7 +18,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.recorded_runs import HEAD_ON
 
-_MOST_BYTES = 300
+_MOST_BYTES = 400
 """Of introspection for each robot-step, in the mean, without the heads of records."""
 
 

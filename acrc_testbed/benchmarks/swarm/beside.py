@@ -21,6 +21,7 @@ from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
+from actors.runtime.process_setup import RecordDetail
 from deploy.run.options import Bus
 
 HERE: Final = "here"
@@ -53,6 +54,8 @@ class PairedCase:
     """Absolute; None: the scenario `chapter` of each state."""
     navigation: str | None = None
     """Preset of this state only; None: the scenario's."""
+    record: str | None = None
+    """Level of recording of this state only; None: its default."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ class ProjectState:
     def run(self, case: PairedCase) -> RunCost:
         """Run the case once, in a temporary folder. Raises AcrcError."""
         seed = () if case.seed is None else ("--seed", str(case.seed))
-        own = () if case.navigation is None or self.name != HERE else ("--navigation", case.navigation)
+        options = {"--navigation": case.navigation, "--record": case.record} if self.name == HERE else {}
+        own = [word for name, value in options.items() if value is not None for word in (name, value)]
         env = {name: value for name, value in os.environ.items() if not name.startswith(_FOREIGN)}
         with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
             words = (
@@ -156,11 +160,12 @@ def measure(
     bus: str = "zenoh",
     pairs: int = 5,
     navigation: str | None = None,
+    record: str | None = None,
 ) -> Measured:
     """Run each number of robots in `pairs` pairs, beside `commit` or the clone in that folder.
 
     `duration`: simulated s; None: 120 s for few robots, 20 s for many. `navigation`: preset of this state, to
-    compare it with a state that has another one and no option for it.
+    compare it with a state that has another one and no option for it; `record`: its level of recording.
     """
     if commit is None:
         raise OptionError("COMMIT: is missing; must be as in acrc bench beside HEAD~1")
@@ -168,11 +173,13 @@ def measure(
         raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
     if navigation is not None and navigation not in NAVIGATION_PRESETS:
         raise wrong_value("--navigation", navigation, " or ".join(NAVIGATION_PRESETS))
+    if record is not None and record not in get_args(RecordDetail):
+        raise wrong_value("--record", record, " or ".join(get_args(RecordDetail)))
     if scenario is not None and not scenario.is_file():
         raise wrong_value("--scenario", scenario, "a file")
     path = None if scenario is None else scenario.resolve()
     lengths = {count: duration or min(_MOST_S, max(_LEAST_S, _ROBOT_S // count)) for count in robots}
-    cases = [PairedCase(count, lengths[count], bus, seed, path, navigation) for count in robots]
+    cases = [PairedCase(count, lengths[count], bus, seed, path, navigation, record) for count in robots]
     mine = ProjectState(HERE, clone("acrc bench beside"))
     with other(commit) as theirs:
         for state in (mine, theirs):

@@ -231,7 +231,9 @@ def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """Plan a run in a temporary folder, which is deleted afterwards."""
     overrides = Overrides(robots=count, duration=task.simulated_s(count), seed=task.seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True)
+        options = RunOptions(
+            Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True, record="lean"
+        )
         scenario = load_scenario(task.scenario, overrides)
         try:
             plan = swarm.plan(scenario, options)
