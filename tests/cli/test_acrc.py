@@ -123,7 +123,7 @@ def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone
         f"in {clone.folder}: -P -m acrc_testbed.command_line run --robots 3 two words\n",
     )
     size, first, second, third, last = err.splitlines()
-    assert size == "acrc: .venv will take 285 MB"
+    assert size == "acrc: .venv will take 274 MB"
     assert first == "acrc: making .venv with Python 3.11.7"
     assert second == "acrc: installing 24 packages: base sim"
     assert third == "acrc: installing this project into it"
@@ -263,7 +263,7 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     ]
     assert clone.pip_calls() == 3
     assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
-        "acrc: .venv will take 285 MB",
+        "acrc: .venv will take 274 MB",
         "acrc: another acrc is installing; waiting for it",
     ]
 
