@@ -95,8 +95,8 @@ def _streams(
         yield sensed_entries(files[actor], source, track, model, left_out)
     yield link_entries(run)
     yield spool.entries()
-    for actor, source in sources.items():
-        yield command_entries(files[actor], source)
+    for robot in dict.fromkeys(source.robot for source in sources.values()):
+        yield command_entries(robot, run.trajectories[robot])
 
 
 def _models(run: RunData, files: Mapping[str, Path]) -> dict[str, RobotModel]:

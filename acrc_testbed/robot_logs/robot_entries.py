@@ -31,7 +31,7 @@ from acrc_testbed.run_model.recorded import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.message_limits import senses_fault
-from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Scan, Senses
+from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
@@ -92,15 +92,11 @@ def sensed_entries(
             yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)
 
 
-def command_entries(path: Path, source: RecordedProcess) -> Iterator[LogEntry]:
+def command_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
-    for (_, senses), (_, drive) in zip(
-        messages_on(path, SENSES), messages_on(path, DRIVE, "out"), strict=False
-    ):
-        if abs(senses.instant) <= _FAR:
-            at = round(source.clock(np.array([senses.instant])).item() * 1e6)
-            velocity = ros2_log.twist(drive.vx, drive.vy, drive.omega)
-            yield LogEntry(at, f"/{source.robot}/cmd_vel", velocity, at)
+    for second, (vx, vy, omega) in zip(track.seconds.tolist(), track.commanded.tolist(), strict=True):
+        if not np.isnan(vx) and abs(at := round(second * 1e6)) <= _FAR:
+            yield LogEntry(at, f"/{robot}/cmd_vel", ros2_log.twist(vx, vy, omega), at)
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:

@@ -96,6 +96,8 @@ class Trajectory:
     """(n, 3): x, y, m, and heading, rad: true poses; without ground truth estimated ones."""
     estimated: Floats
     """(n, 3): the robot's own estimates; NaN where it reported none."""
+    commanded: Floats
+    """(n, 3): commanded velocity in the robot's frame, m/s, m/s, rad/s; NaN: none."""
     states: tuple[tuple[float, str], ...]
     """State changes: "" (active), "frozen", "off" or "not heard", and from when on, s."""
 

@@ -77,8 +77,8 @@ class RunModel:
         self._frames: list[FrameOutcomes] = []
         self._truths: list[Truth] = []
         self._drives: list[tuple[str, Drive]] = []
-        self._poses: dict[str, list[tuple[float, ...]]] = {}
-        """Without ground truth: s, x, y, heading, by robot."""
+        self._rows: dict[str, list[tuple[float, ...]]] = {}
+        """Without ground truth: s, estimated pose, commanded velocity, by robot."""
         self._heard: list[tuple[int, float, int, int, float]] = []
         """Step, and a row of `RunData.heard`; the sender's index is -1 if unknown."""
         self._given: dict[str, Points] = {}
@@ -160,7 +160,7 @@ class RunModel:
             for number, robot in enumerate(robots):
                 powered, stepping = columns["powered"][row, number], columns["stepping"][row, number]
                 self.set_state(robot, second, "off" if not powered else "" if stepping else "frozen")
-        true, estimated = columns["true"], columns["estimated"]
+        true, estimated, commanded = columns["true"], columns["estimated"], columns["commanded"]
         jams = tuple((in_seconds(one.instant), jam) for one in truths for jam in one.jams)
         orders = self._ordered()
         records_floor = self._floor.is_recorded or not any(
@@ -173,8 +173,8 @@ class RunModel:
             seconds,
             columns,
             {
-                robot: Trajectory(seconds, true[:, number], estimated[:, number], self._changed(robot))
-                for number, robot in enumerate(robots)
+                robot: Trajectory(seconds, true[:, i], estimated[:, i], commanded[:, i], self._changed(robot))
+                for i, robot in enumerate(robots)
             },
             heard=self._links(None if last else self.step),
             jams=jams,
@@ -196,8 +196,9 @@ class RunModel:
         """Take out what robots reported up to `end`, s, where there is no ground truth."""
         trajectories = {}
         for robot in self.description.robots:
-            table = np.array(self._poses.pop(robot, []), np.float64).reshape(-1, 4)
-            trajectories[robot] = Trajectory(table[:, 0], table[:, 1:], table[:, 1:], self._changed(robot))
+            table = np.array(self._rows.pop(robot, []), np.float64).reshape(-1, 7)
+            poses, states = table[:, 1:4], self._changed(robot)
+            trajectories[robot] = Trajectory(table[:, 0], poses, poses, table[:, 4:], states)
         columns = step_columns(0, len(trajectories))
         return self._data(
             end, np.zeros(0), columns, trajectories, heard=self._links(None), processes=tuple(processes)
@@ -236,7 +237,8 @@ class RunModel:
 
     def _reported(self, robot: str, drive: Drive, second: float) -> None:
         self._reports.extend(robot, drive, second)
-        self._poses.setdefault(robot, []).append((second, *(drive.pose or (np.nan,) * 3)))
+        row = (second, *(drive.pose or (np.nan,) * 3), drive.vx, drive.vy, drive.omega)
+        self._rows.setdefault(robot, []).append(row)
 
     def _receive(self, robot: str, received: Received) -> None:
         addresses, own = self.description.addresses, self._index[robot]

@@ -362,7 +362,8 @@ def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEnt
     left_out = Counter[str]()
     monkeypatch.setattr(robot_entries, "messages_on", lambda path, topic: (("r1", one) for one in told))
     source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
-    track = Trajectory(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), ())
+    none = np.zeros((0, 3))
+    track = Trajectory(np.zeros(0), none, none, none, ())
     found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
     return list(found), +left_out
 

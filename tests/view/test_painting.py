@@ -55,7 +55,9 @@ def track(
     x = np.full(len(steps), 3.0) if still else np.array(steps) / 10
     poses = np.column_stack((x, np.full(len(steps), 4.0), np.full(len(steps), np.pi / 2)))
     held = poses + np.array([0.3, 0.4, 0.0])
-    return Trajectory(seconds, poses, held, tuple(one for one in acts if one[0] in seconds))
+    return Trajectory(
+        seconds, poses, held, np.zeros_like(held), tuple(one for one in acts if one[0] in seconds)
+    )
 
 
 def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = None, **more: Any) -> RunData:
