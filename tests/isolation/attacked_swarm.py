@@ -1,7 +1,10 @@
 """Rig of the attack tests: the world's router and two robots, processes that carry out stages of attacks."""
 
-import json
 import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+
+import json
 import secrets
 import shutil
 import subprocess
