@@ -16,7 +16,7 @@ from acrc_testbed.results.seal import elsewhere, where
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import RunReader
-from acrc_testbed.view.painting import Painting, arrangement, looked_into
+from acrc_testbed.view.run_drawing import RunDrawing, arrangement, looked_into
 from actors.observer import viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement, Sheet
@@ -127,20 +127,20 @@ def draw(
     name = " beside ".join(one.name for one in arranged) if runs[1:] else runs[0].description.title
     what: Arrangement | Sequence[Arrangement] = arranged if runs[1:] else arranged[0]
     with regular_file.replaced(path) as part, Sheet(part, what, name=name, send_to=send_to) as sheet:
-        paintings = [
-            Painting(Canvas(sheet.recording, run.robots, one.root), run, each)
+        drawings = [
+            RunDrawing(Canvas(sheet.recording, run.robots, one.root), run, each)
             for run, one, each in zip(runs, arranged, detailed, strict=True)
         ]
-        for run, painting in zip(runs, paintings, strict=True):
-            painting.recorded(run)
+        for run, drawing in zip(runs, drawings, strict=True):
+            drawing.recorded(run)
         sheet.flush()
         say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
         faults = []
-        for run, painting, each in zip(runs, paintings, detailed, strict=True):
-            painting.computed(run, last=True)
+        for run, drawing, each in zip(runs, drawings, detailed, strict=True):
+            drawing.computed(run, last=True)
             sheet.flush()
-            lacks = [*_missing(run), *painting.lacks(run)]
-            lacks += _explain(run, painting, each, options) if options.why else []
+            lacks = [*_missing(run), *drawing.lacks(run)]
+            lacks += _explain(run, drawing, each, options) if options.why else []
             faults += [f"{run.out.name}: {one}" if runs[1:] else one for one in lacks]
         lost = sheet.lost
     for fault in faults:
@@ -158,14 +158,14 @@ def _missing(run: RunData) -> list[str]:
     return [where(run.out, left)] if left else []
 
 
-def _explain(run: RunData, painting: Painting, robots: Sequence[str], options: ViewOptions) -> list[str]:
+def _explain(run: RunData, drawing: RunDrawing, robots: Sequence[str], options: ViewOptions) -> list[str]:
     """Draw why robots decided what they did; return what could not be explained."""
     choice = choose(options.isolate)
     warn(choice.warning)
     faults, explainer = [], Explainer(run.out, permit=options.permit, isolate=choice.isolate)
     for robot in robots:
         try:
-            painting.reasons(robot, list(explainer.every(robot)))
+            drawing.reasons(robot, list(explainer.every(robot)))
         except ExplanationError as error:
             faults.append(str(error))
     return faults
@@ -198,7 +198,7 @@ class LiveView:
 
     def __init__(self, reader: RunReader, sheet: Sheet, detailed: Sequence[str]) -> None:
         self._reader = reader
-        self._painting = Painting(Canvas(sheet.recording, reader.robots), reader.beginning(), detailed)
+        self._drawing = RunDrawing(Canvas(sheet.recording, reader.robots), reader.beginning(), detailed)
         self.end = 0.0
         """Until when the run is drawn, s."""
 
@@ -207,8 +207,8 @@ class LiveView:
         run = self._reader.poll(last=last)
         if run is None:
             return False
-        self._painting.recorded(run)
-        self._painting.computed(run, last=last)
+        self._drawing.recorded(run)
+        self._drawing.computed(run, last=last)
         self.end = run.end
         return True
 

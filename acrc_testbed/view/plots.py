@@ -17,8 +17,8 @@ from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
 
 
-class Happenings:
-    """Tells of a run piece by piece."""
+class RunEventTexts:
+    """Event texts of a run."""
 
     def __init__(self) -> None:
         self._known: set[PlaceKey] = set()
@@ -26,7 +26,7 @@ class Happenings:
         self._begun: set[str] = set()
 
     def of(self, run: RunData) -> Iterator[DrawnEvent]:
-        """What happened in it, by what was recorded."""
+        """Yield what happened in a run, or in its next part."""
         for deed in first_reports(run.reported, self._known):
             own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
             yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
@@ -176,7 +176,7 @@ _FIRST: Final = 64
 """Points that there is room for at first; then twice as many, and so on."""
 
 
-class Way:
+class PositionHistory:
     """One robot's way."""
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
 from acrc_testbed.view.command import say_at_once
-from acrc_testbed.view.painting import Painting
+from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
 from actors.observer import viewer
@@ -103,7 +103,7 @@ class WatchedFleet:
         self._drawn: set[str] = set()
         self._counted = 0.0
         self._missed = 0
-        self._painting = Painting(self._canvas, self._model.observed(0.0), ())
+        self._drawing = RunDrawing(self._canvas, self._model.observed(0.0), ())
         for robot in self.robots:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
@@ -128,9 +128,9 @@ class WatchedFleet:
             self._missed = missed
         self._note_silence(now)
         run = self._model.observed(now)
-        self._painting.recorded(run)
-        self._painting.computed(run)
-        self._painting.tell(events)
+        self._drawing.recorded(run)
+        self._drawing.computed(run)
+        self._drawing.tell(events)
         self._plot(now)
 
     def _fold(self, said: HeardMessage, robot: str) -> None:

@@ -11,7 +11,7 @@ from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import read_run
 from tests.recorded_runs import record
 
-DRAWN = ("drawn", "live", "painting")
+DRAWN = ("drawn", "live", "run_drawing")
 collect_ignore = [] if find_spec("rerun") else [f"test_{name}.py" for name in DRAWN]
 
 

@@ -17,7 +17,7 @@ from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.run_model.data import RunDataError
 from acrc_testbed.run_model.simulated import RunReader, recorded_run
 from acrc_testbed.view.command import LiveView, ViewOptions, save
-from acrc_testbed.view.painting import Painting
+from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
@@ -52,7 +52,7 @@ def growing(folder: Path, tmp_path: Path) -> Growing:
 def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
     growing: Growing, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(Painting, "_deadlocks", lambda *_: None)  # known once a run has ended
+    monkeypatch.setattr(RunDrawing, "_deadlocks", lambda *_: None)  # known once a run has ended
     save([folder], ViewOptions(), tmp_path / "whole.rrd", lambda sentence: None)
     growing.grow(0.31)
     with RunReader(growing.out, internals=True) as reader:

@@ -18,7 +18,7 @@ from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
 from acrc_testbed.view import command
-from acrc_testbed.view.painting import Painting
+from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
@@ -78,9 +78,9 @@ def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = 
 def painted(path: Path, *pieces: RunData) -> Rows:
     """What the pieces come to, drawn one after the other."""
     with Sheet(path, Arrangement(GRID, ("r1", "r2")), name="a run") as sheet:
-        painting = Painting(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
+        drawing = RunDrawing(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
         for piece in pieces:
-            painting.recorded(piece)
+            drawing.recorded(piece)
     return rows(path)
 
 

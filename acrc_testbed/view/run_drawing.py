@@ -17,7 +17,7 @@ from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
 from acrc_testbed.run_model.introspection import NOT_RECORDED, ActivityChange, Floats, RobotInternals
 from acrc_testbed.run_model.places import PlaceTable
 from acrc_testbed.run_model.recorded import NO_FRAMES
-from acrc_testbed.view.plots import Happenings, Plots, RobotLane, Way, name
+from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
 from actors.installation.usage import wrong_value
 from actors.observer.drawing import layout, places, robots, words
 from actors.observer.drawing.canvas import FEW, Canvas
@@ -32,7 +32,7 @@ _AGE_S: Final = 1.0
 """Between two points of the plot of replicas' ages."""
 
 
-class InnerEvents:
+class ProcessEvents:
     """Event texts of one process of a robot."""
 
     def __init__(self, robot: str) -> None:
@@ -69,13 +69,15 @@ class DrawnParts(NamedTuple):
     """Where it heads for."""
 
 
-class PaintedInside:
+class ProcessDrawing:
     """What one process of a robot computed, drawn part by part."""
 
-    def __init__(self, canvas: Canvas, robot: str, way: Way, lane: RobotLane, shown: DrawnParts) -> None:
+    def __init__(
+        self, canvas: Canvas, robot: str, way: PositionHistory, lane: RobotLane, shown: DrawnParts
+    ) -> None:
         self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
         self._shown = shown
-        self._events = InnerEvents(robot)
+        self._events = ProcessEvents(robot)
         self._last: ActivityChange | None = None
         self._line_due: float | None = None
         self._met: dict[str, tuple[float, float]] = {}
@@ -200,7 +202,7 @@ class SeenActivity:
         return begin, near and second - begin >= STANDARD.pause_s
 
 
-class Painting:
+class RunDrawing:
     """One run on one canvas, or one piece of it after another."""
 
     def __init__(self, canvas: Canvas, run: RunData, detailed: Sequence[str]) -> None:
@@ -208,17 +210,17 @@ class Painting:
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
         """Robots of which all links, goals and adoptions are drawn, however many robots there are."""
-        self._ways = {robot: Way() for robot in run.robots}
+        self._ways = {robot: PositionHistory() for robot in run.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in run.robots}
-        self._insides: dict[str, PaintedInside] = {}
+        self._insides: dict[str, ProcessDrawing] = {}
         """By actor."""
         self._recorded: set[str] = set()
         """Robots whose introspection is recorded."""
         self._outside = {robot: SeenActivity(robot) for robot in run.robots}
         self._places = PlaceTable()
         self._plots = Plots(canvas, true=run.description.has_truth)
-        self._happenings = Happenings()
+        self._event_texts = RunEventTexts()
         self._heard: Floats = np.zeros((0, 4))
         """What was heard lately."""
         self._lost: list[tuple[float, int, str]] = []
@@ -250,7 +252,7 @@ class Painting:
         self._draw_places(run)
         self._links(run)
         self._plots.extend(run)
-        words.draw_events(canvas, "recorded", list(self._happenings.of(run)))
+        words.draw_events(canvas, "recorded", list(self._event_texts.of(run)))
         self._adoptions(run)
 
     def copies(self, copies: Copies, until: float, *, last: bool = True) -> None:
@@ -301,7 +303,7 @@ class Painting:
         robot, actor = inside.process.robot, inside.process.actor
         if actor not in self._insides:
             shown = DrawnParts(robot in self._detailed, self._in_full(robot))
-            painted = PaintedInside(self._canvas, robot, self._ways[robot], self._lanes[robot], shown)
+            painted = ProcessDrawing(self._canvas, robot, self._ways[robot], self._lanes[robot], shown)
             self._insides[actor] = painted
         self._exchanges += self._insides[actor].draw(inside, end)
 
