@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from importlib import import_module
-from typing import Annotated, Any, Final, get_args
+from typing import Annotated, Any, Final
 
 import typer
 from typer._click import exceptions as faults
@@ -129,7 +129,7 @@ class Root(WithLazyCommands):
                 formatter.write_dl(rows)
 
 
-_NUMBERS: Final = {int: "a whole number", float: "a number"}
+_NUMBERS: Final = {"int": "a whole number", "float": "a number"}
 
 
 def text(error: typer.TyperException) -> str:
@@ -183,11 +183,10 @@ def _unknown_command(name: str, command: str, context: Any) -> str:
 
 
 def _value(error: faults.BadParameter) -> str:
-    cause: Any = error.__cause__
-    if error.param is None or cause is None:
+    value = re.match(r"'?(.*?)'? is not (?:a valid|in the range)", error.message, re.DOTALL)
+    if error.param is None or value is None:
         return f"{error.param_hint or 'acrc'}: {error.message}"
-    value = cause.errors()[0]["input"]
-    return f"{_name(error)}: {value}; must be {_right(error)}"
+    return f"{_name(error)}: {value[1]}; must be {_right(error)}"
 
 
 def _name(error: faults.BadParameter) -> str:
@@ -199,14 +198,16 @@ def _name(error: faults.BadParameter) -> str:
 
 
 def _right(error: faults.BadParameter) -> str:
-    """What a value must be, by the kind and the bounds that the option declares."""
-    kind: Any = error.param.type_descriptor  # type: ignore[union-attr]
-    (inner, *_) = (*get_args(kind.annotation), kind.annotation)
-    words = _NUMBERS.get(inner)
+    """Return what a value must be, by the kind and the bounds that the option declares."""
+    kind: Any = error.param.type  # type: ignore[union-attr]
+    words = _NUMBERS.get(kind.name.removesuffix(" range"))
     if words is None:
         return str(error.message)
-    least, most = kind.parameter_info.min, kind.parameter_info.max
-    bounds = [f" {word} {bound}" for word, bound in (("from", least), ("to", most)) if bound is not None]
+    bounds = [
+        f" {word} {bound:g}"
+        for word, bound in (("from", getattr(kind, "min", None)), ("to", getattr(kind, "max", None)))
+        if bound is not None
+    ]
     return f"{words}{''.join(bounds)}"
 
 
