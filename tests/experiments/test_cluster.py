@@ -19,8 +19,8 @@ import pytest
 import yaml
 
 from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.dask_pool import RemoteOutcome, checked
-from acrc_testbed.experiments.campaign.trial_record import MOST_BYTES
+from acrc_testbed.experiments.campaign.dask_pool import checked
+from acrc_testbed.experiments.campaign.trial_record import MOST_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
 from deploy.clusters.address import check, is_safe
 from deploy.clusters.connection import ClusterError, refuse_open, security
@@ -213,13 +213,13 @@ def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> Non
 
 
 def test_what_a_worker_answers_is_bounded_and_of_its_types() -> None:
-    good = RemoteOutcome(b"{}", "cause", b"said")
+    good = TrialOutcome(b"{}", "cause", b"said")
     assert checked(good) == good
     wrong: list[Any] = [{"record": b""}, None, ("text", "", b"", ""), (None, 3, b"", ""), (None, "", "x", "")]
-    for each in (*wrong, *(RemoteOutcome(*one) for one in wrong[2:])):
-        assert checked(each) == RemoteOutcome(None, "a worker has answered something else", b"")
-    large = checked(RemoteOutcome(bytes(MOST_BYTES + 1), "", b""))
+    for each in (*wrong, *(TrialOutcome(*one) for one in wrong[2:])):
+        assert checked(each) == TrialOutcome(None, "a worker has answered something else", b"")
+    large = checked(TrialOutcome(bytes(MOST_BYTES + 1), "", b""))
     assert large.record is None and large.cause == f"a worker has answered more than {MOST_BYTES} octets"
-    noisy = checked(RemoteOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
+    noisy = checked(TrialOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
     assert len(noisy.cause) < 2000 and "\x1b" not in noisy.cause and len(noisy.refusal) == 500
     assert len(noisy.said) == 1 << 20

@@ -14,23 +14,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Protocol
 
 import msgspec
 
-from acrc_testbed.experiments.campaign.store import TRIAL, EndedTrial, Pending, Store
+from acrc_testbed.experiments.campaign.store import Pending, Store
 from acrc_testbed.experiments.campaign.trial_record import (
-    MOST_BYTES,
-    MOST_SAID,
     ORDER,
-    RECORD,
+    TRIAL,
     CheckRecord,
+    TrialOrder,
+    TrialOutcome,
     TrialRecord,
     compared,
     keep,
     keep_bytes,
-    left,
     order_of,
+    outcome_in,
     received,
 )
 from acrc_testbed.experiments.study.study import Study
@@ -44,90 +44,70 @@ from deploy.scenario.tables import inline
 
 
 class Pool(Protocol):
-    """Runs trials, each in a process of its own. A context manager that leaves none behind."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *error: object) -> None: ...
+    """Executor of trials, each in a process of its own. A handle is hashable, as a future is."""
 
     @property
     def slots(self) -> int:
-        """How many can run at once; may change."""
+        """Number of trials that can run at once; may change."""
 
-    @property
-    def running(self) -> list[tuple[Pending, float]]:
-        """What has been started and not ended, and since when, s."""
+    def submit(self, order: TrialOrder) -> Any:
+        """Start a trial, and return its handle."""
 
-    def start(self, pending: Pending) -> None:
-        """Have it run."""
-
-    def wait(self, timeout_s: float) -> list[EndedTrial]:
-        """What has ended; returns as soon as something may have, at the latest after `timeout_s`."""
+    def wait(self, handles: Sequence[Any], timeout_s: float) -> dict[Any, TrialOutcome]:
+        """Wait until one of these trials has completed; return the outcomes of all that have."""
 
 
 class LocalPool:
-    """Processes of this computer, one per core, each in a folder that says nothing of the campaign."""
+    """Processes of this computer, each in a folder that says nothing of the campaign."""
 
-    def __init__(
-        self,
-        study: Study,
-        launched: Launcher,
-        folder: Path,
-        jobs: int,
-        patience_s: float,
-        modules: Sequence[Path] = (),
-    ) -> None:
-        """`jobs`: at once; 0: one per core. `patience_s`: what takes longer is ended, and has failed.
-
-        `folder`: for what lies there while it runs. `modules`: where strategies of one's own are looked for.
-        """
-        self._modules = tuple(modules)
-        self._study = study
+    def __init__(self, launched: Launcher, folder: Path, options: "CampaignOptions") -> None:
+        """`folder`: for files of running trials."""
         self._launched = launched
         self._folder = folder
-        self._patience_s = patience_s
-        self._running: dict[int, tuple[Child, Path, Pending, float]] = {}
-        self.slots = jobs or os.cpu_count() or 1
+        self._patience_s = options.patience_s
+        self._running: dict[int, tuple[Child, Path, float]] = {}
+        self.slots = options.jobs or os.cpu_count() or 1
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """The launcher ends what is left."""
-
-    @property
-    def running(self) -> list[tuple[Pending, float]]:
-        """What has been started and not ended, and since when, s."""
-        return [(pending, time.monotonic() - began) for _, _, pending, began in self._running.values()]
-
-    def start(self, pending: Pending) -> None:
-        """Fork a process for it."""
+    def submit(self, order: TrialOrder) -> int:
+        """Fork a process; its id is the handle."""
         folder = Path(tempfile.mkdtemp(prefix="", dir=self._folder))
-        order = order_of(self._study, pending.trial, self._modules, repeated=pending.check)
         (folder / ORDER).write_bytes(msgspec.json.encode(order))
         child = self._launched.start(Program("trial", TRIAL, (str(folder),), folder / "trial.log", None))
-        self._running[child.pid] = (child, folder, pending, time.monotonic())
+        self._running[child.pid] = (child, folder, time.monotonic())
+        return child.pid
 
-    def wait(self, timeout_s: float) -> list[EndedTrial]:
-        """What has ended; what takes too long is ended here."""
+    def wait(self, handles: Sequence[int], timeout_s: float) -> dict[int, TrialOutcome]:
+        """Return what has completed; kill what takes too long."""
         self._launched.wait(timeout_s)
-        ended = []
-        for pid, (child, folder, pending, began) in list(self._running.items()):
-            took_s = time.monotonic() - began
-            if child.exit_code is None and took_s <= self._patience_s:
-                continue
+        ended = {}
+        for pid in handles:
+            child, folder, began = self._running[pid]
             last = last_line(child.program.log)
             cause = f"its process ended with exit code {child.exit_code} without a result" + (
                 f"; the last that it said: {last}" if last else ""
             )
             if child.exit_code is None:
+                if time.monotonic() - began <= self._patience_s:
+                    continue
                 cause = f"took longer than {self._patience_s:g} s"
                 child.send(signal.SIGKILL)
             del self._running[pid]
-            record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
-            ended.append(EndedTrial(pending, took_s, record, cause, said or b""))
+            ended[pid] = outcome_in(folder, cause)
             shutil.rmtree(folder, ignore_errors=True)
         return ended
+
+
+@contextmanager
+def _pool(store: Store, options: "CampaignOptions") -> Iterator[Pool]:
+    if options.on is not None:
+        from acrc_testbed.experiments.campaign.dask_pool import DaskPool
+
+        with DaskPool(store.commit, options.on, options.jobs, options.patience_s) as cluster:
+            yield cluster
+        return
+    compile_kernels(quiet=True)
+    with scratch_folder() as folder, launcher("forkserver") as launched:
+        yield LocalPool(launched, folder, options)
 
 
 _Kind = tuple[str, tuple[tuple[str, object], ...], bool]
@@ -218,19 +198,6 @@ def carry_out(
         return _Campaign(store, options, pool, follow, enough).run()
 
 
-@contextmanager
-def _pool(store: Store, options: CampaignOptions) -> Iterator[Pool]:
-    if options.on is not None:
-        from acrc_testbed.experiments.campaign.dask_pool import DaskPool
-
-        with DaskPool(store, options.on, options.jobs, options.patience_s, options.modules) as cluster:
-            yield cluster
-        return
-    compile_kernels(quiet=True)
-    with scratch_folder() as folder, launcher("forkserver") as launched:
-        yield LocalPool(store.study, launched, folder, options.jobs, options.patience_s, options.modules)
-
-
 class _Campaign:
     def __init__(
         self,
@@ -243,6 +210,8 @@ class _Campaign:
         self._store = store
         self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
+        self._modules = options.modules
+        self._running: dict[Any, tuple[Pending, float]] = {}
         self._follow = follow
         self._asked_enough = enough
         self._trials = deque(store.pending())
@@ -277,15 +246,18 @@ class _Campaign:
 
     def _work(self, waiting: deque[Pending]) -> None:
         """Have all of them run to their ends."""
-        while waiting or self._pool.running:
-            while waiting and len(self._pool.running) < self._pool.slots:
+        while waiting or self._running:
+            while waiting and len(self._running) < self._pool.slots:
                 pending = waiting.popleft()
-                regular_file.write(self._store.log(pending.trial, check=pending.check), b"")
-                self._pool.start(pending)
-            ended = self._pool.wait(_LOOK_S)
-            for one in ended:
-                self._time.learn(one.pending, one.took_s)
-                self._note(one)
+                trial, check = pending
+                regular_file.write(self._store.log(trial, check=check), b"")
+                order = order_of(self._store.study, trial, self._modules, repeated=check)
+                self._running[self._pool.submit(order)] = (pending, time.monotonic())
+            ended = self._pool.wait(list(self._running), _LOOK_S)
+            for handle, outcome in ended.items():
+                pending, began = self._running.pop(handle)
+                self._time.learn(pending, time.monotonic() - began)
+                self._note(pending, outcome)
             if ended:
                 self._ask()
             self._follow(self._progress())
@@ -295,9 +267,9 @@ class _Campaign:
             self._enough = True
             self._trials.clear()
 
-    def _note(self, ended: EndedTrial) -> None:
-        """Keep what came of it; whatever a process has left is checked here."""
-        trial, check = ended.pending
+    def _note(self, pending: Pending, ended: TrialOutcome) -> None:
+        """Check the record that a process left, and keep it."""
+        trial, check = pending
         store = self._store
         regular_file.write(store.log(trial, check=check), ended.said)
         record = received(ended.record, trial, ended.cause)
@@ -310,7 +282,9 @@ class _Campaign:
 
     def _progress(self) -> CampaignProgress:
         waiting = (*self._trials, *self._checks)
-        left_s = self._time.left_s(waiting, self._pool.running, self._pool.slots)
+        now = time.monotonic()
+        running = [(pending, now - began) for pending, began in self._running.values()]
+        left_s = self._time.left_s(waiting, running, self._pool.slots)
         return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)
 
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
@@ -11,15 +10,14 @@ import msgspec
 from distributed import Future, KilledWorker
 from distributed import wait as wait_for
 
-from acrc_testbed.experiments.campaign.store import TRIAL, EndedTrial, Pending, Store
 from acrc_testbed.experiments.campaign.trial_record import (
     MOST_BYTES,
     MOST_SAID,
     ORDER,
-    RECORD,
+    TRIAL,
     TrialOrder,
-    left,
-    order_of,
+    TrialOutcome,
+    outcome_in,
 )
 from actors.installation.repository import REPOSITORY
 from actors.installation.version import software
@@ -31,36 +29,23 @@ from deploy.clusters.connection import PATIENCE_S, ClusterError, connect
 _MOST_WORDS: Final = 500
 
 
-class Errand(NamedTuple):
-    """Everything that a worker need know."""
+class TrialTask(NamedTuple):
+    """Input of a worker."""
 
     order: bytes
     """JSON of the trial's order."""
     commit: str
     repository: str
-    """Where the one who asks has this software: paths in it are meant in the worker's own."""
+    """Clone of whoever submits: the worker reads paths in it as paths in its own clone."""
     patience_s: float
 
 
-class RemoteOutcome(NamedTuple):
-    """What came of it."""
-
-    record: bytes | None
-    """JSON of the trial's record, or of its repetition's."""
-    cause: str
-    """Why there is none."""
-    said: bytes
-    """What the process said."""
-    refusal: str = ""
-    """Why this worker runs no trial of the campaign; empty if it does."""
-
-
-def carry_out(errand: Errand) -> RemoteOutcome:
+def carry_out(task: TrialTask) -> TrialOutcome:
     """Run the trial in a process of its own, or say why not."""
     here = software()
-    if here != errand.commit:
-        return _refused(f"a worker has {here}, this is {errand.commit}; their results do not compare")
-    order = _moved(errand)
+    if here != task.commit:
+        return _refused(f"a worker has {here}, this is {task.commit}; their results do not compare")
+    order = _moved(task)
     reason = sandbox.available() if order.isolate else None
     if reason is not None:
         return _refused(f"a worker cannot isolate robots, as the study wants: {reason}")
@@ -72,38 +57,37 @@ def carry_out(errand: Errand) -> RemoteOutcome:
                 done = subprocess.run(
                     [sys.executable, "-P", "-m", TRIAL, str(folder)],
                     cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                    timeout=errand.patience_s, check=False,
+                    timeout=task.patience_s, check=False,
                 )  # fmt: skip
                 cause = f"its process ended with exit code {done.returncode} without a result"
             except subprocess.TimeoutExpired:
-                cause = f"took longer than {errand.patience_s:g} s"
-        record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
-        return RemoteOutcome(record, cause, said or b"")
+                cause = f"took longer than {task.patience_s:g} s"
+        return outcome_in(folder, cause)
 
 
-def _refused(why: str) -> RemoteOutcome:
-    return RemoteOutcome(None, "", b"", why)
+def _refused(why: str) -> TrialOutcome:
+    return TrialOutcome(None, "", b"", why)
 
 
-def checked(answer: object) -> RemoteOutcome:
+def checked(answer: object) -> TrialOutcome:
     """What a worker has answered, if it is an answer at all; its record is not looked into here."""
-    if not isinstance(answer, RemoteOutcome):
-        return RemoteOutcome(None, "a worker has answered something else", b"")
+    if not isinstance(answer, TrialOutcome):
+        return TrialOutcome(None, "a worker has answered something else", b"")
     kinds = (bytes | None, str, bytes, str)
     if not all(isinstance(part, kind) for part, kind in zip(answer, kinds, strict=True)):
-        return RemoteOutcome(None, "a worker has answered something else", b"")
+        return TrialOutcome(None, "a worker has answered something else", b"")
     record, cause, said, refusal = answer
     if record is not None and len(record) > MOST_BYTES:
-        return RemoteOutcome(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
-    return RemoteOutcome(
+        return TrialOutcome(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
+    return TrialOutcome(
         record, printable(cause[:_MOST_WORDS]), said[-MOST_SAID:], printable(refusal[:_MOST_WORDS])
     )
 
 
-def _moved(errand: Errand) -> TrialOrder:
+def _moved(task: TrialTask) -> TrialOrder:
     """The order, its files looked for in this clone if they lie in the clone of the one who asks."""
-    order = msgspec.json.decode(errand.order, type=TrialOrder)
-    scenario, *modules = (_here(path, errand.repository) for path in (order.study.scenario, *order.modules))
+    order = msgspec.json.decode(task.order, type=TrialOrder)
+    scenario, *modules = (_here(path, task.repository) for path in (order.study.scenario, *order.modules))
     study = msgspec.structs.replace(order.study, scenario=scenario)
     return msgspec.structs.replace(order, study=study, modules=tuple(modules))
 
@@ -117,19 +101,16 @@ def _here(path: str, repository: str) -> str:
 class DaskPool:
     """One trial per thread of the cluster's workers, each in a process of its own."""
 
-    def __init__(
-        self, store: Store, address: str, jobs: int, patience_s: float, modules: Sequence[Path] = ()
-    ) -> None:
+    def __init__(self, commit: str, address: str, jobs: int, patience_s: float) -> None:
         """`address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer.
 
-        `jobs`: at once; 0: as many as there are threads. `modules`: folders with strategies of one's own.
+        `jobs`: at once; 0: as many as there are threads.
         """
-        self._modules = tuple(modules)
-        self._store = store
+        self._commit = commit
         self._address = address
         self._jobs = jobs
         self._patience_s = patience_s
-        self._running: dict[Future[Any], tuple[Pending, float]] = {}
+        self._submitted: set[Future[Any]] = set()
         self._slots = 1
 
     def __enter__(self) -> Self:
@@ -143,52 +124,43 @@ class DaskPool:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for future in self._running:
+        for future in self._submitted:
             future.cancel()
         self._client.close(timeout=PATIENCE_S)
 
     @property
     def slots(self) -> int:
-        """How many can run at once; changes as workers come and go."""
+        """Number of trials at once; changes as workers come and go."""
         return self._jobs or max(self._slots, 1)
 
-    @property
-    def running(self) -> list[tuple[Pending, float]]:
-        """What has been started and not ended, and since when, s."""
-        return [(pending, time.monotonic() - began) for pending, began in self._running.values()]
+    def submit(self, order: TrialOrder) -> Future[Any]:
+        """Submit a trial to the cluster."""
+        task = TrialTask(msgspec.json.encode(order), self._commit, str(REPOSITORY), self._patience_s)
+        future = self._client.submit(carry_out, task, pure=False)
+        self._submitted.add(future)
+        return future
 
-    def start(self, pending: Pending) -> None:
-        """Hand it to the cluster."""
-        store = self._store
-        order = order_of(store.study, pending.trial, self._modules, repeated=pending.check)
-        errand = Errand(msgspec.json.encode(order), store.commit, str(REPOSITORY), self._patience_s)
-        future = self._client.submit(carry_out, errand, pure=False)
-        self._running[future] = (pending, time.monotonic())
-
-    def wait(self, timeout_s: float) -> list[EndedTrial]:
-        """What has ended. Raises ClusterError if the cluster is gone, or has other software."""
+    def wait(self, handles: Sequence[Future[Any]], timeout_s: float) -> dict[Future[Any], TrialOutcome]:
+        """Raises ClusterError if the cluster is gone, or has other software."""
         try:
-            wait_for(list(self._running), timeout=timeout_s, return_when="FIRST_COMPLETED")
+            wait_for(list(handles), timeout=timeout_s, return_when="FIRST_COMPLETED")
         except TimeoutError:
             pass
         except Exception as error:  # whatever a lost connection is to the library
             raise self._gone(error) from None
         self._count()
-        return [self._ended(future) for future in list(self._running) if future.done()]
+        done = [future for future in handles if future.done()]
+        self._submitted -= set(done)
+        return {future: self._answer(future) for future in done}
 
     def _count(self) -> None:
-        """Take in how many threads there are."""
+        """Update the number of threads."""
         try:
             self._slots = sum(self._client.nthreads().values())
         except Exception as error:
             raise self._gone(error) from None
 
-    def _ended(self, future: Future[Any]) -> EndedTrial:
-        pending, began = self._running.pop(future)
-        answer = self._answer(future)
-        return EndedTrial(pending, time.monotonic() - began, answer.record, answer.cause, answer.said)
-
-    def _answer(self, future: Future[Any]) -> RemoteOutcome:
+    def _answer(self, future: Future[Any]) -> TrialOutcome:
         if future.status == "finished":
             answer = checked(future.result())
             if answer.refusal:
@@ -196,7 +168,7 @@ class DaskPool:
             return answer
         error: Any = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
-            return RemoteOutcome(None, "every worker that ran it died", b"")
+            return TrialOutcome(None, "every worker that ran it died", b"")
         raise self._gone(error or future.status)
 
     def _gone(self, error: object) -> ClusterError:

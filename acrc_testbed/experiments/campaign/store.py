@@ -55,22 +55,6 @@ class Pending(NamedTuple):
     """True: to be repeated."""
 
 
-TRIAL: Final = "acrc_testbed.experiments.campaign.trial_program"
-
-
-class EndedTrial(NamedTuple):
-    """A trial, or its repetition, whose process has ended; what it has left is not checked yet."""
-
-    pending: Pending
-    took_s: float
-    record: bytes | None
-    """JSON, or whatever stands in its place; None: it has left none."""
-    cause: str
-    """Why there may be no record."""
-    said: bytes = b""
-    """What the process said, the end of it."""
-
-
 class Store:
     """A campaign's folder."""
 

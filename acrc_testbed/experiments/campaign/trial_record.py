@@ -5,7 +5,7 @@ import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -166,6 +166,22 @@ MOST_SAID: Final = 1 << 20
 """Octets that are kept of what a trial's process has said: the last ones."""
 
 
+TRIAL: Final = "acrc_testbed.experiments.campaign.trial_program"
+
+
+class TrialOutcome(NamedTuple):
+    """Files that a trial's process left; not checked yet."""
+
+    record: bytes | None
+    """JSON of the trial's record; None: there is none."""
+    cause: str
+    """Why there may be no record."""
+    said: bytes
+    """End of the process's output."""
+    refusal: str = ""
+    """Why this computer runs no trial of the campaign; empty if it does."""
+
+
 class TrialOrder(msgspec.Struct, frozen=True):
     """One trial by itself, with nothing in it that tells where it stands in its study."""
 
@@ -234,6 +250,12 @@ def left(file: Path, most: int, *, end: bool = False) -> bytes | None:
             return stream.read(most)
     except (RecordingError, OSError):
         return None
+
+
+def outcome_in(folder: Path, cause: str) -> TrialOutcome:
+    """Return what a trial's process left in its folder."""
+    said = left(folder / "trial.log", MOST_SAID, end=True)
+    return TrialOutcome(left(folder / RECORD, MOST_BYTES), cause, said or b"")
 
 
 def _failed(trial: Trial, cause: str) -> TrialRecord:
