@@ -26,7 +26,7 @@ from acrc_testbed.robot_logs.ros2_log import (
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.run_model.introspection import RecordedProcess, RobotInternals
-from acrc_testbed.run_model.places import PlaceState, PlaceTable
+from acrc_testbed.run_model.places import PlaceStatus, PlaceTable
 from acrc_testbed.run_model.recorded import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
@@ -226,7 +226,7 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
 
     One that came while the run went on is there from when a robot first speaks of it.
     """
-    states: dict[PlaceKey, PlaceState] = {}
+    states: dict[PlaceKey, PlaceStatus] = {}
     shown: dict[PlaceKey, tuple[bool, bool]] | None = None
     for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
         for change in changes:
@@ -237,7 +237,7 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
             yield _scene(second, "/places", _places(run, states))
 
 
-def _places(run: RunData, states: Mapping[PlaceKey, PlaceState]) -> list[Marker]:
+def _places(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker]:
     markers = []
     for key, state in states.items():
         is_lost = state.given_up and not state.done

@@ -33,7 +33,7 @@ class RunDataError(AcrcError):
     """A folder or a stream of messages that does not describe one run."""
 
 
-class Column(NamedTuple):
+class StepColumn(NamedTuple):
     """One quantity per step and robot."""
 
     name: str
@@ -47,15 +47,15 @@ class Column(NamedTuple):
 
 
 STEP_COLUMNS: Final = (
-    Column("true", np.float64, "m, m, rad", "true pose at the start of the step, map frame", 3),
-    Column("estimated", np.float64, "m, m, rad", "the robot's own estimate; NaN: not reported", 3, np.nan),
-    Column("commanded", np.float64, "m/s, m/s, rad/s", "commanded velocity, robot's frame; NaN: none",
+    StepColumn("true", np.float64, "m, m, rad", "true pose at the start of the step, map frame", 3),
+    StepColumn("estimated", np.float64, "m, m, rad", "the robot's own estimate; NaN: not reported", 3, np.nan),
+    StepColumn("commanded", np.float64, "m/s, m/s, rad/s", "commanded velocity, robot's frame; NaN: none",
            3, np.nan),
-    Column("powered", np.bool_, "", "the robot's process is alive"),
-    Column("stepping", np.bool_, "", "the robot takes part in the step: it is neither frozen nor off"),
-    Column("places_left", np.int64, "", "places that the robot still intends to visit"),
-    Column("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
-    Column("frames_heard", np.int64, "", "frames that the robot received in the step"),
+    StepColumn("powered", np.bool_, "", "the robot's process is alive"),
+    StepColumn("stepping", np.bool_, "", "the robot takes part in the step: it is neither frozen nor off"),
+    StepColumn("places_left", np.int64, "", "places that the robot still intends to visit"),
+    StepColumn("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
+    StepColumn("frames_heard", np.int64, "", "frames that the robot received in the step"),
 )  # fmt: skip
 """The table by step and robot: of a column `c` of `RunData` the shape is (steps, robots) or (steps, robots,
 `width`)."""

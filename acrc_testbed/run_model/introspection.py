@@ -196,7 +196,7 @@ class RobotInternals:
                 yield one, one.commit.decision
 
 
-class _Step(NamedTuple):
+class _SensedStep(NamedTuple):
     number: int
     instant: int
     scan: Scan | None
@@ -212,7 +212,7 @@ class ProcessModel:
         angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
         self._rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
         self._scan: Scan | None = None
-        self._steps: list[_Step] = []
+        self._steps: list[_SensedStep] = []
         self._told: dict[int, Introspection] = {}
         self._senders: dict[int, int] = {}
         """Of frames by when they were received, µs."""
@@ -230,7 +230,7 @@ class ProcessModel:
                 scans = (*message.earlier_scans, message.scan)
                 self._scan = next((one for one in reversed(scans) if one is not None), self._scan)
                 if not message.halt:
-                    self._steps.append(_Step(message.step, message.instant, self._scan))
+                    self._steps.append(_SensedStep(message.step, message.instant, self._scan))
             case Received():
                 self._senders |= {one.instant: one.sender for one in message.events if isinstance(one, Heard)}
             case Introspection():
@@ -320,7 +320,7 @@ class ProcessModel:
 class _Part:
     """Rows of one part of a process."""
 
-    def __init__(self, model: ProcessModel, steps: Sequence[_Step]) -> None:
+    def __init__(self, model: ProcessModel, steps: Sequence[_SensedStep]) -> None:
         self._model = model
         instants = np.array([one.instant for one in steps], np.int64)
         if (np.abs(instants) > _LATEST).any():
@@ -340,7 +340,7 @@ class _Part:
         self._goals: list[StepGoal] = []
         self._commits: list[StepCommit] = []
 
-    def extend(self, step: _Step, told: Introspection | None, drive: Drive | None) -> None:
+    def extend(self, step: _SensedStep, told: Introspection | None, drive: Drive | None) -> None:
         """Add one step. Raises ValueError for values that cannot be."""
         second, quality = self._seconds[step.number], self._model.quality(told)
         pose = None if drive is None else drive.pose

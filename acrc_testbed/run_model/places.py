@@ -60,7 +60,7 @@ def first_reports(events: Sequence[PlaceEvent], known: set[PlaceKey]) -> list[Pl
     return found
 
 
-class PlaceState(NamedTuple):
+class PlaceStatus(NamedTuple):
     """The state of one place."""
 
     x: float
@@ -77,7 +77,7 @@ class PlaceChange(NamedTuple):
     """New states of places."""
 
     second: float
-    states: dict[PlaceKey, PlaceState]
+    states: dict[PlaceKey, PlaceStatus]
 
 
 class _Report(NamedTuple):
@@ -95,14 +95,14 @@ class PlaceTable:
     """
 
     def __init__(self) -> None:
-        self.states: dict[PlaceKey, PlaceState] = {}
+        self.states: dict[PlaceKey, PlaceStatus] = {}
         self._routes: dict[str, frozenset[PlaceKey]] = {}
 
     def extend(self, run: RunData) -> Iterator[PlaceChange]:
         """Fold a run, or its next part, and yield the changes in order of time."""
         if not self.states:
             own = {
-                PlaceKey(owner, number): PlaceState(x, y, holders=(owner,))
+                PlaceKey(owner, number): PlaceStatus(x, y, holders=(owner,))
                 for owner, points in run.description.own_places.items()
                 for number, (x, y) in enumerate(points)
             }
@@ -126,12 +126,12 @@ class PlaceTable:
         before, self._routes[report.robot] = self._routes.get(report.robot, frozenset()), now
         return sorted(now ^ before, key=lambda key: (key.owner, key.place))
 
-    def _after(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceState | None:
+    def _after(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceStatus | None:
         """Return the state after a report; None for a place that does not exist."""
         points = run.places.get(key.owner, ())
         if not 0 <= key.place < len(points):
             return None
-        state = self.states.get(key) or PlaceState(*points[key.place], holders=(key.owner,))
+        state = self.states.get(key) or PlaceStatus(*points[key.place], holders=(key.owner,))
         if report.kind == "done":
             return state._replace(done=True)
         if report.kind == "given_up":
