@@ -48,7 +48,7 @@ class StepColumn(NamedTuple):
 
 STEP_COLUMNS: Final = (
     StepColumn("true", np.float64, "m, m, rad", "true pose at the start of the step, map frame", 3),
-    StepColumn("estimated", np.float64, "m, m, rad", "the robot's own estimate; NaN: not reported", 3, np.nan),
+    StepColumn("estimated", np.float64, "m, m, rad", "the robot's estimate; NaN: not reported", 3, np.nan),
     StepColumn("commanded", np.float64, "m/s, m/s, rad/s", "commanded velocity, robot's frame; NaN: none",
            3, np.nan),
     StepColumn("powered", np.bool_, "", "the robot's process is alive"),
