@@ -102,7 +102,6 @@ def commands(received: Received) -> list[tuple[object, ...]]:
         (recording, "replay", run, "--robot", "r1"),
         (recording, "replay", run, "--robot", "r1", "--to", 0.5),
         (recording, "explain", run, "r1"),
-        (recording, "export", run),
     ]
 
 
