@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import msgspec
 
@@ -30,7 +30,9 @@ from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome, Referee, Verdict
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
-from firmware_bridge.laboratory.laboratory import LaboratoryResult
+
+if TYPE_CHECKING:
+    from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
 _TOGETHER: Final[Duration] = seconds(30)
 """A robot whose last step is so much before the last one of all still takes part at the end: people switch
@@ -202,15 +204,17 @@ BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
 """Ends that a frame may come to in front of its transceiver."""
 
 
-def read_truth(path: Path) -> LaboratoryResult:
+def read_truth(path: Path) -> "LaboratoryResult":
     """A laboratory's result. Raises FieldTrialError."""
+    from firmware_bridge.laboratory.laboratory import LaboratoryResult  # needs physics
+
     try:
         return typed_json.decode(regular_file.content(path), LaboratoryResult)
     except (OSError, ValueError) as error:
         raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
 
 
-def with_truth(told: ReportedPlaces, truth: LaboratoryResult, clocks: AlignedClocks) -> ReportedPlaces:
+def with_truth(told: ReportedPlaces, truth: "LaboratoryResult", clocks: AlignedClocks) -> ReportedPlaces:
     """The places with when they were truly reached, s of the field trial, and by whom.
 
     The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
@@ -241,7 +245,7 @@ def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceO
     return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
 
 
-def with_true_frames(result: RunResult, truth: LaboratoryResult) -> RunResult:
+def with_true_frames(result: RunResult, truth: "LaboratoryResult") -> RunResult:
     """The result with what truly became of all frames, by the causes of a simulated run.
 
     What a board, or the line to it, never gave to the air stands as the robots were told.
