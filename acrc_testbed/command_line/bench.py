@@ -51,7 +51,7 @@ BENCHMARKS: Final = {
         ("robots", "repeat"),
     ),
     "radio": Benchmark(
-        "radio.benchmark", "the medium; with --out the figures of docs/radio.md",
+        "radio", "the medium; with --out the figures of docs/radio.md",
         ("out", "data", "map_file"),
     ),
     "world": Benchmark("world", "physics and scans beside other simulators", ("map_file",)),
@@ -261,11 +261,11 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
 
     name = _compared(names, given)
     if name == "radio":
-        from acrc_testbed.benchmarks.radio.comparison import check as radio
+        from acrc_testbed.benchmarks.radio_comparison import check as radio
 
         found = radio(given["data"], given.get("runs", 10))
     elif name == "localisation":
-        from acrc_testbed.benchmarks.localisation.comparison import check as localisation
+        from acrc_testbed.benchmarks.localisation_comparison import check as localisation
 
         found = localisation(given["from"], given.get("runs", 20), given.get("against"))
     else:

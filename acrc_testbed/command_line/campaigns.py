@@ -36,6 +36,7 @@ from acrc_testbed.experiments.comparison.judgement import (
     summaries,
     verdict,
 )
+from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
 from acrc_testbed.experiments.comparison.verdicts import (
     Promise,
     ceilings,
@@ -45,7 +46,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     step_names,
     tests_of,
 )
-from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
 from acrc_testbed.experiments.study import frozen_plan
 from acrc_testbed.experiments.study.draws import StudyOptions, check, path_of, study_of, understood
 from acrc_testbed.experiments.study.study import Study, load_study
@@ -229,7 +229,7 @@ def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
 
 def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
     """Write the bundle beside the campaign's folder, or where it is asked for."""
-    from acrc_testbed.experiments.bundle import bundle as bundles  # draws with matplotlib
+    from acrc_testbed.experiments.report import bundle as bundles  # draws with matplotlib
 
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):

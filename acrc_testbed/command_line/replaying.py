@@ -69,7 +69,7 @@ def replay(
         if alone:
             raise OptionError(f"{alone[0]}: requires --robot; it is about one actor")
         from actors.robot.behaviour.foreign import permit_of
-        from deploy.branches.swarm_replay import replay_swarm
+        from deploy.run.swarm_replay import replay_swarm
 
         again = replay_swarm(out, permit=permit_of(modules, trust=trust))
         orders = "" if not again.orders else f", with {again.orders} orders from outside"
@@ -128,7 +128,7 @@ def _one(
     from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
-    from deploy.branches import swarm_replay
+    from deploy.run import swarm_replay
 
     permit = permit_of(words[0], trust=words[1])
     if strategy is None:
@@ -252,7 +252,7 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
 def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], *, json: bool) -> None:
     if name != "ros2":
         raise wrong_value("--mcap", name, "ros2, which RViz and Foxglove read")
-    from acrc_testbed.robot_logs.logging_run import log_run
+    from acrc_testbed.export.logging_run import log_run
     from deploy.run import out_folder
 
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")

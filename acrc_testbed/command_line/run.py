@@ -208,7 +208,7 @@ def run(
     prepared = prepare_run(file, overrides, options, permit, limit or ())
     by = None
     if hardware:
-        from deploy.laboratory import hardware_in_the_loop
+        from deploy.fleet import hardware_in_the_loop
 
         by = hardware_in_the_loop.run
     if out is None:
@@ -281,7 +281,7 @@ def branch(
     Without a change the branch equals the run.
     """
     from actors.robot.behaviour.foreign import permit_of
-    from deploy.branches.branching import continue_run
+    from deploy.run.branching import continue_run
 
     permit = permit_of(modules, trust=trust)
     continue_run(place, strategy, setting or (), event or (), out, permit=permit, json=json)

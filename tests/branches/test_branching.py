@@ -19,10 +19,10 @@ from actors.messages import RECEIVED
 from actors.orders import Lose
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
-from deploy.branches.branching import Branched, branch
-from deploy.branches.change import BranchEvent, Change, event, strategy_settings
-from deploy.branches.swarm_replay import SCENARIO, replay_swarm
+from deploy.run.branching import Branched, branch
+from deploy.run.change import BranchEvent, Change, event, strategy_settings
 from deploy.run.options import RunOptions
+from deploy.run.swarm_replay import SCENARIO, replay_swarm
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

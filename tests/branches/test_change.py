@@ -18,8 +18,8 @@ from cleaning.place import Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from cleaning.strategies import entry
 from deeco import Knowledge
-from deploy.branches import change
-from deploy.branches.change import TimedControl
+from deploy.run import change
+from deploy.run.change import TimedControl
 
 
 def _control(step: int, *orders: object) -> TimedControl:

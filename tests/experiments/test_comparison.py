@@ -14,6 +14,7 @@ from acrc_testbed.experiments.campaign.store import Store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.comparison.comparison import PairedSample, Run, compare, estimate, samples
 from acrc_testbed.experiments.comparison.judgement import failures, family, judge, too_few, verdict
+from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS, Effect
 from acrc_testbed.experiments.comparison.verdicts import (
     LookedAt,
     Watch,
@@ -26,7 +27,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     told_apart,
     verdicts,
 )
-from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, Effect
 from acrc_testbed.experiments.study.study import Factor, Study
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError

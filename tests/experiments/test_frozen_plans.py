@@ -11,8 +11,8 @@ import msgspec
 import pytest
 
 from acrc_testbed.command_line import campaigns
-from acrc_testbed.experiments.bundle import bundle
 from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.campaign.store import protection
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.comparison.judgement import judge

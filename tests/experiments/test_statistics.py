@@ -14,14 +14,7 @@ from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
 from acrc_testbed.experiments.comparison.comparison import estimate, named, scores
-from acrc_testbed.experiments.comparison.verdicts import verdicts
-from acrc_testbed.experiments.statistics.models import (
-    Completion,
-    kaplan_meier,
-    restricted_mean,
-    restricted_means,
-)
-from acrc_testbed.experiments.statistics.paired_tests import (
+from acrc_testbed.experiments.comparison.paired_tests import (
     Effect,
     a12,
     a12_bounds,
@@ -38,6 +31,13 @@ from acrc_testbed.experiments.statistics.paired_tests import (
     power,
     signed_rank,
 )
+from acrc_testbed.experiments.comparison.statistical_models import (
+    Completion,
+    kaplan_meier,
+    restricted_mean,
+    restricted_means,
+)
+from acrc_testbed.experiments.comparison.verdicts import verdicts
 from tests.experiments import campaign_rows
 
 Floats = NDArray[np.float64]

@@ -8,6 +8,7 @@ from numpy.random import Generator
 from scipy.stats import norm
 
 from acrc_testbed.experiments.comparison.comparison import PLACES, PairedSample, Run, scores
+from acrc_testbed.experiments.comparison.paired_tests import ALPHA, Effect, a12, a12_bounds, power
 from acrc_testbed.experiments.comparison.verdicts import (
     PairVerdict,
     look,
@@ -17,7 +18,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     verdicts,
 )
 from acrc_testbed.experiments.comparison.verdicts import tests_of as number_of_tests
-from acrc_testbed.experiments.statistics.paired_tests import ALPHA, Effect, a12, a12_bounds, power
 from acrc_testbed.experiments.study.study import Study
 from tests.experiments import campaign_rows
 from tests.experiments.made_runs import run as made

@@ -11,8 +11,8 @@ from acrc_testbed.replay.record_replay import replay_actor
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits
-from deploy.branches.swarm_replay import replay_swarm
 from deploy.run.options import RunOptions, checked
+from deploy.run.swarm_replay import replay_swarm
 from tests import in_process
 from tests.failures.failing import Death, gone, killed, last_step, process_of, started, until
 from tests.swarm.command import acrc, begin, leftovers, processes_of, start

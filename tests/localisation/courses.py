@@ -19,7 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from PIL import Image
 
-from acrc_testbed.benchmarks.localisation.tracking import FORMAT, POSES, STEP_US, VERSION, Course
+from acrc_testbed.benchmarks.localisation_tracking import FORMAT, POSES, STEP_US, VERSION, Course
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose, wrap

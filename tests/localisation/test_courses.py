@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import pytest
 
-from acrc_testbed.benchmarks.localisation.comparison import root_mean_square
-from acrc_testbed.benchmarks.localisation.tracking import (
+from acrc_testbed.benchmarks.localisation_comparison import root_mean_square
+from acrc_testbed.benchmarks.localisation_tracking import (
     FilterRun,
     Preset,
     beside_truth,

@@ -16,15 +16,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from acrc_testbed.benchmarks.localisation import comparison, tracking
-from acrc_testbed.benchmarks.localisation.comparison import (
+from acrc_testbed.benchmarks import localisation_comparison as comparison
+from acrc_testbed.benchmarks import localisation_tracking as tracking
+from acrc_testbed.benchmarks.localisation_comparison import (
     Other,
     OtherRun,
     resampled,
     root_mean_square,
     table_row,
 )
-from acrc_testbed.benchmarks.localisation.tracking import (
+from acrc_testbed.benchmarks.localisation_tracking import (
     NEES_BOUNDS,
     CourseLogError,
     EstimatedTrack,

@@ -14,7 +14,7 @@ from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launch import Launcher
 from actors.radio.robot_medium import COPIES
-from deploy.laboratory import hardware_in_the_loop
+from deploy.fleet import hardware_in_the_loop
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from acrc_testbed.benchmarks.radio import benchmark
-from acrc_testbed.benchmarks.radio.benchmark import MEASURED_LINKS, PlotTask
+from acrc_testbed.benchmarks import radio as benchmark
+from acrc_testbed.benchmarks.radio import MEASURED_LINKS, PlotTask
 from actors.installation.repository import REPOSITORY
 
 NAMES = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]

@@ -14,8 +14,8 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from acrc_testbed.benchmarks.radio.comparison import check, combined, compare, formula_kbps, normal_score
-from acrc_testbed.benchmarks.radio.trials import (
+from acrc_testbed.benchmarks.radio_comparison import check, combined, compare, formula_kbps, normal_score
+from acrc_testbed.benchmarks.radio_trials import (
     SECOND,
     LossTable,
     OperatingPoint,

@@ -20,9 +20,9 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError
-from deploy.branches.swarm_replay import replay_otherwise, replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions, checked
+from deploy.run.swarm_replay import replay_otherwise, replay_swarm
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
 from tests.in_process import acrc
 from tests.recorded_runs import record

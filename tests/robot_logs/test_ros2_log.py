@@ -13,10 +13,10 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from acrc_testbed.command_line.replaying import export
-from acrc_testbed.robot_logs import robot_entries, ros2_log
-from acrc_testbed.robot_logs.logging_run import LogReport, log_run
-from acrc_testbed.robot_logs.robot_entries import occupancy
-from acrc_testbed.robot_logs.ros2_log import TYPES, LogEntry
+from acrc_testbed.export import robot_entries, ros2_log
+from acrc_testbed.export.logging_run import LogReport, log_run
+from acrc_testbed.export.robot_entries import occupancy
+from acrc_testbed.export.ros2_log import TYPES, LogEntry
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.recorded import messages_on

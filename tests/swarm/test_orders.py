@@ -11,8 +11,8 @@ from acrc_testbed.replay.record_replay import replay_actor
 from actors import orders as given
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
-from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import orders
+from deploy.run.swarm_replay import replay_swarm
 from tests import in_process
 from tests.failures.failing import stepping, until
 from tests.swarm.command import ROOT, begin, leftovers, processes_of

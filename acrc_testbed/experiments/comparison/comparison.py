@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, coincide_s
-from acrc_testbed.experiments.statistics.paired_tests import (
+from acrc_testbed.experiments.comparison.paired_tests import (
     LEAST_PAIRS,
     Interval,
     a12_interval,

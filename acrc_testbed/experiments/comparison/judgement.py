@@ -25,6 +25,8 @@ from acrc_testbed.experiments.comparison.comparison import (
     too_few_pairs,
     values,
 )
+from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS, most
+from acrc_testbed.experiments.comparison.statistical_models import FEWEST_CELLS, RandomEffectsFit, fit
 from acrc_testbed.experiments.comparison.verdicts import (
     ComparedMetric,
     LookedAt,
@@ -33,8 +35,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     tests_of,
     verdicts,
 )
-from acrc_testbed.experiments.statistics.models import FEWEST_CELLS, RandomEffectsFit, fit
-from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS, most
 from acrc_testbed.experiments.study.study import Study, Variant
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError

@@ -22,7 +22,7 @@ from acrc_testbed.experiments.comparison.comparison import (
     scores,
     too_few_pairs,
 )
-from acrc_testbed.experiments.statistics.paired_tests import (
+from acrc_testbed.experiments.comparison.paired_tests import (
     ALPHA,
     LEAST_PAIRS,
     PairedTest,

@@ -6,6 +6,7 @@ from typing import Final
 
 from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample, named
 from acrc_testbed.experiments.comparison.judgement import CampaignJudgement
+from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.comparison.verdicts import ComparedMetric, PairVerdict
 from acrc_testbed.experiments.report.runs import (
     REAL,
@@ -19,7 +20,6 @@ from acrc_testbed.experiments.report.runs import (
     places,
 )
 from acrc_testbed.experiments.report.time_sections import deadlocks
-from acrc_testbed.experiments.statistics.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
 from acrc_testbed.page.rendering import PageTable
 

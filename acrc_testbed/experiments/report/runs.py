@@ -16,10 +16,10 @@ from acrc_testbed.experiments.campaign import store
 from acrc_testbed.experiments.campaign.store import Store
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.comparison.judgement import CampaignJudgement, judge
+from acrc_testbed.experiments.comparison.paired_tests import Interval
+from acrc_testbed.experiments.comparison.statistical_models import Completion
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Look
-from acrc_testbed.experiments.statistics.models import Completion
-from acrc_testbed.experiments.statistics.paired_tests import Interval
 from acrc_testbed.experiments.study.study import Study
 from acrc_testbed.page.rendering import PagePicture, PageTable
 from acrc_testbed.results.result import RobotResult, RunResult

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 import yaml
 
-from acrc_testbed.experiments.bundle import bundle
 from acrc_testbed.experiments.campaign import store
+from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.study.frozen_plan import inputs
 from acrc_testbed.experiments.study.study import Study, load_study

@@ -18,7 +18,7 @@ from typing import Final
 from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import Measured
-from acrc_testbed.benchmarks.radio.trials import (
+from acrc_testbed.benchmarks.radio_trials import (
     FAMILIES,
     LATENCIES,
     NS3_MAC_OCTETS,

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.robot_logs import ros2_log
-from acrc_testbed.robot_logs.ros2_log import (
+from acrc_testbed.export import ros2_log
+from acrc_testbed.export.ros2_log import (
     MAP,
     UNKNOWN_CELL,
     LogEntry,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.benchmarks.measured import Measured, table_of
-from acrc_testbed.benchmarks.radio.trials import SECOND, LossTable, OperatingPoint, contend, points, scene
+from acrc_testbed.benchmarks.radio_trials import SECOND, LossTable, OperatingPoint, contend, points, scene
 from acrc_testbed.picture import style
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map

@@ -18,8 +18,8 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry
-from deploy.branches.change import OrderBus, recorded_orders
 from deploy.run import swarm
+from deploy.run.change import OrderBus, recorded_orders
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 

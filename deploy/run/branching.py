@@ -28,7 +28,8 @@ from actors.runtime.recording import Entry, read_recording
 from actors.topic import sender
 from actors.wording import brief
 from cleaning.strategies import StrategyError, entry
-from deploy.branches.change import (
+from deploy.run import out_folder, swarm
+from deploy.run.change import (
     Change,
     OrderBus,
     boundary,
@@ -39,11 +40,10 @@ from deploy.branches.change import (
     strategy_settings,
     with_events,
 )
-from deploy.branches.change import place as place_of
-from deploy.branches.swarm_replay import SCENARIO
-from deploy.run import out_folder, swarm
+from deploy.run.change import place as place_of
 from deploy.run.options import RunOptions, checked, folder_name
 from deploy.run.start import output_folder
+from deploy.run.swarm_replay import SCENARIO
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.scenario_file import settings as settings_of
 from deploy.scenario.tables import Scenario

@@ -12,7 +12,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.stats import t
 
-from acrc_testbed.experiments.statistics.paired_tests import CONFIDENCE, Interval, mean_interval
+from acrc_testbed.experiments.comparison.paired_tests import CONFIDENCE, Interval, mean_interval
 
 Floats = NDArray[np.float64]
 FEWEST_CELLS: Final = 3

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from acrc_testbed.benchmarks.localisation.tracking import (
+from acrc_testbed.benchmarks.localisation_tracking import (
     BEYOND,
     LOST,
     NEES_BOUNDS,

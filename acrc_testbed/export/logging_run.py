@@ -7,8 +7,7 @@ from heapq import merge
 from operator import attrgetter
 from pathlib import Path
 
-from acrc_testbed.replay.run_recordings import all_recordings, setup_of
-from acrc_testbed.robot_logs.robot_entries import (
+from acrc_testbed.export.robot_entries import (
     body_entries,
     command_entries,
     held_entries,
@@ -21,7 +20,8 @@ from acrc_testbed.robot_logs.robot_entries import (
     thing_entries,
     true_entries,
 )
-from acrc_testbed.robot_logs.ros2_log import LogEntry, Spool, write
+from acrc_testbed.export.ros2_log import LogEntry, Spool, write
+from acrc_testbed.replay.run_recordings import all_recordings, setup_of
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess

@@ -1,1 +1,0 @@
-"""A run as robots log themselves, for RViz and Foxglove: topics and frames in one MCAP file."""

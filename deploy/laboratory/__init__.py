@@ -1,1 +1,0 @@
-"""Runs with emulated devices: the processes as on board, on serial bytes only."""
