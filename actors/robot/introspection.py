@@ -140,16 +140,16 @@ class Introspector:
         knowledge = None if node is None else _knowledge(node, self._robot)
         is_due = instant >= self._due
         told = Introspection(
-            step,
-            instant,
-            self._changed_quality(estimate),
-            None if estimate.located else _triple(estimate.pose),
-            self._changed_activity(knowledge),
-            self._changed_goal(),
-            () if node is None else self._changed_contacts(node),
-            self._taken_commits() if self._commits else (),
-            self._sample() if is_due else None,
-            self._changed_words(knowledge) if is_due and knowledge is not None else (),
+            step=step,
+            instant=instant,
+            quality=self._changed_quality(estimate),
+            pose=None if estimate.located else _triple(estimate.pose),
+            activity=self._changed_activity(knowledge),
+            goal=self._changed_goal(),
+            contacts=() if node is None else self._changed_contacts(node),
+            commits=self._taken_commits() if self._commits else (),
+            sample=self._sample() if is_due else None,
+            knowledge=self._changed_words(knowledge) if is_due and knowledge is not None else (),
         )
         if is_due:
             self._due = Instant((instant // self._period + 1) * self._period)
@@ -213,15 +213,15 @@ class Introspector:
     def _commit(self, commit: Commit, replica: Replica | None) -> KnowledgeCommit:
         instant = commit.instant
         return KnowledgeCommit(
-            instant,
-            commit.after.id,
-            commit.by,
-            commit.adaptation,
-            commit.peer,
-            0 if commit.heard is None else instant - commit.heard,
-            self._changes(commit),
-            None if replica is None else _use(replica, instant),
-            decision(commit) if commit.adaptation else None,
+            instant=instant,
+            component=commit.after.id,
+            by=commit.by,
+            adaptation=commit.adaptation,
+            peer=commit.peer,
+            age=0 if commit.heard is None else instant - commit.heard,
+            changed=self._changes(commit),
+            replica=None if replica is None else _use(replica, instant),
+            decision=decision(commit) if commit.adaptation else None,
         )
 
     def _changes(self, commit: Commit) -> tuple[ValueChange, ...]:
