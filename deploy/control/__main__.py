@@ -17,9 +17,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
 from actors.runtime.process_setup import ArgumentParser, read_setup
 from actors.world.program import load_setup
-from deploy.control.run_link import LISTENS, RunLink
 from deploy.control.scene import Scene
-from deploy.control.server import ControlServer
+from deploy.control.server import LISTENS, ControlServer, RunLink
 
 LOOK_S: Final = 0.05
 """Between two looks at what the run has said: 20 pictures a second."""

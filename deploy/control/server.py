@@ -1,11 +1,14 @@
-"""Serves the page and its socket on loopback: to whom knows the token, and to no other page.
+"""Takes a run's messages and gives it orders; serves the page and its socket on loopback.
 
-What comes from a page is untrusted: bounded, checked, counted. A page that is slow misses states, and one
-that takes nothing is closed; neither holds up anybody else.
+Only who knows the token gets the page; no other page gives orders. What comes from a page is untrusted:
+bounded, checked, counted. A page that is slow misses states, and one that takes nothing is closed.
 """
 
 import asyncio
 import secrets
+import time
+from collections import deque
+from collections.abc import Callable
 from http import HTTPStatus
 from importlib import resources
 from typing import Annotated, Any, Final
@@ -16,8 +19,12 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from deploy.control.run_link import RunLink
+from actors.messages import ANSWERED, CONTROL, DRIVE, FLOOR_NEWS, PROGRESS, RECEIVED, TRUTH, Answered, Control
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import Bus, at
+from actors.runtime.errors import AcrcError
 from deploy.control.scene import Scene
+from deploy.run import orders
 
 HOST: Final = "127.0.0.1"
 ASK_BYTES: Final = 1024
@@ -27,8 +34,89 @@ PAGES: Final = 8
 TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
 JUNK: Final = 20
 """After so many messages that are no orders a page is closed."""
-PATIENCE_S: Final = 10.0
+SEND_TIMEOUT_S: Final = 10.0
 """A page that takes nothing for so long is closed; own choice."""
+KEPT: Final = 100
+"""Lines; older ones are forgotten."""
+TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
+"""In this order they are looked at: an order comes before its answer."""
+LISTENS: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
+WAITING: Final = 256
+"""Orders that may wait for an answer of the run."""
+ANSWER_TIMEOUT_S: Final = 10.0
+"""After so long pages are told that the run has not said yet what becomes of an order."""
+
+
+class OrderLine(msgspec.Struct, tag_field="kind", tag="said"):
+    """One line of the list of orders: equal ones in a row, or those of one series; it shows the last one."""
+
+    number: int
+    order: str
+    times: int = 0
+    """How many orders it stands for; of them, how many wait for an answer, and how many were refused."""
+    waiting: int = 0
+    refused: int = 0
+    refusal: str = ""
+    version: int = 0
+    """Grows with each change of any line."""
+
+
+class RunLink:
+    """Keeps a scene up with a run; `looks` rather loses messages than holds anybody up."""
+
+    def __init__(
+        self, scene: Scene, looks: Bus, speaks: Bus, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._scene, self._looks, self._speaks, self._clock = scene, looks, speaks, clock
+        self.lines: deque[OrderLine] = deque(maxlen=KEPT)
+        self.version = self._begun = self._series = 0
+        self._waiting: dict[str, tuple[OrderLine, float]] = {}
+        """By ticket: the line, and since when."""
+
+    def give(self, words: str, series: int = 0) -> None:
+        """Give the run an order, as typed behind `acrc order RUN`; those of a series, not 0, are one line."""
+        line = self.lines[-1] if self.lines else None
+        if line is None or not (words == line.order or (series and series == self._series)):
+            self._begun += 1
+            line = OrderLine(self._begun, words)
+            self.lines.append(line)
+        self._series, line.order, line.times = series, words, line.times + 1
+        self._change(line, waiting=1)
+        try:
+            verb, *rest = words.split() or [""]
+            order = orders.parse(verb, rest)
+            if self._scene.over or len(self._waiting) >= WAITING:
+                raise AcrcError("the run is over" if self._scene.over else "too many orders wait already")
+        except AcrcError as error:
+            self._change(line, waiting=-1, refusal=str(error))
+            return
+        ticket = secrets.token_hex(8)
+        self._waiting[ticket] = line, self._clock()
+        self._speaks.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
+
+    def look(self) -> None:
+        """Take in all that has come; of what transceivers received, the newest message of each."""
+        for address in LISTENS:
+            come = []
+            while (delivery := self._looks.poll(address.topic)) is not None:
+                come.append(delivery)
+            for one in {one.key: one for one in come}.values() if address.topic is RECEIVED else come:
+                message = decode(one.topic, one.key, one.payload)
+                self._scene.take(one.key, message)
+                if isinstance(message, Answered):
+                    self._answer(message.ticket, "; ".join(message.refusals))
+        late = [one for one, (_, since) in self._waiting.items() if self._clock() - since > ANSWER_TIMEOUT_S]
+        for ticket in late:
+            self._answer(ticket, "the run has not said yet; it heeds the order at its next step")
+
+    def _answer(self, ticket: str, refusal: str) -> None:
+        if ticket in self._waiting:
+            self._change(self._waiting.pop(ticket)[0], waiting=-1, refusal=refusal)
+
+    def _change(self, line: OrderLine, *, waiting: int, refusal: str = "") -> None:
+        self.version += 1
+        line.version, line.waiting = self.version, line.waiting + waiting
+        line.refused, line.refusal = line.refused + bool(refusal), refusal or line.refusal
 
 
 class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,7 +158,7 @@ class ControlServer:
         """Listen, at a port that the system chooses; to be closed by the caller."""
         server = await serve(
             self._page, HOST, 0, process_request=self._admit, max_size=ASK_BYTES, max_queue=16,
-            write_limit=1 << 16, ping_timeout=PATIENCE_S, close_timeout=1.0, compression=None,
+            write_limit=1 << 16, ping_timeout=SEND_TIMEOUT_S, close_timeout=1.0, compression=None,
             server_header=None,
         )  # fmt: skip
         self._host = f"{HOST}:{next(iter(server.sockets)).getsockname()[1]}"
@@ -131,7 +219,7 @@ class ControlServer:
         """The newest state, and all lines, for as long as the page takes them; `late`: states left out."""
 
         async def put(told: object) -> None:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(SEND_TIMEOUT_S):
                 await connection.send(msgspec.json.encode(told).decode())
 
         sent, seen, late = 0, -1, 0

@@ -31,7 +31,6 @@ from actors.runtime.core import Delivery, at
 from actors.task.task import PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
-from deploy.control.run_link import KEPT, PATIENCE_S, TOPICS, RunLink
 from deploy.control.scene import STATES, Scene, state_colours
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
@@ -59,7 +58,7 @@ class Mesh:
         assert isinstance(told, Control)
         self.given.append(told)
 
-    def answer(self, link: RunLink, refusal: str) -> None:
+    def answer(self, link: Any, refusal: str) -> None:
         """The run answers the last order."""
         told = Answered(0, self.given[-1].ticket, (refusal,) if refusal else ())
         self.says[ANSWERED.pattern] = [encode(told, ANSWERED.key())]
@@ -88,7 +87,7 @@ def scene(*events: TimedOrder) -> Scene:
 
 
 def said(stage: Scene, message: Message, robot: str = "r1") -> None:
-    topic = next(one for one in TOPICS if one.kind is type(message))
+    topic = next(one for one in server.TOPICS if one.kind is type(message))
     stage.take(topic.key(robot), message)
 
 
@@ -158,7 +157,7 @@ def test_who_stands_and_who_is_blocked() -> None:
 
 def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
     mesh = Mesh()
-    link = RunLink(scene(), mesh, mesh)
+    link = server.RunLink(scene(), mesh, mesh)
     for series, order, refusal in (
         (7, "move r1 1 1 0", ""), (7, "move r1 1 2 0", "no room"), (7, "move r1 1 3 0", ""),
         (8, "move r1 1 4 0", ""), (0, "thaw r1", "no"), (0, "thaw r1", "no"),
@@ -168,18 +167,18 @@ def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
     assert [(one.order, one.times, one.waiting, one.refused, one.refusal) for one in link.lines] == [
         ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r1 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
     ]  # fmt: skip
-    for number in range(KEPT + 1):
+    for number in range(server.KEPT + 1):
         link.give(f"step {number + 1}")
         mesh.answer(link, "")
-    assert [line.number for line in link.lines] == list(range(5, KEPT + 5))
+    assert [line.number for line in link.lines] == list(range(5, server.KEPT + 5))
 
 
 def test_a_line_says_when_the_run_says_nothing() -> None:
     now, mesh = [0.0], Mesh()
-    link = RunLink(scene(), mesh, mesh, lambda: now[0])
+    link = server.RunLink(scene(), mesh, mesh, lambda: now[0])
     link.give("pause")
     assert link.lines[0].waiting == 1
-    now[0] = PATIENCE_S + 1
+    now[0] = server.ANSWER_TIMEOUT_S + 1
     link.look()
     silent = "the run has not said yet; it heeds the order at its next step"
     assert (link.lines[0].waiting, link.lines[0].refusal) == (0, silent)
@@ -206,7 +205,7 @@ def served(trial: Trial) -> Callable[[], None]:
     def test() -> None:
         async def play() -> None:
             mesh, stage = Mesh(), scene()
-            link = RunLink(stage, mesh, mesh)
+            link = server.RunLink(stage, mesh, mesh)
             pages = server.ControlServer(stage, link)
             async with await pages.start():
                 await trial(pages, mesh, link)
