@@ -170,7 +170,7 @@ def explain(
 
     It names the knowledge, the frame that brought it, and the frames that were lost before.
 
-    It replays the robot if that was not done before, in a sandbox where the machine has one.
+    It replays the robot, in a sandbox where the machine has one.
     """
     from acrc_testbed.explanation import explain as explanation
     from actors.robot.behaviour.foreign import permit_of
