@@ -96,7 +96,7 @@ def _meetings(doing: Sequence[Spell]) -> PageTable:
 
 
 def _put(run: RunData, doing: Sequence[Spell]) -> PageTable:
-    """What was ordered_changes, and which robots were frozen or off."""
+    """What was ordered, and which robots were frozen or off."""
     stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
     told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
     told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
