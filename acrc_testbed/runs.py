@@ -115,7 +115,7 @@ def run(
 @arguments_named()
 def open_run(folder: str | PathLike[str]) -> Run:
     """Open the run in a folder. Raises AcrcError if there is none."""
-    from acrc_testbed.replay.run_recordings import all_recordings
+    from acrc_testbed.recordings.run_recordings import all_recordings
 
     all_recordings(Path(folder))
     return Run(Path(folder).absolute())

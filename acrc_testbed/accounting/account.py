@@ -35,7 +35,7 @@ from acrc_testbed.accounting.time_spent import (
     TimeSpent,
 )
 from acrc_testbed.accounting.true_floor import TrueFloor
-from acrc_testbed.replay.run_recordings import all_recordings, recordings
+from acrc_testbed.recordings.run_recordings import all_recordings, recordings
 from acrc_testbed.run_model.data import RunData, RunDataError
 from acrc_testbed.run_model.floor import NO_CHANGES
 from acrc_testbed.run_model.simulated import read_run

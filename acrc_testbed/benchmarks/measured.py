@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, Self
 
 from rich.table import Table
 
-from acrc_testbed.field_trial.clock_alignment import quantile
+from acrc_testbed.results.clock_alignment import quantile
 from actors.console import print_table, screen
 from actors.runtime.errors import AcrcError
 

@@ -27,7 +27,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     measure,
     points,
 )
-from acrc_testbed.field_trial.clock_alignment import quantile
+from acrc_testbed.results.clock_alignment import quantile
 from actors.console import screen
 from actors.runtime.errors import AcrcError
 

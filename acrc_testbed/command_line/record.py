@@ -116,7 +116,7 @@ def check(out: _Recorded, json: Json = False) -> None:
     Compare recordings with their checksums, one another and the result, and all files with the seal. A single
     recording is compared with its checksums only.
     """
-    from acrc_testbed.replay import record_check
+    from acrc_testbed.recordings import record_check
     from acrc_testbed.results import seal
 
     if out.is_file():

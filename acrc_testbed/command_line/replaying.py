@@ -15,7 +15,7 @@ from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 
 if TYPE_CHECKING:
-    from acrc_testbed.replay.record_replay import ReplayReport
+    from acrc_testbed.recordings.record_replay import ReplayReport
 
 
 def replay(
@@ -93,7 +93,7 @@ def replay(
         prints = sys.stderr if json else sys.stdout
         report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust), prints)
     else:
-        from acrc_testbed.replay import sandboxed
+        from acrc_testbed.recordings import sandboxed
         from actors.robot.behaviour.foreign import permit_of
 
         report = sandboxed.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
@@ -103,7 +103,7 @@ def replay(
 
 def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
     """`own`: the strategy is the user's."""
-    from acrc_testbed.replay import record_replay
+    from acrc_testbed.recordings import record_replay
 
     if pdb:
         return record_replay.terminal(own=own)
@@ -120,9 +120,9 @@ def _one(
     words: tuple[list[Path] | None, bool],
     prints: TextIO,
 ) -> "ReplayReport":
-    from acrc_testbed.replay import record_replay
-    from acrc_testbed.replay.record_replay import Onlook, replay_actor
-    from acrc_testbed.replay.sandboxed import check_trust
+    from acrc_testbed.recordings import record_replay
+    from acrc_testbed.recordings.record_replay import Onlook, replay_actor
+    from acrc_testbed.recordings.sandboxed import check_trust
     from actors.robot.behaviour.foreign import admitted, permit_of
     from actors.robot.behaviour.loading import look_in
     from actors.runtime.errors import AcrcError

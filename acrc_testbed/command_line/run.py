@@ -245,7 +245,7 @@ def _baseline(words: Iterable[str], out: Path | None) -> Iterator[str]:
 
 def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
     """Execute a run's actors again; what comes out stands on standard error, beside the result."""
-    from acrc_testbed.replay.record_replay import recheck
+    from acrc_testbed.recordings.record_replay import recheck
 
     again = recheck(out, modules)
     screen(stderr=True).print(f"checked: {again.actors} actors replayed, all {again.outputs} messages equal")

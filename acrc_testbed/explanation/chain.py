@@ -20,7 +20,7 @@ from acrc_testbed.explanation.causal_trace import (
     seconds,
 )
 from acrc_testbed.explanation.tracer import AGAIN, GIVES_UP
-from acrc_testbed.replay.run_recordings import all_recordings, setup_of
+from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
 from acrc_testbed.run_model.frames import Copies, copies_of, outcome_name
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds

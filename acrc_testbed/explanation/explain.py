@@ -11,8 +11,8 @@ import msgspec
 from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError
 from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
 from acrc_testbed.explanation.tracing import BOUNDS, traces
-from acrc_testbed.replay.run_recordings import all_recordings
-from acrc_testbed.replay.sandboxed import Bounds
+from acrc_testbed.recordings.run_recordings import all_recordings
+from acrc_testbed.recordings.sandboxed import Bounds
 from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable

@@ -19,10 +19,10 @@ import msgspec
 
 from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError, decode
 from acrc_testbed.explanation.tracer import Tracer
-from acrc_testbed.replay import sandboxed
-from acrc_testbed.replay.record_replay import Onlook, replay_actor
-from acrc_testbed.replay.run_recordings import all_recordings
-from acrc_testbed.replay.sandboxed import Bounds, Call, CallOutcome, ask
+from acrc_testbed.recordings import sandboxed
+from acrc_testbed.recordings.record_replay import Onlook, replay_actor
+from acrc_testbed.recordings.run_recordings import all_recordings
+from acrc_testbed.recordings.sandboxed import Bounds, Call, CallOutcome, ask
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core

@@ -21,7 +21,7 @@ from acrc_testbed.export.robot_entries import (
     true_entries,
 )
 from acrc_testbed.export.ros2_log import LogEntry, Spool, write
-from acrc_testbed.replay.run_recordings import all_recordings, setup_of
+from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from acrc_testbed.replay.run_recordings import all_recordings
+from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import FrameRow, frame_rows
 from acrc_testbed.run_model.introspection import NOT_RECORDED, RobotInternals

@@ -7,11 +7,11 @@ from typing import Final
 
 from acrc_testbed.accounting.account import Spell, spells
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.page import rendering
-from acrc_testbed.page.rendering import PagePicture, PageSection, PageTable
 from acrc_testbed.picture import floor_picture, run_page, style
+from acrc_testbed.picture import html_page as rendering
+from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
+from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import goes_on
-from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results import summary
 from acrc_testbed.run_model.data import RunData, ordered_changes
 from acrc_testbed.run_model.recorded import adaptation, final_outcomes

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, Self
 
 from mcap.writer import MCAP0_MAGIC
 
-from acrc_testbed.replay.run_recordings import recordings
+from acrc_testbed.recordings.run_recordings import recordings
 from actors.instant import Instant, in_seconds
 from actors.messages import BOARD, CONTROL, ROSTER
 from actors.runtime.bus.replay_bus import topic_of

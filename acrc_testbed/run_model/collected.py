@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.field_trial.clocks import AlignedClocks
-from acrc_testbed.field_trial.recordings import FieldTrial, Moment, RobotLog, read_field_trial
-from acrc_testbed.field_trial.trial_result import reported_places
+from acrc_testbed.recordings.run_recordings import recordings, run_of
 from acrc_testbed.recordings.topics import so_far
-from acrc_testbed.replay.run_recordings import recordings, run_of
+from acrc_testbed.results.clocks import AlignedClocks
+from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
+from acrc_testbed.results.trial_result import reported_places
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.model import RunModel, with_instants

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
 from acrc_testbed.run_model.frames import NO_COPIES, Copies

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.replay.run_recordings import told as first_record
+from acrc_testbed.recordings.run_recordings import told as first_record
 from actors.instant import Instant
 from actors.introspection import (
     CostWindow,

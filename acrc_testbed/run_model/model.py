@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import (
     Points,
     RunData,

@@ -6,7 +6,7 @@ from typing import Final, TypeVar, cast
 
 import msgspec
 
-from acrc_testbed.replay.run_recordings import recordings, setup_of
+from acrc_testbed.recordings.run_recordings import recordings, setup_of
 from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RunData, RunDataError

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
+from acrc_testbed.recordings.run_recordings import GivenOrder, recordings, setup_of
 from acrc_testbed.recordings.topics import Growing, Recorded
-from acrc_testbed.replay.run_recordings import GivenOrder, recordings, setup_of
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
 from acrc_testbed.run_model.model import RunModel, robot_of

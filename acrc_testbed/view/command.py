@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Final
 
 from acrc_testbed.explanation.explain import Explainer, ExplanationError
+from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import Standing, drawn_until, standing
-from acrc_testbed.replay.run_recordings import recordings
 from acrc_testbed.results.seal import elsewhere, where
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import RunReader
 from acrc_testbed.view.run_drawing import RunDrawing, arrangement, looked_into
 from actors.observer import viewer
-from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement, Sheet
+from actors.observer.canvas import Canvas
+from actors.observer.layout import Arrangement, Sheet
 from actors.observer.viewer import OpenViewer
 from actors.processes.launch import scratch_folder
 from actors.processes.signals import Interrupted

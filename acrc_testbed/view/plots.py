@@ -9,10 +9,10 @@ from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
 from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
 from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.places import first_reports
-from actors.observer.drawing import words
-from actors.observer.drawing.canvas import FEW, Canvas
-from actors.observer.drawing.words import DrawnEvent, Occupation
+from actors.observer import words
+from actors.observer.canvas import FEW, Canvas
 from actors.observer.glyphs import FATES, GREY, WHITE
+from actors.observer.words import DrawnEvent, Occupation
 from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
 

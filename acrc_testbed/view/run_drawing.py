@@ -19,11 +19,11 @@ from acrc_testbed.run_model.places import PlaceTable
 from acrc_testbed.run_model.recorded import NO_FRAMES
 from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
 from actors.installation.usage import wrong_value
-from actors.observer.drawing import layout, places, robots, words
-from actors.observer.drawing.canvas import FEW, Canvas
-from actors.observer.drawing.places import PlaceState, draw_places
-from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
+from actors.observer import layout, places, robots, words
+from actors.observer.canvas import FEW, Canvas
 from actors.observer.glyphs import FATES
+from actors.observer.places import PlaceState, draw_places
+from actors.observer.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
 
 _LINE_S: Final = 0.5

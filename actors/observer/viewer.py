@@ -173,7 +173,7 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
     # Runs without the package rerun import this module for its sentences.
     from rerun.experimental import ViewerClient  # noqa: PLC0415
 
-    from actors.observer.drawing.canvas import TIMELINE  # noqa: PLC0415
+    from actors.observer.canvas import TIMELINE  # noqa: PLC0415
 
     try:
         opened = open_headless(width, height)

@@ -5,18 +5,18 @@ from pathlib import Path
 
 import msgspec
 
-from acrc_testbed.field_trial.clocks import AlignedClocks
-from acrc_testbed.field_trial.recordings import read_field_trial
-from acrc_testbed.field_trial.trial_result import (
+from acrc_testbed.results.clocks import AlignedClocks
+from acrc_testbed.results.field_recordings import read_field_trial
+from acrc_testbed.results.outcome import write_table
+from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.seal import seal
+from acrc_testbed.results.trial_result import (
     read_truth,
     reported_places,
     trial_result,
     with_true_frames,
     with_truth,
 )
-from acrc_testbed.results.outcome import write_table
-from acrc_testbed.results.result import RunResult
-from acrc_testbed.results.seal import seal
 from deploy.run.out_folder import make_folder
 
 

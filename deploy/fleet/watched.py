@@ -12,19 +12,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES
+from acrc_testbed.results.field_recordings import FRAME_OUTCOMES
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
 from acrc_testbed.view.command import say_at_once
 from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
-from actors.observer import viewer
-from actors.observer.drawing import words
-from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement, Sheet
-from actors.observer.drawing.words import DrawnEvent
+from actors.observer import viewer, words
+from actors.observer.canvas import Canvas
 from actors.observer.glyphs import FATES, GREY
+from actors.observer.layout import Arrangement, Sheet
+from actors.observer.words import DrawnEvent
 from actors.processes.launch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message

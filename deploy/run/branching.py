@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 import msgspec
 from rich.console import Console
 
-from acrc_testbed.replay.record_check import STAMP, check, read_pass
-from acrc_testbed.replay.run_recordings import all_recordings, recordings
+from acrc_testbed.recordings.record_check import STAMP, check, read_pass
+from acrc_testbed.recordings.run_recordings import all_recordings, recordings
 from acrc_testbed.results import summary
 from acrc_testbed.results.result import BranchOrigin, RunResult
 from acrc_testbed.results.seal import seal

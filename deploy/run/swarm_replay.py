@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.replay.record_check import STAMP, check, read_pass
-from acrc_testbed.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.replay.run_recordings import all_recordings
-from acrc_testbed.replay.sandboxed import say_unhashed
+from acrc_testbed.recordings.record_check import STAMP, check, read_pass
+from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
+from acrc_testbed.recordings.run_recordings import all_recordings
+from acrc_testbed.recordings.sandboxed import say_unhashed
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.robot.behaviour.foreign import Permit, admitted

@@ -12,10 +12,10 @@ import pytest
 
 from acrc_testbed.command_line import campaigns
 from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.campaign.store import protection
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.study import frozen_plan
 from acrc_testbed.experiments.study.study import Study, load_study
 from acrc_testbed.results.result import RunResult

@@ -8,7 +8,7 @@ import pytest
 from acrc_testbed.explanation.causal_trace import TraceError, decode
 from acrc_testbed.explanation.explain import Explainer, ExplanationError, wish
 from acrc_testbed.explanation.tracing import traced
-from acrc_testbed.replay.sandboxed import Bounds, replay
+from acrc_testbed.recordings.sandboxed import Bounds, replay
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.bus.replay_bus import ReplayError

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import pytest
 
-from acrc_testbed.replay import record_check
+from acrc_testbed.recordings import record_check
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from deploy.run import swarm

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay.record_replay import replay_actor
+from acrc_testbed.recordings.record_replay import replay_actor
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits

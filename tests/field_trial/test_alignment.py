@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from acrc_testbed.field_trial.clock_alignment import (
+from acrc_testbed.results.clock_alignment import (
     Alignment,
     AlignmentParameters,
     Fit,

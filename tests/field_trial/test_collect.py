@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.field_trial.recordings import FieldTrialError
+from acrc_testbed.results.field_recordings import FieldTrialError
 from acrc_testbed.results.result import RunResult
 from actors.messages import DRIVE, MESSAGE_VERSION, Drive
 from actors.runtime.codec import decode, encode
@@ -159,7 +159,7 @@ def test_large_messages_come_from_whoever_received_them(
     )
     for name in ("world", "radio"):
         rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
-    monkeypatch.setattr("acrc_testbed.field_trial.recordings.LARGE", 16)
+    monkeypatch.setattr("acrc_testbed.results.field_recordings.LARGE", 16)
     both = collect([tmp_path], tmp_path / "out")
     assert both.notes == () and both.completion_s == head_on.result.completion_s
     assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s

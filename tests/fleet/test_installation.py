@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay import record_replay
+from acrc_testbed.recordings import record_replay
 from actors.installation import version
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError

@@ -13,8 +13,8 @@ import pytest
 
 from acrc_testbed.accounting.account import account
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
-from acrc_testbed.replay import record_check
-from acrc_testbed.replay.record_replay import recheck
+from acrc_testbed.recordings import record_check
+from acrc_testbed.recordings.record_replay import recheck
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import check_seal
 from acrc_testbed.run_model.simulated import RunReader

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.replay import record_replay
+from acrc_testbed.recordings import record_replay
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.instant import Instant

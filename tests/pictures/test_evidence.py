@@ -24,8 +24,8 @@ from acrc_testbed.accounting.account import account, spells
 from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, moving, run_html, run_page, style
 from acrc_testbed.picture.floor_picture import meetings
+from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.recordings.topics import Recorded
-from acrc_testbed.replay.run_recordings import GivenOrder
 from acrc_testbed.run_model import recorded as recorded_contents
 from acrc_testbed.run_model import simulated
 from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError, ordered_changes

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay.record_replay import Onlook, replay_actor
+from acrc_testbed.recordings.record_replay import Onlook, replay_actor
 from actors.installation.repository import REPOSITORY
 from actors.processes.robot_logs import EVERYBODY, LogTail, logs
 from actors.runtime import prints

@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 
 from acrc_testbed.recordings import lines
 from acrc_testbed.recordings.lines import at_column, info, plain
+from acrc_testbed.recordings.record_check import check_recording
 from acrc_testbed.recordings.topics import TopicError, fits, follow, has_ended, messages
-from acrc_testbed.replay.record_check import check_recording
 from actors.messages import CONTROL, Control
 from actors.orders import Kill
 from actors.runtime.codec import encode

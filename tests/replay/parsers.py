@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from acrc_testbed.field_trial.recordings import read_field_trial
-from acrc_testbed.field_trial.trial_result import read_truth
-from acrc_testbed.replay.record_check import check
+from acrc_testbed.recordings.record_check import check
+from acrc_testbed.results.field_recordings import read_field_trial
+from acrc_testbed.results.trial_result import read_truth
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START

@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.replay.record_check import CheckError, check
-from acrc_testbed.replay.record_replay import replay_actor
+from acrc_testbed.recordings.record_check import CheckError, check
+from acrc_testbed.recordings.record_replay import replay_actor
 from actors.messages import Senses
 from actors.robot import assembly
 from actors.runtime.bus.replay_bus import ReplayError, topic_of

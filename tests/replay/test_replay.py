@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.command_line import replaying
-from acrc_testbed.replay import record_replay
-from acrc_testbed.replay.record_replay import Onlook, RecheckError, recheck, replay_actor
-from acrc_testbed.replay.run_recordings import code_folders, recordings, setup_of
+from acrc_testbed.recordings import record_replay
+from acrc_testbed.recordings.record_replay import Onlook, RecheckError, recheck, replay_actor
+from acrc_testbed.recordings.run_recordings import code_folders, recordings, setup_of
 from acrc_testbed.run_model.recorded import world_setup
 from acrc_testbed.run_model.simulated import read_run
 from actors.installation.repository import REPOSITORY

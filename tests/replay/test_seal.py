@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay.record_check import check
+from acrc_testbed.recordings.record_check import check
 from acrc_testbed.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
 from actors.runtime.errors import AcrcError
 from tests.in_process import acrc

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay.record_replay import replay_actor
+from acrc_testbed.recordings.record_replay import replay_actor
 from acrc_testbed.results.result import RunResult
 from actors.introspection import Introspection
 from actors.messages import INTROSPECTION

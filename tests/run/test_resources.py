@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.replay import sandboxed
+from acrc_testbed.recordings import sandboxed
 from actors.processes.launch import Child, Program
 from actors.processes.monitor import ResourceWatch, Use, used
 from actors.runtime.errors import AcrcError

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acrc_testbed.replay.run_recordings import run_of
+from acrc_testbed.recordings.run_recordings import run_of
 from acrc_testbed.run_model.introspection import (
     IntrospectionError,
     ProcessModel,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from acrc_testbed.replay.record_replay import recheck, replay_actor
+from acrc_testbed.recordings.record_replay import recheck, replay_actor
 from acrc_testbed.results.result import RunResult
 from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from acrc_testbed.replay.run_recordings import setup_of
+from acrc_testbed.recordings.run_recordings import setup_of
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import RadioSetup

@@ -20,7 +20,7 @@ from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import by_outcome
 from acrc_testbed.view.command import ViewOptions, draw, place, save
 from actors.observer import glyphs, viewer
-from actors.observer.drawing.layout import APPLICATION
+from actors.observer.layout import APPLICATION
 from actors.radio.medium.state import Outcome
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError

@@ -21,7 +21,7 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
-from actors.observer.drawing.layout import Arrangement, Sheet
+from actors.observer.layout import Arrangement, Sheet
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet

@@ -13,7 +13,7 @@ import pytest
 from coloraide import Color
 
 from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.replay.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
@@ -22,9 +22,9 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs, viewer
-from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.layout import Arrangement, Sheet
+from actors.observer.canvas import Canvas
 from actors.observer.glyphs import Colour
+from actors.observer.layout import Arrangement, Sheet
 from actors.orders import Wall
 from actors.robot.introspection import ACTIVITIES
 from actors.task.task import PlaceKey

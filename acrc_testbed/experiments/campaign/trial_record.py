@@ -11,7 +11,7 @@ import msgspec
 
 from acrc_testbed.accounting.time_spent import TimeSpent
 from acrc_testbed.experiments.study.study import Study, Trial
-from acrc_testbed.replay.run_recordings import recordings
+from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recorded import messages_on
 from actors.messages import TRUTH

@@ -21,7 +21,7 @@ from acrc_testbed.experiments.report.runs import (
 )
 from acrc_testbed.experiments.report.time_sections import deadlocks
 from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
-from acrc_testbed.page.rendering import PageTable
+from acrc_testbed.picture.html_page import PageTable
 
 _TOLD = ("better", "worse", "as good", "not told apart")
 _MOST_TOLD: Final = 8

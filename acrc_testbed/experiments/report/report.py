@@ -11,8 +11,8 @@ from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.report import charts, findings, sections, time_sections
 from acrc_testbed.experiments.report.runs import REAL, Cell, ReportView, RunSource, label, places, read
 from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.page import rendering
-from acrc_testbed.page.rendering import PageSection
+from acrc_testbed.picture import html_page as rendering
+from acrc_testbed.picture.html_page import PageSection
 from actors.runtime import regular_file
 
 PAGE: Final = "report.html"

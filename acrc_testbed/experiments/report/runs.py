@@ -21,7 +21,7 @@ from acrc_testbed.experiments.comparison.statistical_models import Completion
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Look
 from acrc_testbed.experiments.study.study import Study
-from acrc_testbed.page.rendering import PagePicture, PageTable
+from acrc_testbed.picture.html_page import PagePicture, PageTable
 from acrc_testbed.results.result import RobotResult, RunResult
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError

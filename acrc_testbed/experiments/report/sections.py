@@ -12,7 +12,7 @@ from acrc_testbed.experiments.comparison.statistical_models import Completion, k
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
 from acrc_testbed.experiments.report.runs import Cell, Group, ReportView, completed, places, until
-from acrc_testbed.page.rendering import PagePicture, PageSection, PageTable
+from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
 from acrc_testbed.results.outcome import means
 from acrc_testbed.results.result import RunResult
 from actors.ieee802154 import airtime_ns

@@ -9,7 +9,7 @@ from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, DecisionEve
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
 from acrc_testbed.experiments.report.runs import Cell, Group, ReportView
-from acrc_testbed.page.rendering import PageSection
+from acrc_testbed.picture.html_page import PageSection
 from actors.observer.glyphs import SEEN_STATES, hexadecimal
 
 LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in SEEN_STATES.items()}

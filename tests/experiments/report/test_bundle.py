@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.study.frozen_plan import inputs
 from acrc_testbed.experiments.study.study import Study, load_study
 from acrc_testbed.results.result import RunResult

@@ -8,8 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.drawing.canvas import BODY, FEW, LABEL, NOSE, RADIUS, TRAIL, Canvas, lifted, ring
-from actors.observer.drawing.canvas import LINK as HEIGHT
+from actors.observer.canvas import BODY, FEW, LABEL, NOSE, RADIUS, TRAIL, Canvas, lifted, ring
+from actors.observer.canvas import LINK as HEIGHT
 from actors.observer.glyphs import FATES, LINK, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]

@@ -15,8 +15,8 @@ from typing import Any, Final, cast
 
 import msgspec
 
-from acrc_testbed.replay.record_check import check
-from acrc_testbed.replay.run_recordings import all_recordings, run_of, told
+from acrc_testbed.recordings.record_check import check
+from acrc_testbed.recordings.run_recordings import all_recordings, run_of, told
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import command
 from actors.instant import Instant, seconds
@@ -163,7 +163,8 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
 
 
 _RECHECK: Final = (
-    "import sys; from acrc_testbed.replay.record_replay import replay_all; sys.exit(replay_all(sys.argv[1:]))"
+    "import sys; from acrc_testbed.recordings.record_replay import replay_all; "
+    "sys.exit(replay_all(sys.argv[1:]))"
 )
 _LONGEST: Final = 2000
 """Characters of a fault; a pipe holds more."""

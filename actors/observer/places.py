@@ -8,7 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.observer.drawing.canvas import (
+from actors.observer.canvas import (
     BODY,
     CIRCLE,
     FEW,

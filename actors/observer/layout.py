@@ -14,10 +14,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from actors.floor.grid import OccupancyGrid
-from actors.observer.drawing.canvas import TIMELINE
-from actors.observer.drawing.robots import RECENT_S
-from actors.observer.drawing.words import lane_path
+from actors.observer.canvas import TIMELINE
 from actors.observer.glyphs import FATES, GROUND
+from actors.observer.robots import RECENT_S
+from actors.observer.words import lane_path
 from actors.runtime.errors import AcrcError
 
 _FIELD_OF_VIEW: Final = math.radians(55.0)

@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from acrc_testbed.replay.run_recordings import all_recordings
+from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.results.seal import Sealed, check_seal
 from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json

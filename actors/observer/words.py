@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.drawing.canvas import (
+from actors.observer.canvas import (
     BODY,
     CIRCLE,
     CLOUD,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from acrc_testbed.field_trial.clock_alignment import (
+from acrc_testbed.results.clock_alignment import (
     AlignmentParameters,
     Fit,
     Stamp,
@@ -18,7 +18,7 @@ from acrc_testbed.field_trial.clock_alignment import (
     StampKind,
     align,
 )
-from acrc_testbed.field_trial.recordings import FieldTrial, FieldTrialError, Moment, RobotLog, Tick
+from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog, Tick
 from acrc_testbed.results.result import ClockReport
 
 _STEADY_US: Final = 50_000

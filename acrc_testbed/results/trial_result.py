@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.field_trial.clocks import AlignedClocks
-from acrc_testbed.field_trial.recordings import FRAME_OUTCOMES, FieldTrial, FieldTrialError, Moment, RobotLog
+from acrc_testbed.results.clocks import AlignedClocks
+from acrc_testbed.results.field_recordings import (
+    FRAME_OUTCOMES,
+    FieldTrial,
+    FieldTrialError,
+    Moment,
+    RobotLog,
+)
 from acrc_testbed.results.outcome import (
     counted,
     nearest_rank,

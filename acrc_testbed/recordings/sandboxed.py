@@ -2,8 +2,8 @@
 
 `ask` runs a program once per call and returns its answer, which is untrusted: bytes, bounded, nothing more.
 Such programs share `parser` and `answering`. The one here replays one actor:
-`python -m acrc_testbed.replay.sandboxed --out DIR --actor NAME --answer FILE --own DIR`; its answer is a JSON
-object.
+`python -m acrc_testbed.recordings.sandboxed --out DIR --actor NAME --answer FILE --own DIR`; its answer is a
+JSON object.
 """
 
 import os
@@ -27,8 +27,8 @@ from typing import Final
 
 import msgspec
 
-from acrc_testbed.replay.record_replay import Onlook, ReplayReport, replay_actor
-from acrc_testbed.replay.run_recordings import all_recordings, code_folders, run_of, told
+from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, replay_actor
+from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, run_of, told
 from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
 from actors.processes.robot_logs import said, show
 from actors.robot import assembly
@@ -45,7 +45,7 @@ from actors.runtime.lifecycle.linux import die_with_parent
 from actors.runtime.recording import Reading
 from actors.runtime.recording.reading import report_damage
 
-_PROGRAM: Final = "acrc_testbed.replay.sandboxed"
+_PROGRAM: Final = "acrc_testbed.recordings.sandboxed"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 """Processes on board that serve devices, which cannot be replayed."""
 _SHOWN: Final = 300
@@ -232,7 +232,7 @@ def replay(
     report_damage(all_recordings(out)[actor])
     calls = [Call(actor, (actor,))]
     (outcome,) = ask(
-        out, "acrc_testbed.replay.sandboxed", calls, bounds, permit=permit, isolate=choice.isolate
+        out, "acrc_testbed.recordings.sandboxed", calls, bounds, permit=permit, isolate=choice.isolate
     )
     show(outcome.said)
     fault = outcome.fault

@@ -1,1 +1,0 @@
-"""The recordings of a run: compared with one another, and replayed."""
