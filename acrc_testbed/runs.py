@@ -78,6 +78,7 @@ def run(
     navigation: str | None = None,
     settings: Mapping[str, object] | None = None,
     bus: Literal["zenoh", "memory"] = "zenoh",
+    record: Literal["full", "lean"] = "full",
     modules: Sequence[str | PathLike[str]] = (),
     trust: bool = False,
     overwrite: bool = False,
@@ -101,7 +102,9 @@ def run(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
     place = Path(out) if out is not None else Path("runs", folder_name(file))
-    options = RunOptions(place, bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True)
+    options = RunOptions(
+        place, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
+    )
     prepared = prepare_run(file, overrides, options, permit_of([*map(Path, modules)], trust=trust))
     if out is None:
         prepared = claimed(prepared)

@@ -59,7 +59,9 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     with scratch_folder() as folder:
         again = folder / "again"
         recorded = _recorded(out, modules, permit)
-        options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded)
+        options = RunOptions(
+            again, bus="memory", json=True, modules=modules, recorded=recorded, record="lean"
+        )
         plan = swarm.plan(scenario, options)
         with shown(again, (EVERYBODY,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)

@@ -87,7 +87,7 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
     )
     options = RunOptions(
         out, bus=order.bus, isolate=order.isolate, json=True, scenario=path.name, hidden=(path,),
-        log=(EVERYBODY,), modules=tuple(map(Path, order.modules)),
+        log=(EVERYBODY,), modules=tuple(map(Path, order.modules)), record="lean",
     )  # fmt: skip
     result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
     return msgspec.structs.replace(result, out=""), account(out), trace(out)
