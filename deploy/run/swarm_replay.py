@@ -7,10 +7,11 @@ from typing import Final
 
 from acrc_testbed.recordings.record_check import STAMP, check, read_pass
 from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings
+from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
 from acrc_testbed.recordings.sandboxed import say_unhashed
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
+from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, first_difference, topic_of
@@ -59,9 +60,10 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     with scratch_folder() as folder:
         again = folder / "again"
         recorded = _recorded(out, modules, permit)
-        options = RunOptions(
-            again, bus="memory", json=True, modules=modules, recorded=recorded, record="lean"
-        )
+        level = setup_of(
+            files["radio"], RadioSetup, "a radio"
+        ).detail  # what is only recorded is compared, too
+        options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded, record=level)
         plan = swarm.plan(scenario, options)
         with shown(again, (EVERYBODY,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
