@@ -1,5 +1,6 @@
 """Imports what commands need, in the process that `tests.warm` forks; Dask reads its configuration later."""
 
+import tempfile
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,4 +22,5 @@ for _package in ("acrc_testbed", "deploy"):
             import_module(_name)
 version.software()  # starts two processes, as does the next: once for all forks
 sandbox.available()
+tempfile.tempdir = None  # each fork has a TMPDIR of its own
 import_module("actors.runtime.process").settle()  # no collection copies the shared pages
