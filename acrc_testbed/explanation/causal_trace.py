@@ -4,22 +4,20 @@ A replay makes it, in a process that runs the strategy's code; so its bytes are 
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Final
+from typing import Annotated
 
 import msgspec
 
-from actors.instant import Duration, Instant, in_seconds
+from actors.instant import LATEST, Duration, Instant, in_seconds
 from actors.introspection import DecisionRecord, ValueChange
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 
-_LATEST: Final = 10**15
-"""µs; no run lasts longer."""
-Moment = Annotated[Instant, msgspec.Meta(ge=0, le=_LATEST)]
+Moment = Annotated[Instant, msgspec.Meta(ge=0, le=LATEST)]
 """By the process's own time, µs."""
-Span = Annotated[Duration, msgspec.Meta(ge=0, le=_LATEST)]
+Span = Annotated[Duration, msgspec.Meta(ge=0, le=LATEST)]
 """µs."""
-Number = Annotated[int, msgspec.Meta(ge=0, le=_LATEST)]
+Number = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
 """A step, or a count."""
 Place = tuple[float, float]
 """x, y, m, map frame."""
@@ -59,7 +57,7 @@ class Arrival(msgspec.Struct, frozen=True):
     instant: Moment
     """When its last symbol ended."""
     sender: int
-    """Short address of the transceiver that sent it: the peer's own, or of whoever relayed."""
+    """Short address of the transceiver that sent it: the peer's own, or a relaying robot's."""
     rssi_dbm: float
     lqi: int
 

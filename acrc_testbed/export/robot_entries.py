@@ -30,6 +30,7 @@ from acrc_testbed.run_model.places import PlaceStatus, PlaceTable
 from acrc_testbed.run_model.recorded import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
+from actors.instant import LATEST
 from actors.message_limits import senses_fault
 from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
 from actors.observer import glyphs
@@ -39,8 +40,6 @@ from actors.task.task import PlaceKey
 
 _NEAR_S: Final = 1e-6
 """Two instants of one step differ by less, s."""
-_FAR: Final = 10**15
-"""µs; nobody lives to see more."""
 _INSCRIBED: Final = 253
 """The cost of a cell that the robot's middle must not enter, as costmap_2d has it; 254 blocks, and of 255
 nothing is known."""
@@ -77,7 +76,7 @@ def sensed_entries(
     for _, senses in messages_on(path, SENSES):
         if senses.halt:
             continue
-        if senses_fault(senses) is not None or abs(senses.instant) > _FAR:
+        if senses_fault(senses) is not None or abs(senses.instant) > LATEST:
             left_out[f"/{robot}/odom"] += 1
             continue
         told = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
@@ -95,13 +94,13 @@ def sensed_entries(
 def command_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
     for second, (vx, vy, omega) in zip(track.seconds.tolist(), track.commanded.tolist(), strict=True):
-        if not np.isnan(vx) and abs(at := round(second * 1e6)) <= _FAR:
+        if not np.isnan(vx) and abs(at := round(second * 1e6)) <= LATEST:
             yield LogEntry(at, f"/{robot}/cmd_vel", ros2_log.twist(vx, vy, omega), at)
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:
     """True if a scan has a range for each ray of the sensor, and an instant."""
-    return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= _FAR
+    return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= LATEST
 
 
 def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[LogEntry]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.recordings.run_recordings import told as first_record
-from actors.instant import Instant
+from actors.instant import LATEST, Instant
 from actors.introspection import (
     CostWindow,
     DecisionRecord,
@@ -28,7 +28,7 @@ from actors.robot.introspection import cell_type
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
-from actors.runtime.process_setup import located_model
+from actors.runtime.process_setup import RecordDetail, located_model
 from actors.topic import Message
 
 Floats = NDArray[np.float64]
@@ -36,12 +36,10 @@ Clock = Callable[[NDArray[np.int64]], Floats]
 """From a process's own instants, µs, to the run's seconds."""
 Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
-_LATEST: Final = 10**15
-"""µs; no run lasts longer."""
 _NO_WINDOWS: Final = np.zeros((0, 1, 1), np.uint8)
 _MOST_FIELDS: Final = 1000
 """Of a robot's knowledge."""
-NOT_RECORDED: Final = "what it computed was not recorded; record the run with --record full"
+NOT_RECORDED: Final = "its introspection was not recorded; record the run with --record full"
 
 
 class RecordedProcess(NamedTuple):
@@ -72,6 +70,7 @@ class _PerceptionSetup(msgspec.Struct, frozen=True):
     model: str
     sensor: str | None
     stack: _Stack
+    detail: RecordDetail = "lean"
 
 
 def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "ProcessModel":
@@ -79,7 +78,7 @@ def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "Proces
     setup = first_record(path, run, _PerceptionSetup, "a robot")
     model = load_model(located_model(setup.model, path.parent), setup.sensor)
     local = CostMap(model.sensor, model.footprint.circumradius, setup.stack.local_map)
-    return ProcessModel(process, model.sensor, local)
+    return ProcessModel(process, model.sensor, local, is_recorded=setup.detail == "full")
 
 
 class PointSets(NamedTuple):
@@ -187,7 +186,7 @@ class RobotInternals:
     goals: tuple[StepGoal, ...]
     commits: tuple[StepCommit, ...]
     is_recorded: bool
-    """False: the process has recorded none of this so far."""
+    """False: the robot was not to record any of this."""
 
     def decisions(self) -> Iterator[tuple[StepCommit, DecisionRecord]]:
         """Yield the changes of knowledge that decided something."""
@@ -206,7 +205,9 @@ class _SensedStep(NamedTuple):
 class ProcessModel:
     """Folds the messages of one process of a robot."""
 
-    def __init__(self, process: RecordedProcess, sensor: RangeSensor, local: CostMap) -> None:
+    def __init__(
+        self, process: RecordedProcess, sensor: RangeSensor, local: CostMap, *, is_recorded: bool
+    ) -> None:
         """`local`: a cost map like the robot's."""
         self.process, self._sensor, self._local = process, sensor, local
         angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
@@ -221,7 +222,8 @@ class ProcessModel:
         self._values: dict[tuple[str, str], str | None] = {}
         """As JSON, by component and path."""
         self._commits = 0
-        self._is_recorded = False
+        self.is_recorded = is_recorded
+        """Its set-up asks for introspection; a process that ended at once may still have left none."""
 
     def extend(self, message: Message) -> None:
         """Fold one message that the process received or recorded."""
@@ -235,7 +237,6 @@ class ProcessModel:
                 self._senders |= {one.instant: one.sender for one in message.events if isinstance(one, Heard)}
             case Introspection():
                 self._told[message.step] = message
-                self._is_recorded = True
 
     def take(self, until: int, answers: Mapping[int, Drive]) -> RobotInternals:
         """Take out the steps up to `until`; `answers`: of the robot, by step.
@@ -311,11 +312,6 @@ class ProcessModel:
         """Edge of a cell of the local cost map, m."""
         return self._local.parameters.cell
 
-    @property
-    def is_recorded(self) -> bool:
-        """Some introspection was recorded."""
-        return self._is_recorded
-
 
 class _Part:
     """Rows of one part of a process."""
@@ -323,7 +319,7 @@ class _Part:
     def __init__(self, model: ProcessModel, steps: Sequence[_SensedStep]) -> None:
         self._model = model
         instants = np.array([one.instant for one in steps], np.int64)
-        if (np.abs(instants) > _LATEST).any():
+        if (np.abs(instants) > LATEST).any():
             raise IntrospectionError(f"{model.process.actor}: an instant of its steps is beyond any clock")
         self._seconds = dict(
             zip((one.number for one in steps), model.process.clock(instants).tolist(), strict=True)
@@ -379,7 +375,7 @@ class _Part:
             self._windows.append((second, self._model.costs(window), window.corner))
 
     def _at(self, instant: int) -> float:
-        if abs(instant) > _LATEST:
+        if abs(instant) > LATEST:
             raise ValueError(f"an instant is {instant} µs, as no clock shows")
         return float(self._model.process.clock(np.array([instant], np.int64))[0])
 

@@ -24,7 +24,7 @@ from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
 
 T = TypeVar("T")
-NO_FRAMES: Final = "the radio did not record what became of frames; with --record full it does"
+NO_FRAMES: Final = "radio: outcomes of frames were not recorded; record the run with --record full"
 _MOST_BYTES: Final = 64 * 1024 * 1024
 """Of a result; one of 1000 robots has less than 1 MB."""
 

@@ -8,8 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from acrc_testbed.export.logging_run import log_run
 from acrc_testbed.recordings import record_replay
 from acrc_testbed.results.result import RunResult
+from acrc_testbed.run_model.collected import whole_run
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launch import Launcher
@@ -86,6 +88,10 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     assert setup["without_board"] == ["r3"]
     links = [out / f"r{number}.radio" / "setup.json" for number in (1, 2, 3)]
     assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, True, False]
+    internals = whole_run(out, internals=True).internals
+    assert {one.process.robot for one in internals if one.is_recorded and one.commits} == {"r1", "r2", "r3"}
+    report = log_run(out, tmp_path / "robots.mcap", ("r1",))
+    assert report.counts["/r1/odom"] > 50 and not [note for note in report.notes if "left out" in note]
     checked = acrc("record", "check", out)
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
