@@ -125,7 +125,7 @@ def view(
     """Open a run in the viewer, or draw it.
 
     The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
-    it lacks something, such as a robot whose strategy may not run.
+    it lacks something, such as the own view of a robot that was recorded lean.
 
     Everything is read from recordings; only --why replays robots. With --png, --svg, --html or --movie:
     floor, trails, places, meetings, radio and progress.

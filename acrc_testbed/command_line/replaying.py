@@ -237,6 +237,7 @@ def export(
 def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     from acrc_testbed.export import parquet_files, rows
     from actors.runtime import regular_file
+    from actors.runtime.errors import AcrcError
     from deploy.run import out_folder
 
     console = screen(stderr=True, soft_wrap=False)
@@ -247,6 +248,8 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
         written = dict(parquet_files.write(found, where))
     said = [f"{path}: {count} rows" for path, count in written.items()]
     answer(said, [{"file": path, "rows": count} for path, count in written.items()], json=json)
+    if missing := parquet_files.lacking(found):
+        raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
 
 def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], *, json: bool) -> None:

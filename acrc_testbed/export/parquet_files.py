@@ -198,11 +198,14 @@ _TYPES: Final = {
 
 
 def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
-    """A file for each table, `NAME.parquet`, over what is there: the paths, with how many rows each has.
+    """Write a file for each table, `NAME.parquet`, and return their paths and numbers of rows.
 
-    Meanings stand in the files, too, as metadata `meaning` of each column. OSError as for any file.
+    Files of other runs are replaced, or removed where this run lacks the table. Each column has its meaning
+    as metadata `meaning`. OSError as for any file.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    for name in lacking(rows):
+        (folder / f"{name}.parquet").unlink(missing_ok=True)
     written = []
     for name, table in arrow(rows).items():
         path = folder / f"{name}.parquet"
@@ -212,9 +215,14 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     return written
 
 
+def lacking(rows: Tables) -> list[str]:
+    """Return the names of the tables that a lean recording lacks."""
+    return [table.name for table in TABLES if table.name not in rows]
+
+
 def arrow(rows: Tables) -> dict[str, pyarrow.Table]:
     """The tables in memory, by name, with the meanings of their columns as metadata."""
-    return {table.name: _columns(table, rows[table.name]) for table in TABLES}
+    return {table.name: _columns(table, rows[table.name]) for table in TABLES if table.name in rows}
 
 
 def _columns(table: ExportTable, rows: Sequence[Row]) -> Any:

@@ -7,11 +7,10 @@ from typing import Any, Final
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import FrameRow, frame_rows
-from acrc_testbed.run_model.introspection import NOT_RECORDED, RobotInternals
+from acrc_testbed.run_model.introspection import RobotInternals
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from acrc_testbed.run_model.simulated import read_run
 from actors.messages import TRUTH
-from actors.runtime.errors import AcrcError
 
 Row = tuple[Any, ...]
 """Its cells."""
@@ -20,24 +19,18 @@ INTERNALS: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
 """Tables of what robots computed."""
 
 
-class ExportError(AcrcError):
-    """A run that cannot be exported."""
-
-
 def tables(out: Path) -> Tables:
-    """Return every table of a simulated run, by its name.
+    """Return the tables of a simulated run, by name; those that a lean recording lacks are left out.
 
-    Raises RecordingError and RunDataError for what is no whole folder of a run, ExportError for a run whose
-    robots did not record what they computed.
+    Raises RecordingError and RunDataError for what is no whole folder of a run.
     """
     run, files = read_run(out, internals=True), all_recordings(out)
-    if not all(one.is_recorded for one in run.internals):
-        raise ExportError(f"{out}: {NOT_RECORDED}")
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
-    robots, outcomes = frame_outcomes(out)
-    found["frames"] = [
-        row for number, one in enumerate(frame_rows(robots, outcomes)) for row in _frame(number, one)
-    ]
+    if run.description.records_frames:
+        copies = enumerate(frame_rows(*frame_outcomes(out)))
+        found["frames"] = [row for number, one in copies for row in _frame(number, one)]
+    if not all(one.is_recorded for one in run.internals):
+        return found
     found |= {name: [] for name in INTERNALS}
     for one in run.internals:
         head = (one.process.robot, one.process.actor)

@@ -11,6 +11,7 @@ from acrc_testbed.export.parquet_files import TABLES, page
 from actors.installation.repository import REPOSITORY
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
+from tests.recorded_runs import record
 
 PAGE = "docs/tables.md"
 Rows = list[dict[str, Any]]
@@ -62,3 +63,17 @@ def test_an_exchange_names_frame_and_fields(tables: dict[str, Rows]) -> None:
         if (row["process"], row["change"]) == ("r2", one["change"])
     }
     assert fields["destination.owner"] == "r1" and fields["state"] == "free"
+
+
+def test_a_lean_run_has_the_tables_that_need_no_computation_of_robots(tmp_path: Path) -> None:
+    record(tmp_path / "run", detail="lean", duration=3.0)
+    stale = tmp_path / "tables" / "frames.parquet"
+    stale.parent.mkdir()
+    stale.touch()
+    done = acrc("export", tmp_path / "run", "--out", tmp_path / "tables")
+    assert done.returncode == 1
+    assert {path.stem for path in stale.parent.iterdir()} == {"poses", "places"}
+    assert (
+        "recorded lean, so estimates, goals, frames, knowledge, exchanges, decisions are missing"
+        in done.stderr
+    )
