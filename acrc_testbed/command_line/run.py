@@ -4,7 +4,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal, cast
 
 import typer
 
@@ -167,7 +167,7 @@ def run(
 
     permit = foreign.permit_of(modules, trust=trust)
     from deploy.clusters.address import plain
-    from deploy.run.options import RunOptions, folder_name, record_detail
+    from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, settings
 
@@ -184,7 +184,7 @@ def run(
     file = scenario or DEFAULT_SCENARIO
     options = RunOptions(
         out or Path("runs", folder_name(file)),
-        record=record_detail(record),
+        record=cast(Literal["lean", "full"], record),  # checked with the other options
         speed=speed or ("1" if control else "max"),
         bus=bus,
         spawn=spawn,

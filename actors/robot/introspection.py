@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from actors.geometry import CERTAIN, Point, Pose
-from actors.instant import Duration, Instant, milliseconds
+from actors.instant import Instant, milliseconds
 from actors.introspection import (
     Activity,
     CostWindow,
@@ -67,6 +67,12 @@ _LONGEST: Final = 160
 """Characters of a value in words."""
 _LONGEST_JSON: Final = 20_000
 """Characters of a value as JSON."""
+_ROOM: Final = 1_000_000
+"""Characters of values in one message, far below the largest record."""
+_MOST_SHOWN: Final = 10_000
+"""Values of last changes that are remembered, so that they are not recorded twice."""
+_MOST_COMMITS: Final = 10_000
+"""Changes of knowledge of one step."""
 _MOST_CHANGES: Final = 500
 """Changed values of one commit."""
 _DEEPEST: Final = 3
@@ -82,9 +88,8 @@ class Introspector:
         sensor: RangeSensor,
         localisation: Localisation,
         navigation: Navigator,
-        period: Duration = PERIOD,
     ) -> None:
-        self._robot, self._sensor, self._period = robot, sensor, period
+        self._robot, self._sensor = robot, sensor
         self._localisation, self._navigation = localisation, navigation
         planner = navigation.local_planner
         self._planner = planner if isinstance(planner, BaseLocalPlanner) else None
@@ -104,6 +109,7 @@ class Introspector:
         self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
         self._heard: dict[str, int] = {}
         self._news: dict[str, int] = {}
+        self._room = _ROOM
         self._shown: dict[tuple[str, str], object] = {}
         """By component and path the value that a change brought last."""
         self._commits: list[tuple[Commit, Replica | None]] = []
@@ -152,7 +158,7 @@ class Introspector:
             knowledge=self._changed_words(knowledge) if is_due and knowledge is not None else (),
         )
         if is_due:
-            self._due = Instant((instant // self._period + 1) * self._period)
+            self._due = Instant((instant // PERIOD + 1) * PERIOD)
         return None if msgspec.structs.astuple(told)[2:] == _NOTHING else told
 
     def _changed_quality(self, estimate: Estimate) -> EstimateQuality | None:
@@ -207,7 +213,7 @@ class Introspector:
         return Activity(activity, name, None if point is None else (point.x, point.y))
 
     def _taken_commits(self) -> tuple[KnowledgeCommit, ...]:
-        commits, self._commits = self._commits, []
+        commits, self._commits, self._room = self._commits[:_MOST_COMMITS], [], _ROOM
         return tuple([self._commit(commit, replica) for commit, replica in commits])
 
     def _commit(self, commit: Commit, replica: Replica | None) -> KnowledgeCommit:
@@ -229,13 +235,18 @@ class Introspector:
         component, shown = commit.after.id, self._shown
         try:
             for path, before, after in differences(commit.before, commit.after):
-                if len(found) == _MOST_CHANGES:
+                if len(found) == _MOST_CHANGES or self._room < 0:
+                    found.append(ValueChange("", None, '"more changes have no room here"'))
                     break
                 known = shown.get((component, path), self) is before
+                if len(shown) == _MOST_SHOWN:
+                    shown.clear()
                 shown[component, path] = after
-                found.append(ValueChange(path, "" if known else as_json(before), as_json(after)))
+                change = ValueChange(path, "" if known else as_json(before), as_json(after))
+                self._room -= len(change.before or "") + len(change.after or "")
+                found.append(change)
         except Exception as error:  # comparing and showing values calls the user's code
-            found.append(ValueChange("", None, f"cannot be shown: {type(error).__name__}"))
+            found.append(ValueChange("", None, f'"cannot be shown: {type(error).__name__}"'))
         return tuple(found)
 
     def _changed_words(self, knowledge: Knowledge) -> tuple[tuple[str, str], ...]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.monitor import Timeout
@@ -82,13 +82,6 @@ class RunOptions:
     """What must be in them, for a run in memory; None: whatever is."""
 
 
-def record_detail(text: str) -> RecordDetail:
-    """Return what `--record` says. Raises OptionError."""
-    if text not in get_args(RecordDetail):
-        raise wrong_value("--record", text, _choice(get_args(RecordDetail)))
-    return cast(RecordDetail, text)
-
-
 def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     """Options as they stand on the command line, where they are right; `limit`: of processes, NAME=N.
 
@@ -96,6 +89,8 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     """
     if options.bus not in get_args(Bus):
         raise wrong_value("--bus", options.bus, _choice(get_args(Bus)))
+    if options.record not in get_args(RecordDetail):
+        raise wrong_value("--record", options.record, _choice(get_args(RecordDetail)))
     if options.spawn not in get_args(Spawn):
         raise wrong_value("--spawn", options.spawn, _choice(get_args(Spawn)))
     speed = _speed(options.speed)

@@ -1,20 +1,31 @@
 """What robots record of their own computing: equal over every bus, replayed exactly, outside the digest."""
 
 import random
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
+import msgspec
 import pytest
 
 from acrc_testbed.recordings.record_replay import replay_actor
 from acrc_testbed.results.result import RunResult
+from actors.installation.usage import OptionError
+from actors.instant import Instant
 from actors.introspection import Introspection
 from actors.messages import INTROSPECTION
 from actors.processes.launch import launcher
+from actors.robot.introspection import Introspector
+from actors.robot_model import load_model
 from actors.runtime.codec import decode
 from actors.runtime.process_setup import RecordDetail
-from actors.runtime.recording import Entry, read_recording
+from actors.runtime.recording import LARGEST_RECORD, Entry, read_recording
+from deeco.knowledge import Knowledge
+from deeco.local import Commit
 from deploy.run import swarm
-from deploy.run.options import RunOptions
+from deploy.run.options import RunOptions, checked
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.recorded_runs import HEAD_ON
 
@@ -76,3 +87,33 @@ def test_a_recording_that_was_cut_anywhere_has_the_introspection_before(
     cut.write_bytes(data[: random.Random(seed).randrange(len(data))])
     found = introspection(cut)
     assert found == whole[: len(found)]
+
+
+@dataclass(frozen=True)
+class Hoarder(Knowledge):
+    id: str
+    texts: tuple[str, ...] = ()
+    table: Mapping[str, str] = field(default_factory=dict)
+
+
+def test_knowledge_of_any_size_stays_within_a_record() -> None:
+    navigation: Any = SimpleNamespace(local_planner=None, goal=None)
+    introspector = Introspector("r1", load_model("turtlebot2").sensor, cast(Any, None), navigation)
+    kept = Hoarder(id="r1")
+    for number in range(12_000):
+        text = chr(ord("a") + number % 26) * 15_000
+        new = replace(kept, texts=(text,), table={f"{number}-{key}": text for key in range(3)})
+        introspector.committed(Commit("Hoarder.hoard", Instant(number), kept, new, adaptation=False), None)
+        kept = new
+    commits = introspector._taken_commits()
+    size = len(msgspec.msgpack.encode(commits))
+    assert 500_000 < size < LARGEST_RECORD / 4
+    assert commits[-1].changed[-1].after == '"more changes have no room here"'
+    assert introspector._taken_commits() == ()
+
+
+def test_a_level_of_recording_is_checked_wherever_it_is_given(tmp_path: Path) -> None:
+    options = RunOptions(tmp_path / "out", bus="memory", record=cast(RecordDetail, "Full"))
+    with pytest.raises(OptionError) as caught:
+        checked(options)
+    assert str(caught.value) == "--record: Full; must be lean or full"
