@@ -175,7 +175,7 @@ class RecheckError(AcrcError):
 
 
 class RecheckedActor(msgspec.Struct, frozen=True):
-    """What came of one actor."""
+    """Result of one actor's replay."""
 
     actor: str
     outputs: int = 0

@@ -55,7 +55,7 @@ def _place(path: Path) -> tuple[str, int, str]:
 
 
 class GivenOrder(NamedTuple):
-    """An order, whoever gave it."""
+    """An order of a person, a tool or the scenario."""
 
     step: int
     """At whose boundary it was taken."""

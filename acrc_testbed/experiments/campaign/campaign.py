@@ -162,7 +162,7 @@ class CampaignOptions:
     on: str | None = None
     """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
-    """Where strategies of one's own are looked for, as `actors.robot.behaviour.foreign` has admitted it."""
+    """Folders with the user's strategies, admitted by `actors.robot.behaviour.foreign`."""
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ class _Campaign:
 
 Row = dict[str, bool | int | float | str | None]
 _NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
-"""Scalars of a result that stand in a column of their own, or say nothing of what came of the run."""
+"""Scalar fields of a result that have their own column, or do not describe the outcome."""
 
 
 def write(store: Store) -> tuple[Path, Path]:

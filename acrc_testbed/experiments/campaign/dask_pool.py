@@ -36,7 +36,7 @@ class TrialTask(NamedTuple):
     """JSON of the trial's order."""
     commit: str
     repository: str
-    """Clone of whoever submits: the worker reads paths in it as paths in its own clone."""
+    """The submitter's clone: the worker maps paths in it to paths in its own clone."""
     patience_s: float
 
 

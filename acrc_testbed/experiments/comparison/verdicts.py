@@ -330,7 +330,7 @@ class Watch:
 
 
 def look_sentences(found: Sequence[LookedAt], rules: LookRules) -> list[str]:
-    """What has been looked at, and what came of it."""
+    """Interim looks at a campaign, and their results."""
     rule = rules.differ
     lines = [
         f"looks after {', '.join(map(str, rule.looks))} pairs, at most {rule.looks[-1]};"
@@ -372,7 +372,7 @@ def _listed(thresholds: Sequence[float]) -> str:
 _CAMPAIGNS: Final = 200
 """Drawn for each size."""
 _SIZES: Final = (LEAST_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
-"""Numbers of pairs that somebody might run."""
+"""Sample sizes, in pairs, for which power is computed."""
 _HARDER_ROBOTS: Final = 8
 _HARDER_S: Final = (300.0, 400.0)
 """Within which a shorter run still lets the robots do most of their places."""

@@ -212,7 +212,7 @@ def _seeds(study: Study) -> str:
 
 
 def _file(path: str) -> str:
-    """Without the folders in which somebody keeps it."""
+    """File name without folders."""
     return path.replace("\\", "/").rpartition("/")[2]
 
 
@@ -266,7 +266,7 @@ def _unfit(sources: Sequence[RunSource], view: ReportView) -> Iterator[str]:
             )
     if any(run.places_done is None for group in view.groups for run in group.results):
         yield (
-            "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
+            "Real robots have no ground truth: places are as they reported them; contacts, errors of "
             "localisation, where time went and CPU time are unknown; completion is when the last report was "
             "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
         )
@@ -383,4 +383,4 @@ def _software(sources: Sequence[RunSource]) -> Iterator[str]:
     if len(commits) > 1:
         yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."
     if any(commit.endswith("+") for commit in commits):
-        yield "The software had been changed since its last commit, so nobody else can make these runs again."
+        yield "The software had uncommitted changes, so these runs cannot be repeated elsewhere."

@@ -96,7 +96,7 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
         folded=True,
     )  # fmt: skip
     text = (
-        "Scenario, seed and commit give the same digest on every processor: whoever runs them again must "
+        "Scenario, seed and commit give the same digest on every processor: a repeated run must "
         f"find the digests below ({digests} of them).",
     )
     return PageSection("How it was made", text, None, (folders, versions, runs))

@@ -108,7 +108,7 @@ def places_done(view: ReportView) -> PageSection:
     totals = {run.places_total for run in runs}
     text = ["Places done at the run's end: the chapter's number of cleaning tasks that were completed."]
     if any(run.places_done is None for run in runs):
-        text.append("Real robots' places are those that they reported: nobody watched whether it is true.")
+        text.append("Places of real robots are as they reported them, without ground truth.")
     limit = (float(max(totals)), f"all {max(totals)} places") if len(totals) == 1 else None
     picture, table = _PLACES.drawn(view, "of", cells=_totals, limit=limit, near=True)
     return PageSection("Places done", (*text, _BOX), picture, (table,))
