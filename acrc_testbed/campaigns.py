@@ -15,8 +15,8 @@ from actors.installation.usage import wrong_value
 if TYPE_CHECKING:
     import pyarrow
 
-    from acrc_testbed.experiments.campaign.store import Store
-    from acrc_testbed.experiments.comparison.comparison import Comparison
+    from acrc_testbed.experiments.comparison import Comparison
+    from acrc_testbed.experiments.store import Store
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Campaign:
         """Return a row for each run that has ended: strategy, seed, variant, and every metric."""
         import pyarrow
 
-        from acrc_testbed.experiments.campaign import campaign
+        from acrc_testbed.experiments import campaign
 
         return pyarrow.table(campaign.columns(self._kept()))
 
@@ -40,8 +40,8 @@ class Campaign:
 
         `metric`: only this one. Warns where a repeated run had another digest.
         """
-        from acrc_testbed.experiments.comparison import comparison
-        from acrc_testbed.experiments.comparison.judgement import judge
+        from acrc_testbed.experiments import comparison
+        from acrc_testbed.experiments.judgement import judge
 
         if metric is not None and not comparison.is_metric(metric):
             raise wrong_value("metric", metric, comparison.CHOICE)
@@ -50,13 +50,13 @@ class Campaign:
     @arguments_named()
     def sentences(self) -> list[str]:
         """Say which runs failed, and what the declared comparisons come to: places decide, then time."""
-        from acrc_testbed.experiments.comparison.judgement import judge
+        from acrc_testbed.experiments.judgement import judge
 
         return judge(self._kept()).sentences()
 
     def _kept(self) -> "Store":
-        from acrc_testbed.experiments.campaign import store
-        from acrc_testbed.experiments.campaign.store import differing
+        from acrc_testbed.experiments import store
+        from acrc_testbed.experiments.store import differing
 
         kept = store.load(self.folder)
         for sentence in differing(kept):
@@ -81,9 +81,9 @@ def campaign(
     Arguments mean what the options of `acrc campaign` mean. `out`: its folder; None: one in campaigns/.
     `overwrite`: the campaign in that folder does not go on but is removed, and begins again.
     """
-    from acrc_testbed.experiments.campaign import campaign, store
-    from acrc_testbed.experiments.campaign.campaign import CampaignOptions, carry_out
-    from acrc_testbed.experiments.study.draws import StudyOptions, check, study_of
+    from acrc_testbed.experiments import campaign, store
+    from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
+    from acrc_testbed.experiments.draws import StudyOptions, check, study_of
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.isolation.sandbox import choose
@@ -108,6 +108,6 @@ def campaign(
 @arguments_named()
 def open_campaign(folder: str | PathLike[str]) -> Campaign:
     """Open the campaign in a folder. Raises AcrcError if there is none, or if it is not as it was left."""
-    from acrc_testbed.experiments.campaign import store
+    from acrc_testbed.experiments import store
 
     return Campaign(store.load(Path(folder)).folder.absolute())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
-    from acrc_testbed.accounting.time_spent import TimeSpent
+    from acrc_testbed.explanation.time_spent import TimeSpent
     from acrc_testbed.results.result import RunResult
     from acrc_testbed.run_model.data import RunData
 
@@ -61,7 +61,7 @@ class Run:
     @arguments_named()
     def time_spent(self) -> "TimeSpent":
         """Return where the robots' time went, by cause, as `acrc causes` does."""
-        from acrc_testbed.accounting.account import account
+        from acrc_testbed.explanation.account import account
 
         return account(self.folder)
 

@@ -6,7 +6,7 @@ from typing import Annotated
 from actors.geometry import Point
 from cleaning.place import Assignment, Takeover
 from deeco import Knowledge, role
-from deeco.replication.schema import Resolution
+from deeco.schema import Resolution
 
 
 class State(Enum):

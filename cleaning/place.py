@@ -6,7 +6,7 @@ from typing import Annotated, Final
 from actors.geometry import Point
 from actors.robot.behaviour import Start, TaskList
 from actors.task.task import PlaceKey
-from deeco.replication.schema import Resolution
+from deeco.schema import Resolution
 
 GOLDEN: Final[tuple[tuple[Point, ...], ...]] = (
     (

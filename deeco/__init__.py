@@ -5,7 +5,7 @@ from deeco.ensemble import Contact, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
-from deeco.replication.on_air import Resolution
+from deeco.on_air import Resolution
 
 __all__ = [
     "START",

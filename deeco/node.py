@@ -16,8 +16,8 @@ from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, made, roles_of, roles_under
 from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, Commit, LocalComponent, Pairing, Witness
-from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings, Replica
-from deeco.replication.schema import RoleBook
+from deeco.network import Network, NetworkParameters, News, NodeSurroundings, Replica
+from deeco.schema import RoleBook
 from deeco.statistics import Statistics
 
 _ONCE: Final = 1 << 40

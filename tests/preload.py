@@ -11,7 +11,7 @@ from actors.runtime.isolation import sandbox
 
 LATER = (
     *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.campaigns."),
-    *("deploy.clusters.", "deploy.hosts."),
+    "deploy.hosts.",
 ) + (() if find_spec("rerun") else ("deploy.fleet.watched", "acrc_testbed.view."))
 
 import_module("actors.processes.preload")

@@ -21,7 +21,7 @@ from typing import Any, Final, NoReturn
 from unittest import mock
 
 from actors.processes import forkserver, launch
-from actors.runtime.lifecycle.process_table import passed_on
+from actors.runtime.process_table import passed_on
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 ACRC: Final = "acrc_testbed.command_line.app"

@@ -26,8 +26,8 @@ from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import ACRC, Measured
 from actors.installation.repository import REPOSITORY
+from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import process_table
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from deploy.hosts import certificates

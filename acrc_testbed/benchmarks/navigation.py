@@ -23,11 +23,11 @@ from acrc_testbed.benchmarks.measured import Measured
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
-from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import DWA_PRESETS
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navfn import NavfnPlanner, global_costs
 from actors.robot.navigation.planning import PLANNER_PRESETS
+from actors.robot.navigation.steering import DWA_PRESETS
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError

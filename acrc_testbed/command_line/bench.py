@@ -31,15 +31,15 @@ class Benchmark:
 
 BENCHMARKS: Final = {
     "swarm": Benchmark(
-        "swarm.benchmark", "the whole stack: speed, CPU by package, traffic, memory",
+        "swarm", "the whole stack: speed, CPU by package, traffic, memory",
         ("robots", "duration", "repeat"),
     ),
     "budget": Benchmark(
-        "swarm.budget", "what one robot's step costs, counted: calls, messages, bytes",
+        "budget", "what one robot's step costs, counted: calls, messages, bytes",
         ("duration", "bus", "write"),
     ),
     "beside": Benchmark(
-        "swarm.beside", "this state and another COMMIT in turn: wall and CPU time, digests",
+        "beside", "this state and another COMMIT in turn: wall and CPU time, digests",
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation", "record"),
     ),
     "hosts": Benchmark(
@@ -47,7 +47,7 @@ BENCHMARKS: Final = {
         ("robots", "duration"),
     ),
     "start": Benchmark(
-        "swarm.start", "from Enter to a command's first word, and to a run's first step",
+        "swarm_start", "from Enter to a command's first word, and to a run's first step",
         ("robots", "repeat"),
     ),
     "radio": Benchmark(

@@ -16,19 +16,18 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from acrc_testbed.command_line.options import answer
-from acrc_testbed.experiments.campaign import campaign as campaigns
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.campaign import CampaignOptions
-from acrc_testbed.experiments.campaign.store import declared, differing, protection
-from acrc_testbed.experiments.comparison import comparison, verdicts
-from acrc_testbed.experiments.comparison.comparison import (
+from acrc_testbed.experiments import campaign as campaigns
+from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
+from acrc_testbed.experiments.campaign import CampaignOptions
+from acrc_testbed.experiments.comparison import (
     Comparison,
     PairedSample,
     coincidence_sentences,
     coincidences,
     samples,
 )
-from acrc_testbed.experiments.comparison.judgement import (
+from acrc_testbed.experiments.draws import StudyOptions, check, path_of, study_of, understood
+from acrc_testbed.experiments.judgement import (
     CampaignJudgement,
     across_sentences,
     failures,
@@ -36,8 +35,10 @@ from acrc_testbed.experiments.comparison.judgement import (
     summaries,
     verdict,
 )
-from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
-from acrc_testbed.experiments.comparison.verdicts import (
+from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
+from acrc_testbed.experiments.store import declared, differing, protection
+from acrc_testbed.experiments.study import Study, load_study
+from acrc_testbed.experiments.verdicts import (
     Promise,
     ceilings,
     foreseen,
@@ -46,9 +47,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     step_names,
     tests_of,
 )
-from acrc_testbed.experiments.study import frozen_plan
-from acrc_testbed.experiments.study.draws import StudyOptions, check, path_of, study_of, understood
-from acrc_testbed.experiments.study.study import Study, load_study
 from acrc_testbed.results.seal import seal
 from actors.console import print_table, screen
 from actors.installation.usage import OptionError, typed, wrong_value
@@ -58,7 +56,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
-from deploy.clusters.address import plain
+from deploy.hosts.address import plain
 from deploy.run import out_folder
 from deploy.run.progress import lines
 

@@ -9,9 +9,9 @@ import msgspec
 import typer
 from rich.table import Table
 
-from acrc_testbed.accounting.time_spent import Cause, TimeSpent
 from acrc_testbed.command_line import options
 from acrc_testbed.command_line.options import Json, Modules, Robots, Setting, Trust, argument, option
+from acrc_testbed.explanation.time_spent import Cause, TimeSpent
 from actors.console import print_table, screen
 
 
@@ -88,8 +88,8 @@ def campaign(
     It runs each strategy in each variant of a scenario. An interrupted campaign is resumed.
     """
     from acrc_testbed.command_line import campaigns
-    from acrc_testbed.experiments.campaign.campaign import CampaignOptions
-    from acrc_testbed.experiments.study.draws import StudyOptions
+    from acrc_testbed.experiments.campaign import CampaignOptions
+    from acrc_testbed.experiments.draws import StudyOptions
     from actors.robot.behaviour.foreign import permit_of
 
     wishes = StudyOptions(
@@ -242,7 +242,7 @@ _MOST: Final = 20
 
 def print_causes(folder: Path, *, json_output: bool) -> None:
     """Account for the time of the run in the folder, and print it."""
-    from acrc_testbed.accounting.account import account
+    from acrc_testbed.explanation.account import account
 
     spent = account(folder)
     if json_output:

@@ -372,7 +372,7 @@ def start(address: Address) -> None:
 
     It listens at the address, by which others reach this computer.
     """
-    from deploy.clusters.address import host_and_port, plain
+    from deploy.hosts.address import host_and_port, plain
 
     place = plain(address, "ADDRESS")
     host, port = host_and_port(place)
@@ -393,8 +393,8 @@ def join(
     The first time it installs and compiles what that needs.
     """
     from actors.processes.kernels import compile_kernels
-    from deploy.clusters.address import plain
-    from deploy.clusters.connection import PATIENCE_S, security
+    from deploy.hosts.address import plain
+    from deploy.hosts.connection import PATIENCE_S, security
 
     place = plain(address, "ADDRESS")
     if place.startswith("tls://"):
@@ -416,7 +416,7 @@ def fetch(
 ) -> None:
     """Bring what a run has left on other computers, and remove it there."""
     from acrc_testbed.recordings.topics import goes_on
-    from deploy.clusters.address import plain
+    from deploy.hosts.address import plain
     from deploy.hosts.files import fetch
 
     address = plain(on) if on else ""

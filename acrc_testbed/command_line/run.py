@@ -166,7 +166,7 @@ def run(
     from actors.robot.behaviour import foreign
 
     permit = foreign.permit_of(modules, trust=trust)
-    from deploy.clusters.address import plain
+    from deploy.hosts.address import plain
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, settings

@@ -29,7 +29,7 @@ from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.ports import GoalStatus
-from deeco.replication.fragments import HEADER
+from deeco.fragments import HEADER
 
 _TOGETHER_US: Final = 2_000_000
 """Fragments of one packet lie no farther apart (`deeco.link.LinkParameters`)."""

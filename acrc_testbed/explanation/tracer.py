@@ -30,7 +30,7 @@ from deeco.explain.anatomy import ensemble_type, method_flow, methods
 from deeco.explain.dataflow import flow
 from deeco.knowledge import Knowledge, type_of
 from deeco.local import Commit
-from deeco.replication.network import Replica
+from deeco.network import Replica
 
 
 class KnownPoints:

@@ -11,8 +11,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from acrc_testbed.accounting.account import Spell
-from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
+from acrc_testbed.explanation.account import Spell
+from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel
 from acrc_testbed.run_model.data import RunData

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.accounting.account import Spell, spells
-from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.explanation.account import Spell, spells
+from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.picture import html_page as rendering
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from acrc_testbed.accounting.account import Spell, spells
-from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.explanation.account import Spell, spells
+from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
 from acrc_testbed.run_model.data import PlaceEvent, RunData, ordered_changes

@@ -20,9 +20,9 @@ from acrc_testbed.recordings.topics import Growing, Recorded, TopicError, files,
 from actors.instant import in_seconds
 from actors.messages import Scan
 from actors.processes.robot_logs import LogTail, check_names, robots
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.errors import printable
 from actors.runtime.recording import Direction
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
 TAG: Final = "kind"

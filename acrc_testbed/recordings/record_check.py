@@ -13,10 +13,10 @@ from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.results.seal import Sealed, check_seal
 from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Direction, Entry, Note, Reading, RecordingError, decoded
+from actors.runtime.replay_bus import topic_of
 from actors.runtime.shell import ActorDigest, MessageHash, carries_digest, run_digest
 
 STAMP: Final = struct.Struct("<Q32s")

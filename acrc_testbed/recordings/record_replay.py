@@ -25,15 +25,14 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.loading import RecordedModules, expect, look_in
 from actors.robot.program import part_of
-from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
+from actors.runtime import failure
 from actors.runtime.core import Core, Inputs, Output
 from actors.runtime.debugger import UserPdb
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import failure
-from actors.runtime.lifecycle.linux import die_with_parent
-from actors.runtime.lifecycle.process_table import passed_on
+from actors.runtime.linux import die_with_parent
 from actors.runtime.prints import Prints
 from actors.runtime.process import ActorProcess, FinalNote, RunNote
+from actors.runtime.process_table import passed_on
 from actors.runtime.processor import difference, otherwise
 from actors.runtime.recording import (
     Entry,
@@ -42,6 +41,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
+from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup

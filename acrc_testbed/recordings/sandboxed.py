@@ -35,15 +35,14 @@ from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.loading import look_in
-from actors.runtime import prints
-from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime import failure, prints
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.failure import print_traceback
 from actors.runtime.isolation.sandbox import Confinement, ProcessLimits, choose, enforce, isolate, warn
-from actors.runtime.lifecycle import failure
-from actors.runtime.lifecycle.failure import print_traceback
-from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.linux import die_with_parent
 from actors.runtime.recording import Reading
 from actors.runtime.recording.reading import report_damage
+from actors.runtime.replay_bus import ReplayError
 
 _PROGRAM: Final = "acrc_testbed.recordings.sandboxed"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")

@@ -19,12 +19,12 @@ from mcap.writer import MCAP0_MAGIC
 from acrc_testbed.recordings.run_recordings import recordings
 from actors.instant import Instant, in_seconds
 from actors.messages import BOARD, CONTROL, ROSTER
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Direction, Entry, Note, Reading, decoded
 from actors.runtime.recording.reading import opened
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
 _POLL_S: Final = 0.1

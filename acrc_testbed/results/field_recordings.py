@@ -30,10 +30,9 @@ from actors.messages import (
     Unconfirmed,
 )
 from actors.runtime import typed_json
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import (
     LARGE,
@@ -45,6 +44,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message
 from firmware_bridge.onboard.base_core import BaseReport
 

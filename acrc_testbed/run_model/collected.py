@@ -22,10 +22,10 @@ from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.messages import DRIVE, INTROSPECTION, RECEIVED, SENSES, Heard, Received
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Note, read_recording
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message
 
 _MARGIN: Final = 2.0

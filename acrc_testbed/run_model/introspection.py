@@ -23,8 +23,8 @@ from actors.introspection import (
 )
 from actors.messages import NO_ECHO_MM, Drive, Heard, Received, Scan, Senses
 from actors.portable import arrays
-from actors.robot.cost_maps.cost_map import CostMap, CostMapParameters
 from actors.robot.introspection import cell_type
+from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote

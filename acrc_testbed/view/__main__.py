@@ -10,7 +10,7 @@ from acrc_testbed.view import command
 from acrc_testbed.view.command import FILE_NAME, say_at_once
 from actors.observer import viewer
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
+from actors.runtime.linux import die_with_parent, leave_in_order
 
 _NICE = 10
 """The run comes first."""

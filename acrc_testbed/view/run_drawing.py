@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.accounting.account import spells
-from acrc_testbed.accounting.episodes import STANDARD
-from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.explanation.account import spells
+from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.explanation.explain import Explanation
+from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from urllib.parse import quote
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import PR_SET_PDEATHSIG, prctl
+from actors.runtime.linux import PR_SET_PDEATHSIG, prctl
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient

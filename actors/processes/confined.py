@@ -19,10 +19,10 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
+from actors.runtime import linux
 from actors.runtime.isolation import mounts, sandbox
 from actors.runtime.isolation.sandbox import FOLDER, RECORDING, Names, robot_view
-from actors.runtime.lifecycle import linux
-from actors.runtime.lifecycle.linux import leave
+from actors.runtime.linux import leave
 
 MESSAGE_LIMIT: Final = 1 << 16
 """Bytes of one message on the socket."""

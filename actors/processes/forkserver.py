@@ -33,9 +33,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
 from actors.processes.confined import MESSAGE_LIMIT, Part, born
+from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.linux import (
+from actors.runtime.linux import (
     PR_SET_CHILD_SUBREAPER,
     PR_SET_PDEATHSIG,
     create_log,
@@ -43,7 +43,7 @@ from actors.runtime.lifecycle.linux import (
     set_title,
     write_to,
 )
-from actors.runtime.lifecycle.process_table import python
+from actors.runtime.process_table import python
 
 _GRACE_S: Final = 3.0
 """How long an actor may take to end in order once whoever wanted it is gone."""
@@ -231,7 +231,7 @@ class ForkServer:
 
     def _withdraw(self) -> None:
         """Remove passwords and sockets that the router and whoever started it were killed too fast to."""
-        from actors.runtime.access import credentials  # noqa: PLC0415  # a server that executes stays small
+        from actors.runtime.isolation import credentials  # noqa: PLC0415  # a server that executes stays small
 
         for folder, name in self._withdrawn:
             os.fchdir(folder)

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from actors.console import screen
 from actors.kernels import cache_folder, kernel_sources, prune, reachable, state
-from actors.runtime.lifecycle.process_table import python
+from actors.runtime.process_table import python
 from actors.runtime.processor import KernelModule, fingerprints, processor
 
 _WORDS: Final = "compiling the numeric kernels, once after an installation or a change of the sources"

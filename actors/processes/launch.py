@@ -17,12 +17,11 @@ from typing import Any, Final, Protocol, Self
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import MESSAGE_LIMIT
-from actors.runtime import regular_file
+from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import Names, outside_paths
-from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import ProcessGlance, passed_on, python
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.process_table import ProcessGlance, passed_on, python
 from actors.runtime.recording import read_notes
 
 _ANSWER_S: Final = 300.0

@@ -16,9 +16,9 @@ from typing import Final, Literal, NamedTuple
 import msgspec
 
 from actors.processes.launch import Child, Program
+from actors.runtime import process_table
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import ProcessGlance
+from actors.runtime.process_table import ProcessGlance
 
 
 class HoldUp(msgspec.Struct, frozen=True):

@@ -14,7 +14,7 @@ from actors.console import screen
 from actors.processes.launch import Child, Program
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.lifecycle.failure import own_place
+from actors.runtime.failure import own_place
 
 EVERYBODY: Final = "*"
 """In place of a robot's name."""

@@ -25,8 +25,8 @@ from typing import Final, NamedTuple
 from actors.installation.repository import REPOSITORY
 from actors.processes.monitor import StallDetector, Suspect, Timeout
 from actors.processes.robot_logs import place_in
-from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import ProcessGlance, passed_on, python
+from actors.runtime import process_table
+from actors.runtime.process_table import ProcessGlance, passed_on, python
 
 _FORM: Final = struct.Struct("q64s")
 SIZE: Final = _FORM.size

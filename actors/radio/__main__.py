@@ -5,9 +5,9 @@ import sys
 from collections.abc import Sequence
 
 from actors.radio.program import load_setup, part
-from actors.runtime.access.rules import client_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import answer_where, die_with_parent
+from actors.runtime.isolation.rules import client_config
+from actors.runtime.linux import answer_where, die_with_parent
 from actors.runtime.process import play
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder

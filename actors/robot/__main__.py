@@ -15,13 +15,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from actors.robot import assembly, program
-from actors.runtime import debugger, prints
-from actors.runtime.access.rules import client_config
+from actors.runtime import debugger, failure, prints
 from actors.runtime.background import SparingRecorder
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.rules import client_config
 from actors.runtime.isolation.sandbox import RECORDING, enforce, own_folder
-from actors.runtime.lifecycle import failure
-from actors.runtime.lifecycle.linux import answer_where, die_with_parent, leave
+from actors.runtime.linux import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play, tell
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder

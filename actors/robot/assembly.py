@@ -16,19 +16,17 @@ from actors.robot import localisation
 from actors.robot.behaviour.ports import Start
 from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
-from actors.robot.cost_maps import cost_map, ray_tracing
-from actors.robot.cost_maps.cost_map import CostMap
 from actors.robot.introspection import Introspector
-from actors.robot.local_planning import disc_dwa, dwa, local_planner, map_grid
-from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
-from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
-from actors.robot.navigation import potential
+from actors.robot.navigation import cost_map, disc_dwa, dwa, local_planner, map_grid, potential, ray_tracing
+from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation.disc_local_planner import DiscLocalPlanner
+from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, ground
 from actors.robot.navigation.routes import ReachableFloor
+from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.stack import Adaptation, Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotDescription, RobotModel

@@ -31,17 +31,17 @@ from actors.introspection import (
 from actors.robot.behaviour.decisions import Deciding
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import Behaviour, Goal, GoalPhase, GoalStatus, Plan
-from actors.robot.local_planning.steering import BaseLocalPlanner
 from actors.robot.localisation import Estimate, Localisation
 from actors.robot.navigation.navigator import Navigator
+from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import printable
 from actors.task.task import PlaceKey
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
+from deeco.network import Replica
 from deeco.node import Node, Onlooker, onlooker
-from deeco.replication.network import Replica
 
 PERIOD: Final = milliseconds(500)
 """Between two samples: as often as a person can follow."""

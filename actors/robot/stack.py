@@ -18,11 +18,11 @@ import msgspec
 from actors import wording
 from actors.floor.placement import Area
 from actors.robot.behaviour.ports import ExchangeSettings, Setting
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
-from actors.robot.local_planning.steering import DWA_PRESETS, DwaParameters
 from actors.robot.localisation import PRESETS, AmclParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
+from actors.robot.navigation.steering import DWA_PRESETS, DwaParameters
 from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError, decode
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from actors.runtime.lifecycle.linux import keep_room
+from actors.runtime.linux import keep_room
 from actors.runtime.recording import Recorder, UnwritableError
 
 _LOG: Final = 2

@@ -14,19 +14,18 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 import zenoh
 
-from actors.runtime import typed_json
-from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
+from actors.runtime import failure, typed_json
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import failure
-from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
-from actors.runtime.lifecycle.linux import Ended, cpu_s
-from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
+from actors.runtime.failure import failure_note, in_words, print_traceback
+from actors.runtime.linux import Ended, cpu_s
 from actors.runtime.prints import Prints, taken_by
+from actors.runtime.process_table import has_strays, leftover_fault
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import ActorDigest, Shell, run_shell
 from actors.runtime.typed_json import Count
+from actors.runtime.zenoh_bus import ZenohBus, open_session
 
 T = TypeVar("T")
 

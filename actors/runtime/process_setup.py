@@ -13,8 +13,8 @@ from typing import Final, Generic, Literal, NoReturn, TypeVar
 import msgspec
 
 from actors.runtime import typed_json
-from actors.runtime.access.credentials import unix_endpoint
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import unix_endpoint
 
 SETUP: Final = "setup.json"
 """The file, in the actor's folder of the run."""

@@ -11,7 +11,7 @@ import msgspec
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Bus, Core, Delivery, Outlet, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import cpu_s
+from actors.runtime.linux import cpu_s
 from actors.runtime.prints import Prints
 from actors.runtime.recording import LARGEST_RECORD, Journal
 from actors.topic import Message, Topic, sender

@@ -5,11 +5,11 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from actors.runtime.access import credentials
-from actors.runtime.access.credentials import reveal
-from actors.runtime.access.tls import world_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import answer_where, die_with_parent, leave_in_order
+from actors.runtime.isolation import credentials
+from actors.runtime.isolation.credentials import reveal
+from actors.runtime.isolation.tls import world_config
+from actors.runtime.linux import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder

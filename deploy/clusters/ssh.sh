@@ -1,7 +1,7 @@
 #!/bin/sh
 # Starts a Dask cluster over ssh: the scheduler here, on each host a worker for each core. Ctrl-C ends all of it.
 #
-#     deploy/clusters/ssh.sh HERE:PORT HOST...
+#     deploy/hosts/ssh.sh HERE:PORT HOST...
 #
 # HERE is the name or address by which the hosts reach this computer. Each host has a clone at the same place, and the
 # keys that docs/clusters.md makes.

@@ -11,11 +11,11 @@ from typing import Final
 
 from actors.floor.map_file import load_map
 from actors.radio.radio_model import RadioProgram
-from actors.runtime.access.rules import client_config
-from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import die_with_parent, leave_in_order
+from actors.runtime.isolation.rules import client_config
+from actors.runtime.linux import die_with_parent, leave_in_order
 from actors.runtime.process_setup import ArgumentParser, read_setup
+from actors.runtime.zenoh_bus import open_mesh
 from actors.world.program import load_setup
 from deploy.control.scene import Scene
 from deploy.control.server import LISTENS, ControlServer, RunLink

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from PIL import Image
 
-from acrc_testbed.accounting.episodes import STANDARD
+from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.model import RunModel
 from actors.floor.doors import DoorError, Doorways

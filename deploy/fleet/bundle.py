@@ -17,9 +17,9 @@ from actors.processes.launch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.loading import FOLDERS
 from actors.runtime import regular_file
-from actors.runtime.access.credentials import PRIVATE_KEY_FILE
-from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.settings import read_text, toml_tables
 from deploy.fleet import doctor
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code

@@ -33,9 +33,9 @@ from actors.robot import assembly
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.robot.behaviour.loading import look_in
 from actors.robot_model import load_model
-from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
+from actors.runtime.isolation.tls import load_keys
 from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, own_code
 from deploy.fleet.units import GROUP

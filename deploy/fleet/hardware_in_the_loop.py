@@ -18,14 +18,14 @@ from actors.messages import PROGRESS, Progress
 from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
-from actors.runtime.access import rules
-from actors.runtime.access.credentials import unix_endpoint
-from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import rules
+from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.sandbox import warn
 from actors.runtime.process_setup import SETUP, setup_bytes
+from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect
 from deploy.fleet.onboard import Onboard, Ports

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from actors.installation.usage import wrong_value
-from actors.runtime.access.credentials import PRIVATE_KEY_FILE
-from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair

@@ -19,9 +19,9 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.runtime.access import credentials
-from actors.runtime.access.credentials import Credentials
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import credentials
+from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup

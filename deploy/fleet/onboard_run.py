@@ -27,7 +27,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
-from actors.runtime.lifecycle.process_table import glance
+from actors.runtime.process_table import glance
 from deploy.fleet import onboard as layout
 from deploy.fleet.doctor import finding, keys
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code

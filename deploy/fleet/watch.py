@@ -14,11 +14,11 @@ from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
 from actors.messages import BOARD, CONTROL, PROGRESS, Board, Control, Progress
 from actors.orders import Order, Pause, Resume, Stop
-from actors.runtime.access.tls import Keys, laptop_config, load_keys
-from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, at
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.isolation.tls import Keys, laptop_config, load_keys
+from actors.runtime.zenoh_bus import ZenohBus, open_session
 from actors.topic import Message
 
 _REFUSAL_S = 0.3

@@ -24,15 +24,14 @@ from acrc_testbed.results.seal import Id, Size, Sum
 from actors.processes.launch import Child, Launcher, Program, launcher
 from actors.processes.monitor import ResourceWatch
 from actors.robot.program import RobotProgram
-from actors.runtime import regular_file
-from actors.runtime.access import credentials, tls
-from actors.runtime.access.credentials import Credentials, Gate, reveal
-from actors.runtime.bus.zenoh_bus import HostRouter, open_host_router
+from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import credentials, tls
+from actors.runtime.isolation.credentials import Credentials, Gate, reveal
 from actors.runtime.isolation.sandbox import FOLDER, Names, ProcessLimits, code_places, own_folder
-from actors.runtime.lifecycle import process_table
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
+from actors.runtime.zenoh_bus import HostRouter, open_host_router
 from deploy.hosts.certificates import PemKeys
 from deploy.hosts.files import PREFIX, RUN, TASK, FilePart, GrowingFile, IncomingFiles, read_files
 

@@ -20,8 +20,8 @@ from actors.robot import assembly
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import sandbox
 from actors.runtime.processor import few, otherwise
-from deploy.clusters.address import PAGE, own_address
-from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
+from deploy.hosts.address import PAGE, own_address
+from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, machines
 
 Text = Annotated[str, msgspec.Meta(max_length=2000)]
 

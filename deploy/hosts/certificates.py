@@ -20,8 +20,8 @@ from cryptography.hazmat.primitives.asymmetric.ec import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
 
-from actors.runtime.access.credentials import PRIVATE_KEY_FILE
-from actors.runtime.access.tls import AUTHORITY_FILE, CERTIFICATE_FILE
+from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
 """Purpose of a robot: it may be connected to. It may not connect, so its key opens no other robot."""

@@ -18,8 +18,8 @@ from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile, Size, Sum
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
-from deploy.clusters.address import PAGE, host_and_port
-from deploy.clusters.connection import PATIENCE_S, ClusterError, answer, connect, machines
+from deploy.hosts.address import PAGE, host_and_port
+from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, machines
 
 PREFIX: Final = "acrc-"
 """Prefix of a run's folder in the temporary folder of a host."""

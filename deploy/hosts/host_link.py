@@ -15,8 +15,8 @@ from acrc_testbed.results.seal import HostLoad
 from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.monitor import OUT_OF_SIGHT
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.lifecycle.process_table import ProcessGlance
 from actors.runtime.process_setup import setup_bytes
+from actors.runtime.process_table import ProcessGlance
 from deploy.hosts.agent import (
     HostEvents,
     HostOrders,

@@ -17,13 +17,13 @@ from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
 from actors.installation.usage import typed
 from actors.processes.launch import Child, Launcher, Program
-from actors.runtime.access.credentials import Gate
+from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import Gate
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import ProcessGlance
-from deploy.clusters.address import PAGE, bound, bracketed, free_port, host_and_port
+from actors.runtime.process_table import ProcessGlance
 from deploy.hosts import certificates
+from deploy.hosts.address import PAGE, bound, bracketed, free_port, host_and_port
 from deploy.hosts.agent import CODE, HostAgent, HostTask, occupy
 from deploy.hosts.allocation import HostPool
 from deploy.hosts.files import RUN, IncomingFiles

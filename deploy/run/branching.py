@@ -21,10 +21,10 @@ from actors.instant import in_seconds, milliseconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Progress, Truth
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import typed_json
-from actors.runtime.bus.replay_bus import first_difference, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
+from actors.runtime.replay_bus import first_difference, topic_of
 from actors.topic import sender
 from actors.wording import brief
 from cleaning.strategies import StrategyError, entry

@@ -21,16 +21,15 @@ from actors.processes.watchdog import BoardTurn, Show, guarded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
-from actors.runtime import prints
+from actors.runtime import failure, prints, process_table
 from actors.runtime.codec import decode
 from actors.runtime.core import Delivery, Pace, at, ticking
 from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import failure, process_table
-from actors.runtime.lifecycle.failure import HardExit, TimedOut, failure_note, in_words, own_frames, where
-from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
-from actors.runtime.lifecycle.process_table import ProcessGlance, leftover_fault
+from actors.runtime.failure import HardExit, TimedOut, failure_note, in_words, own_frames, where
+from actors.runtime.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.process import ActorProcess, final_note
+from actors.runtime.process_table import ProcessGlance, leftover_fault
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import MemoryBus, Shell, run_shells

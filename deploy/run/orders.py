@@ -13,11 +13,11 @@ from actors.instant import seconds
 from actors.message_limits import OrderLimits, fault
 from actors.messages import ANSWERED, CONTROL, Answered, Control
 from actors.orders import Order
-from actors.runtime.access import credentials, rules
-from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import credentials, rules
+from actors.runtime.zenoh_bus import open_mesh
 
 
 def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:

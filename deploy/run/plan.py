@@ -20,8 +20,8 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
-from actors.runtime.access import credentials
-from actors.runtime.access.credentials import Credentials, Gate, unix_endpoint
+from actors.runtime.isolation import credentials
+from actors.runtime.isolation.credentials import Credentials, Gate, unix_endpoint
 from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup

@@ -16,8 +16,8 @@ from actors.processes.robot_logs import last_line, where_it_crashed, where_it_st
 from actors.runtime.codec import decode
 from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.failure import FailureNote, in_words
-from actors.runtime.lifecycle.process_table import glance, leftover_fault
+from actors.runtime.failure import FailureNote, in_words
+from actors.runtime.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded
 from actors.topic import Message, Topic
 

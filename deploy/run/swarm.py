@@ -34,16 +34,16 @@ from actors.robot import assembly
 from actors.robot.behaviour.loading import expect, look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
-from actors.runtime.access import rules
-from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.failure import FailureNote, failure_note, own_frames
+from actors.runtime.isolation import rules
 from actors.runtime.isolation.sandbox import IsolationChoice, choose, code_entries, unseen, warn
-from actors.runtime.lifecycle.failure import FailureNote, failure_note, own_frames
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus
-from deploy.clusters.address import place_of
+from actors.runtime.zenoh_bus import open_mesh
+from deploy.hosts.address import place_of
 from deploy.run import progress
 from deploy.run.memory_swarm import MemorySwarm, exits_caught
 from deploy.run.options import RunOptions

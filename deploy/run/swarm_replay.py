@@ -14,9 +14,9 @@ from actors.processes.robot_logs import EVERYBODY, shown
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.loading import RecordedModules
-from actors.runtime.bus.replay_bus import ReplayError, first_difference, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.recording import Direction, Note, read_recording
+from actors.runtime.replay_bus import ReplayError, first_difference, topic_of
 from actors.wording import brief
 from cleaning.strategies import entry
 from deploy.run import swarm

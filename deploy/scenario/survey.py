@@ -29,7 +29,7 @@ from actors.instant import Instant
 from actors.radio.radio_model import needed_dbm, radio_model, reach
 from actors.robot.assembly import common_ground, navigator
 from actors.robot.behaviour.ports import GoalStatus
-from actors.robot.cost_maps.cost_map import room_needed
+from actors.robot.navigation.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
 from actors.robot.navigation.planning import ground, narrowest_door
 from actors.robot.navigation.potential import IMPASSABLE, descent, potential

@@ -47,7 +47,7 @@ _SPEED_UP, _TURN_UP = 0.3, 3.5
 """m/s² and rad/s²; kobuki_driver's defaults."""
 _SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
 """The same towards standing. Own choice of 0.6, above kobuki_driver's 0.36: navigation plans with 1.0
-(actors.robot.local_planning.steering), and on this base comes to stand later than it means to."""
+(actors.robot.navigation.steering), and on this base comes to stand later than it means to."""
 _LONGEST_PAUSE: Final[Duration] = milliseconds(60)
 """More time than this between two commands counts as this; own choice, three feedbacks: a host that slept
 makes no jump."""

@@ -24,7 +24,7 @@ from actors.instant import START, Duration, Instant, in_seconds, milliseconds, s
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.linux import die_with_parent
 from actors.runtime.process_setup import ArgumentError, ArgumentParser
 from actors.runtime.processor import fingerprints
 from actors.task import visits

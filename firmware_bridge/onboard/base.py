@@ -16,16 +16,16 @@ from types import FrameType
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
-from actors.runtime.access import credentials
-from actors.runtime.access.credentials import reveal
-from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
-from actors.runtime.bus.zenoh_bus import WakingBus
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.isolation import credentials
+from actors.runtime.isolation.credentials import reveal
+from actors.runtime.isolation.tls import onboard_router_config
+from actors.runtime.linux import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
+from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.device_loop import OPENNI, BaseProgram, BaseSetup, Clock, conduct

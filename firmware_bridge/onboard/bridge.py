@@ -39,15 +39,15 @@ from actors.messages import (
     Truth,
     Unconfirmed,
 )
-from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder, to_stderr
-from actors.runtime.bus.zenoh_bus import WakingBus
 from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.isolation.rules import client_config
+from actors.runtime.linux import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
+from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.reception import BoardSettings, Event, PacketEnd, UnconfirmedPacket
 from firmware_bridge.device_lines import TransceiverLink

@@ -10,10 +10,10 @@ import msgspec
 
 from actors.instant import Instant, seconds
 from actors.robot_model import RobotDescription
-from actors.runtime.bus.zenoh_bus import WakingBus
 from actors.runtime.core import Core
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 from actors.runtime.shell import Shell
+from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.serial_port import PortError, SerialPort
 
 OPENNI: Final = "openni"

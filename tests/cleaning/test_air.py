@@ -40,10 +40,10 @@ from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
 from deeco import Knowledge, in_seconds, seconds
 from deeco.component import Periodic, processes_of
+from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.node import Node
-from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
-from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.schema import RoleBook
+from deeco.packet import KnowledgePacket, Version, pack
+from deeco.schema import RoleBook
 from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
 from tests.deeco.air import Air, everywhere
 from tests.recorded_runs import record

@@ -30,7 +30,7 @@ STARTED = {
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", "firmware_bridge.onboard.bridge"),
     "run --on x": ("deploy.hosts.allocation",),
     "fleet onboard": ("actors.robot.__main__", "firmware_bridge.onboard.base"),
-    "campaign": ("acrc_testbed.experiments.campaign.trial_program",),
+    "campaign": ("acrc_testbed.experiments.trial_program",),
 }
 """Modules of the processes that a command starts."""
 IMPORTER = """

@@ -17,7 +17,7 @@ import pytest
 import yaml
 from distributed import Client, Security
 
-from actors.runtime.lifecycle import process_table
+from actors.runtime import process_table
 from tests.experiments.test_cluster import ROOT, make_key
 from tests.helpers import free_port
 from tests.hosts.test_hosted_runs import eventually
@@ -222,9 +222,9 @@ def test_the_growing_cluster_of_the_page_uses_tls(monkeypatch: pytest.MonkeyPatc
 PROGRAM = """
 import sys, threading, time
 from distributed import Client, Event
-from deploy.clusters import connection
-from deploy.clusters.connection import ClusterError
-from deploy.clusters.connection import answer
+from deploy.hosts import connection
+from deploy.hosts.connection import ClusterError
+from deploy.hosts.connection import answer
 
 def late():
     raise TimeoutError("of its own")

@@ -6,9 +6,9 @@ from typing import Annotated, NamedTuple
 
 from deeco.component import component, role
 from deeco.knowledge import Knowledge
-from deeco.replication.on_air import Resolution
-from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.schema import RoleBook
+from deeco.on_air import Resolution
+from deeco.packet import KnowledgePacket, Version, pack
+from deeco.schema import RoleBook
 
 
 class Point(NamedTuple):

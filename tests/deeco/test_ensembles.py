@@ -7,8 +7,8 @@ import pytest
 
 from deeco import Contact, Instant, Knowledge, component, ensemble, milliseconds, periodic, role, seconds
 from deeco.link import Reception
+from deeco.network import NetworkParameters
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters
 from tests.deeco.air import Air
 
 

@@ -11,10 +11,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deeco.errors import ExecutionError
+from deeco.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
 from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.link import LinkParameters
-from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
-from deeco.replication.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
+from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
 from tests.deeco.sweepers import BOOK, Sweeper, published, robot
 
 

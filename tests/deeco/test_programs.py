@@ -9,8 +9,8 @@ import pytest
 
 from deeco.explain.command import main as explain
 from deeco.link import LinkParameters
+from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import CASCADE_LIMIT
-from deeco.replication.network import NetworkParameters, RelayParameters
 
 HERE = Path(__file__).parent / "mistakes"
 ROOT = Path(__file__).parents[2]

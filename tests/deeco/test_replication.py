@@ -21,9 +21,9 @@ from deeco import (
     seconds,
 )
 from deeco.link import Reception
+from deeco.network import NetworkParameters, Relay, RelayParameters, Replica, Replicas
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters, Relay, RelayParameters, Replica, Replicas
-from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.packet import KnowledgePacket, Version, pack
 from deeco.statistics import NodeCounters
 from tests.deeco.air import Air, Reach
 

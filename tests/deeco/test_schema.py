@@ -16,7 +16,7 @@ from deeco.component import component, role
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge
 from deeco.link import LinkParameters
-from deeco.replication.schema import Resolution, RoleBook, Unpacked, fingerprint
+from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
 from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
 
 Metres = NewType("Metres", float)

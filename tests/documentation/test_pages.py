@@ -19,10 +19,10 @@ import pytest
 
 import actors.robot.behaviour as robot
 import deeco
-from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import documentation
-from acrc_testbed.experiments.comparison.comparison import NAMES
-from acrc_testbed.experiments.study.study import load_study
+from acrc_testbed.experiments.comparison import NAMES
+from acrc_testbed.experiments.study import load_study
+from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import OWN_STATES, SEEN_STATES
 from actors.robot.introspection import ACTIVITIES

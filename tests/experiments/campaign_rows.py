@@ -3,8 +3,8 @@
 import csv
 from pathlib import Path
 
-from acrc_testbed.experiments.comparison.comparison import PairedSample
-from acrc_testbed.experiments.study.study import Factor, Study
+from acrc_testbed.experiments.comparison import PairedSample
+from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.results.result import RunResult
 from tests.experiments.made_runs import run
 

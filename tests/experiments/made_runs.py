@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.comparison import PairedSample, Run, samples
-from acrc_testbed.experiments.comparison.verdicts import PairVerdict, verdicts
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.comparison import PairedSample, Run, samples
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import TrialRecord
+from acrc_testbed.experiments.verdicts import PairVerdict, verdicts
 from acrc_testbed.results.result import RunResult, without_unknown
 
 LENGTH = 600.0

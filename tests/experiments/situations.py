@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from numpy.random import Generator
 
-from acrc_testbed.accounting.classify import CARRIED, NO_CONTACT
-from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.explanation.classify import CARRIED, NO_CONTACT
+from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import SHIPPED
 from actors.instant import Instant, seconds
 from actors.randomness import generator

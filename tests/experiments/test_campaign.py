@@ -13,10 +13,14 @@ import msgspec
 import pytest
 from pyarrow import parquet
 
-from acrc_testbed.experiments.campaign import campaign, store
-from acrc_testbed.experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
-from acrc_testbed.experiments.campaign.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
-from acrc_testbed.experiments.campaign.trial_record import (
+from acrc_testbed.experiments import campaign, store
+from acrc_testbed.experiments.campaign import CampaignOptions, TimeToGo, carry_out
+from acrc_testbed.experiments.comparison import coincidence_sentences, coincidences
+from acrc_testbed.experiments.report.report import compose
+from acrc_testbed.experiments.report.runs import read
+from acrc_testbed.experiments.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
+from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
+from acrc_testbed.experiments.trial_record import (
     DIGITS,
     MOST_BYTES,
     CheckRecord,
@@ -26,10 +30,6 @@ from acrc_testbed.experiments.campaign.trial_record import (
     left,
     received,
 )
-from acrc_testbed.experiments.comparison.comparison import coincidence_sentences, coincidences
-from acrc_testbed.experiments.report.report import compose
-from acrc_testbed.experiments.report.runs import read
-from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
 from acrc_testbed.results.outcome import Outcomes
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.store import IN_MEMORY
-from acrc_testbed.experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
-from acrc_testbed.experiments.study.draws import StudyOptions, study_of, understood
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.draws import StudyOptions, study_of, understood
+from acrc_testbed.experiments.store import IN_MEMORY
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, keep
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import SUMS, SealError, check_seal, lines, seal
 from tests import in_process

@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from acrc_testbed.accounting.account import account, decision_events, diagnosis_score
-from acrc_testbed.accounting.classify import CAUSES, Classified, blocking_events, classify, deadlocks
-from acrc_testbed.accounting.episodes import STANDARD, Said
-from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, TimeSpent
-from acrc_testbed.accounting.true_floor import TrueFloor
 from acrc_testbed.command_line.app import app
+from acrc_testbed.explanation.account import account, decision_events, diagnosis_score
+from acrc_testbed.explanation.classify import CAUSES, Classified, blocking_events, classify, deadlocks
+from acrc_testbed.explanation.episodes import STANDARD, Said
+from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, TimeSpent
+from acrc_testbed.explanation.true_floor import TrueFloor
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import FloorObject, FloorState
 from acrc_testbed.run_model.simulated import read_run

@@ -18,12 +18,12 @@ import dask
 import pytest
 import yaml
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.dask_pool import checked
-from acrc_testbed.experiments.campaign.trial_record import MOST_BYTES, TrialOutcome
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.dask_pool import checked
+from acrc_testbed.experiments.trial_record import MOST_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
-from deploy.clusters.address import check, is_safe
-from deploy.clusters.connection import ClusterError, refuse_open, security
+from deploy.hosts.address import check, is_safe
+from deploy.hosts.connection import ClusterError, refuse_open, security
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -9,13 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.store import Store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.comparison.comparison import PairedSample, Run, compare, estimate, samples
-from acrc_testbed.experiments.comparison.judgement import failures, family, judge, too_few, verdict
-from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS, Effect
-from acrc_testbed.experiments.comparison.verdicts import (
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.comparison import PairedSample, Run, compare, estimate, samples
+from acrc_testbed.experiments.judgement import failures, family, judge, too_few, verdict
+from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect
+from acrc_testbed.experiments.store import Store
+from acrc_testbed.experiments.study import Factor, Study
+from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.verdicts import (
     LookedAt,
     Watch,
     ceilings,
@@ -27,7 +28,6 @@ from acrc_testbed.experiments.comparison.verdicts import (
     told_apart,
     verdicts,
 )
-from acrc_testbed.experiments.study.study import Factor, Study
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from tests.experiments.made_runs import Outcome, judged, run, sample, study, trials, verdict_of

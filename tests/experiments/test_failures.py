@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from acrc_testbed.accounting.account import account
-from acrc_testbed.accounting.episodes import Episode, lost, runs, standing
-from acrc_testbed.accounting.time_spent import Cause
-from acrc_testbed.accounting.true_floor import Passages
 from acrc_testbed.benchmarks.measured import average, proportion
+from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.episodes import Episode, lost, runs, standing
+from acrc_testbed.explanation.time_spent import Cause
+from acrc_testbed.explanation.true_floor import Passages
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.installation.repository import REPOSITORY, SHIPPED

@@ -11,13 +11,12 @@ import msgspec
 import pytest
 
 from acrc_testbed.command_line import campaigns
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.store import protection
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments import frozen_plan, store
+from acrc_testbed.experiments.judgement import judge
 from acrc_testbed.experiments.report import bundle
-from acrc_testbed.experiments.study import frozen_plan
-from acrc_testbed.experiments.study.study import Study, load_study
+from acrc_testbed.experiments.store import protection
+from acrc_testbed.experiments.study import Study, load_study
+from acrc_testbed.experiments.trial_record import TrialRecord, keep
 from acrc_testbed.results.result import RunResult
 from actors.installation import version
 from actors.runtime.errors import AcrcError

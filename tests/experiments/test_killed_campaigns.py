@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.campaign import CampaignOptions, carry_out
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
 from tests.swarm.command import start
 
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.stats import t
 from statsmodels.regression.mixed_linear_model import MixedLM
 
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.judgement import across_cells, across_sentences
-from acrc_testbed.experiments.comparison.statistical_models import fit
-from acrc_testbed.experiments.study.study import Factor, Study
+from acrc_testbed.experiments.judgement import across_cells, across_sentences
+from acrc_testbed.experiments.statistical_models import fit
+from acrc_testbed.experiments.study import Factor, Study
+from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RunResult
 
 Floats = NDArray[np.float64]

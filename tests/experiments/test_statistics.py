@@ -13,8 +13,8 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from acrc_testbed.experiments.comparison.comparison import estimate, named, scores
-from acrc_testbed.experiments.comparison.paired_tests import (
+from acrc_testbed.experiments.comparison import estimate, named, scores
+from acrc_testbed.experiments.paired_tests import (
     Effect,
     a12,
     a12_bounds,
@@ -31,13 +31,13 @@ from acrc_testbed.experiments.comparison.paired_tests import (
     power,
     signed_rank,
 )
-from acrc_testbed.experiments.comparison.statistical_models import (
+from acrc_testbed.experiments.statistical_models import (
     Completion,
     kaplan_meier,
     restricted_mean,
     restricted_means,
 )
-from acrc_testbed.experiments.comparison.verdicts import verdicts
+from acrc_testbed.experiments.verdicts import verdicts
 from tests.experiments import campaign_rows
 
 Floats = NDArray[np.float64]

@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.comparison import samples
-from acrc_testbed.experiments.comparison.verdicts import rules_for, verdicts
-from acrc_testbed.experiments.comparison.verdicts import tests_of as count_tests
-from acrc_testbed.experiments.study.draws import (
+from acrc_testbed.experiments.comparison import samples
+from acrc_testbed.experiments.draws import (
     SHADOWING_DB,
     StudyOptions,
     check,
@@ -22,7 +19,7 @@ from acrc_testbed.experiments.study.draws import (
     same_for_all_seeds,
     study_of,
 )
-from acrc_testbed.experiments.study.study import (
+from acrc_testbed.experiments.study import (
     Distribution,
     Factor,
     RandomFactor,
@@ -32,6 +29,9 @@ from acrc_testbed.experiments.study.study import (
     draw_cells,
     load_study,
 )
+from acrc_testbed.experiments.trial_record import TrialRecord
+from acrc_testbed.experiments.verdicts import rules_for, verdicts
+from acrc_testbed.experiments.verdicts import tests_of as count_tests
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import Permit

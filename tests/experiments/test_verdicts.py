@@ -7,9 +7,10 @@ import pytest
 from numpy.random import Generator
 from scipy.stats import norm
 
-from acrc_testbed.experiments.comparison.comparison import PLACES, PairedSample, Run, scores
-from acrc_testbed.experiments.comparison.paired_tests import ALPHA, Effect, a12, a12_bounds, power
-from acrc_testbed.experiments.comparison.verdicts import (
+from acrc_testbed.experiments.comparison import PLACES, PairedSample, Run, scores
+from acrc_testbed.experiments.paired_tests import ALPHA, Effect, a12, a12_bounds, power
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.verdicts import (
     PairVerdict,
     look,
     redrawn,
@@ -17,8 +18,7 @@ from acrc_testbed.experiments.comparison.verdicts import (
     told_apart,
     verdicts,
 )
-from acrc_testbed.experiments.comparison.verdicts import tests_of as number_of_tests
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.verdicts import tests_of as number_of_tests
 from tests.experiments import campaign_rows
 from tests.experiments.made_runs import run as made
 

@@ -11,8 +11,8 @@ from acrc_testbed.explanation.tracing import traced
 from acrc_testbed.recordings.sandboxed import Bounds, replay
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
-from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation import sandbox
+from actors.runtime.replay_bus import ReplayError
 from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start
 

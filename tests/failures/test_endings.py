@@ -16,8 +16,8 @@ from typing import NamedTuple
 import pytest
 
 from acrc_testbed.recordings import record_check
+from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import process_table
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -11,11 +11,11 @@ import numpy as np
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
 from actors.messages import Drive, Heard, RadioEvent, Received, Senses, Sent, Transmit
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode, encode
-from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_recording
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message
 from deploy.run import swarm
 from deploy.run.options import RunOptions

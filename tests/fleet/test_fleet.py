@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurv
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
 
-from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.tls import Keys, load_keys
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.keys import FleetKeys, hosts_of, issue, renew
 from deploy.hosts import certificates

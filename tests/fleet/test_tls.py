@@ -21,11 +21,11 @@ from actors import messages
 from actors.installation.usage import OptionError
 from actors.messages import PROGRESS, Control, Drive, Progress
 from actors.orders import Order, Pause, Resume, Stop
-from actors.runtime.access import credentials, rules
-from actors.runtime.access.credentials import Credentials
-from actors.runtime.access.tls import Keys, laptop_config, listening_router_config, load_keys
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
+from actors.runtime.isolation import credentials, rules
+from actors.runtime.isolation.credentials import Credentials
+from actors.runtime.isolation.tls import Keys, laptop_config, listening_router_config, load_keys
 from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.watch import LaptopParameters, WatchAnswer
@@ -213,7 +213,7 @@ def test_a_robots_password_goes_on_opening_its_own_socket(robot: Robot, router: 
 
 LAPTOP = """
 import sys, time, zenoh; from pathlib import Path
-from actors.runtime.access.tls import laptop_config, load_keys
+from actors.runtime.isolation.tls import laptop_config, load_keys
 with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as session:
     ear = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))
     session.put('swarm/infra/control', b'')

@@ -12,8 +12,8 @@ from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, LeftFile
 from actors.installation.usage import OptionError, typed
 from actors.runtime.errors import AcrcError
-from deploy.clusters.address import bound, free_port, place_of, plain
 from deploy.hosts import host_link
+from deploy.hosts.address import bound, free_port, place_of, plain
 from deploy.hosts.agent import HostEvents, HostOrders, HostReport, ProcessStatus
 from deploy.hosts.allocation import HostOffer, shares, unfit
 from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, read_files

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.accounting.account import account
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
+from acrc_testbed.explanation.account import account
 from acrc_testbed.recordings import record_check
 from acrc_testbed.recordings.record_replay import recheck
 from acrc_testbed.results import seal

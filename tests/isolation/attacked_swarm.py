@@ -21,10 +21,10 @@ from typing import Any, NamedTuple, TextIO
 import zenoh
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.access import rules
-from actors.runtime.access.credentials import Credentials, issue, reveal
+from actors.runtime import process_table
+from actors.runtime.isolation import rules
+from actors.runtime.isolation.credentials import Credentials, issue, reveal
 from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle import process_table
 
 Note = dict[str, Any]
 """Data that the stages of one attack share through the test instead of the swarm."""

@@ -15,7 +15,7 @@ from typing import Any
 import zenoh
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.lifecycle import linux
+from actors.runtime import linux
 from tests.isolation.attacked_swarm import Attack, Layer, Note, Stage, SwarmMember, client
 
 LIBC = ctypes.CDLL(None, use_errno=True)
@@ -31,7 +31,7 @@ NEST = """
 import os
 from contextlib import suppress
 from pathlib import Path
-from actors.runtime.lifecycle import linux
+from actors.runtime import linux
 with suppress(OSError):
     user, group = os.getuid(), os.getgid()
     linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
@@ -45,7 +45,7 @@ UNDO = """
 import ctypes, sys
 from contextlib import suppress
 from pathlib import Path
-from actors.runtime.lifecycle import linux
+from actors.runtime import linux
 repository, token, out = sys.argv[1:]
 for folder in (out, "/tmp", "/run"):
     if Path(repository).is_relative_to(folder):

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from actors.messages import TOPICS
-from actors.runtime.access import credentials, rules
-from actors.runtime.access.credentials import issue
+from actors.runtime.isolation import credentials, rules
+from actors.runtime.isolation.credentials import issue
 from tests.refusals import refused
 
 

@@ -12,14 +12,14 @@ import pytest
 import zenoh
 
 from actors.messages import DRIVE
-from actors.runtime.access import credentials, tls
-from actors.runtime.access.credentials import Credentials, Gate, reveal
-from actors.runtime.access.rules import CERTIFIED, client_config, session_config, set_value
-from actors.runtime.access.tls import Keys, load_keys
-from actors.runtime.bus.zenoh_bus import open_session
 from actors.runtime.errors import AcrcError
-from deploy.clusters.address import free_port
+from actors.runtime.isolation import credentials, tls
+from actors.runtime.isolation.credentials import Credentials, Gate, reveal
+from actors.runtime.isolation.rules import CERTIFIED, client_config, session_config, set_value
+from actors.runtime.isolation.tls import Keys, load_keys
+from actors.runtime.zenoh_bus import open_session
 from deploy.hosts import certificates
+from deploy.hosts.address import free_port
 from deploy.hosts.certificates import PemKeys
 
 pytestmark = [pytest.mark.claim("attacks"), pytest.mark.nightly]

@@ -32,9 +32,9 @@ PRELUDE = """
 import ctypes, os, sys
 from pathlib import Path
 from actors.runtime.isolation import mounts, sandbox, syscall_filter
-from actors.runtime.lifecycle import linux
+from actors.runtime import linux
 from actors.runtime.isolation.sandbox import Confinement, IsolationError, available, isolate, separate
-from actors.runtime.lifecycle.linux import die_with_parent
+from actors.runtime.linux import die_with_parent
 
 def attempt(act):
     try:

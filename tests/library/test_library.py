@@ -149,7 +149,7 @@ def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: 
 
 
 def test_a_campaign_begins_again_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("acrc_testbed.experiments.campaign.campaign.carry_out", lambda kept, options: None)
+    monkeypatch.setattr("acrc_testbed.experiments.campaign.carry_out", lambda kept, options: None)
     text = f'scenario = "{SHIPPED}/scenarios/head_on.toml"\nstrategies = ["none", "chapter"]\nseeds = 6\n'
     (tmp_path / "s.toml").write_text(text)
     folder = acrc.campaign(tmp_path / "s.toml", tmp_path / "c").folder

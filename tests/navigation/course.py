@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
-from actors.robot.local_planning.disc_local_planner import DiscLocalPlanner
-from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import DWA_PRESETS, BaseLocalPlanner, DwaParameters, Steering
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.navigation.disc_local_planner import DiscLocalPlanner
+from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.planning import Planner, ground
+from actors.robot.navigation.steering import DWA_PRESETS, BaseLocalPlanner, DwaParameters, Steering
 from actors.robot.sweep import Sweeps
 from actors.robot_model import DriveParameters
 from tests.robot.base import FakeBase, at_step, model

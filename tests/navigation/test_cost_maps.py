@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
-from actors.robot.cost_maps import ray_tracing
-from actors.robot.cost_maps.cost_map import (
+from actors.robot.navigation import ray_tracing
+from actors.robot.navigation.cost_map import (
     INSCRIBED,
     LETHAL,
     LOCAL_MAP_PRESETS,
@@ -22,9 +22,9 @@ from actors.robot.cost_maps.cost_map import (
     CostMapParameters,
     Inflation,
 )
-from actors.robot.cost_maps.ray_tracing import MOST_REACH, squared_within, stamp, take_in
 from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
+from actors.robot.navigation.ray_tracing import MOST_REACH, squared_within, stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 from actors.settings import ParameterError

@@ -9,8 +9,8 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose
 from actors.installation.repository import SHIPPED
-from actors.robot.cost_maps.ray_tracing import half_gaps
 from actors.robot.navigation.planning import PLANNER_PRESETS, narrowest_door
+from actors.robot.navigation.ray_tracing import half_gaps
 from tests.navigation.course import CELL, DOOR, HALL, RADIUS, Pilot, drive, neck
 from tests.robot.base import plan
 

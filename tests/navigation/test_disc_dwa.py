@@ -9,9 +9,9 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.robot.cost_maps.ray_tracing import squared_within
-from actors.robot.local_planning.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best
-from actors.robot.local_planning.map_grid import wavefront
+from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best
+from actors.robot.navigation.map_grid import wavefront
+from actors.robot.navigation.ray_tracing import squared_within
 
 Numbers = dict[str, float]
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from acrc_testbed.benchmarks import navigation as original
-from actors.robot.cost_maps.cost_map import Inflation
-from actors.robot.cost_maps.ray_tracing import outline, squared_within
-from actors.robot.local_planning.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
-from actors.robot.local_planning.map_grid import wavefront
+from actors.robot.navigation.cost_map import Inflation
+from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
+from actors.robot.navigation.map_grid import wavefront
+from actors.robot.navigation.ray_tracing import outline, squared_within
 
 Numbers = dict[str, float]
 Cell = tuple[int, int]

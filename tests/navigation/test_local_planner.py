@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
-from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.map_grid import bearing, cut, detour, free_goal, wavefront
-from actors.robot.local_planning.steering import BaseLocalPlanner, OscillationCritic, Steering
+from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation.map_grid import bearing, cut, detour, free_goal, wavefront
+from actors.robot.navigation.steering import BaseLocalPlanner, OscillationCritic, Steering
 from actors.robot.sweep import Sweep
 from tests.navigation.course import DISC, DWA, KIND, LOCAL_MAPS, RADIUS, ROBUST, local_planner
 

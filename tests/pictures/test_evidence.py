@@ -20,8 +20,8 @@ from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from PIL import Image
 
-from acrc_testbed.accounting.account import account, spells
-from acrc_testbed.accounting.time_spent import BY_ROBOTS, Cause
+from acrc_testbed.explanation.account import account, spells
+from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, moving, run_html, run_page, style
 from acrc_testbed.picture.floor_picture import meetings
 from acrc_testbed.recordings.run_recordings import GivenOrder

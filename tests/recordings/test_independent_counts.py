@@ -15,11 +15,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.accounting.account import account
-from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.comparison import named
+from acrc_testbed.experiments.comparison import named
 from acrc_testbed.experiments.report.sections import COSTS, airtime_percent
+from acrc_testbed.experiments.trial_record import TrialRecord
+from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.export import rows
 from acrc_testbed.export.parquet_files import TABLES
 from acrc_testbed.results.outcome import means as own_means

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_recording
 

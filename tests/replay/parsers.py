@@ -20,16 +20,16 @@ from actors.radio import frame as frame_codec
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
-from actors.runtime.access import credentials
-from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
-from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.failure import FailureNote
+from actors.runtime.isolation import credentials
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.process_setup import setup_bytes
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
+from actors.runtime.replay_bus import topic_of
 from actors.world import program as world
-from deeco.replication.fragments import Reassembly
-from deeco.replication.packet import unpack
+from deeco.fragments import Reassembly
+from deeco.packet import unpack
 from deploy.fleet.fleet_file import load_fleet
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions

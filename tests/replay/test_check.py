@@ -13,7 +13,6 @@ from acrc_testbed.recordings.record_check import CheckError, check
 from acrc_testbed.recordings.record_replay import replay_actor
 from actors.messages import Senses
 from actors.robot import assembly
-from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
@@ -27,6 +26,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
+from actors.runtime.replay_bus import ReplayError, topic_of
 from tests.in_process import acrc
 from tests.replay.forging import forge, with_payload
 

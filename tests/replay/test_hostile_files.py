@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.experiments.campaign import campaign, store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments import campaign, store
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import TrialRecord, keep
 from actors.floor.map_file import load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
 from actors.runtime import regular_file
-from actors.runtime.access import credentials
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.isolation import credentials
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
 from deploy.scenario.scenario_file import load_scenario

@@ -18,8 +18,8 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import INSTALLED, Permit
-from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import AcrcError
+from actors.runtime.replay_bus import ReplayError
 from deploy.run import swarm
 from deploy.run.options import RunOptions, checked
 from deploy.run.swarm_replay import replay_otherwise, replay_swarm

@@ -12,12 +12,12 @@ from actors.messages import Drive, Heard, Received, Sent
 from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, GoalPhase, GoalStatus, Start, View
 from actors.robot.core import RobotCore, RobotParts
-from actors.robot.cost_maps.cost_map import CostMap
-from actors.robot.local_planning.local_planner import DwaLocalPlanner
-from actors.robot.local_planning.steering import DwaParameters, Steering
 from actors.robot.localisation import DeadReckoning
+from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
 from actors.robot.navigation.planning import Planner, ground
+from actors.robot.navigation.steering import DwaParameters, Steering
 from actors.robot.sweep import Sweep, Sweeps
 from actors.runtime.core import Output
 from actors.runtime.errors import AcrcError

@@ -12,7 +12,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
 from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalPhase
-from actors.robot.cost_maps.cost_map import CostMap
+from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.sweep import Sweep
 from tests.robot.base import at_step, model

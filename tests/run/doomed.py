@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 
 from actors.processes.monitor import Timeout
+from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle import process_table
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -17,10 +17,10 @@ import pytest
 from acrc_testbed.recordings import sandboxed
 from actors.processes.launch import Child, Program
 from actors.processes.monitor import ResourceWatch, Use, used
+from actors.runtime import failure, linux, process_table
 from actors.runtime.errors import AcrcError
+from actors.runtime.failure import FailureNote, failure_note, in_words
 from actors.runtime.isolation.sandbox import Names, ProcessLimits, enforce
-from actors.runtime.lifecycle import failure, linux, process_table
-from actors.runtime.lifecycle.failure import FailureNote, failure_note, in_words
 from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
 from actors.runtime.recording.form import LARGE

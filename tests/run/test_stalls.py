@@ -3,7 +3,7 @@
 import pytest
 
 from actors.processes.monitor import HoldUp, Stall, StallDetector, Suspect, Timeout, sentences
-from actors.runtime.lifecycle.process_table import ProcessGlance
+from actors.runtime.process_table import ProcessGlance
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)

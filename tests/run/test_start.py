@@ -14,7 +14,7 @@ from PIL import Image
 from rich.console import Console
 
 from acrc_testbed.command_line import campaigns
-from acrc_testbed.experiments.campaign.campaign import CampaignProgress
+from acrc_testbed.experiments.campaign import CampaignProgress
 from actors.floor import raster
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -88,7 +88,7 @@ def test_a_run_compiles_every_module_once_and_a_robots_computer_nothing_of_the_w
     robot, names = (
         [module.__name__ for module in kernels.kernel_modules(onboard=onboard)] for onboard in (True, False)
     )
-    planner = "actors.robot.local_planning.dwa"
+    planner = "actors.robot.navigation.dwa"
     assert {"actors.world.rays", "actors.radio.medium.medium", planner} <= set(names)
     assert len(names) == len(set(names)) > 20
     assert set(robot) < set(names) and planner in robot

@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 from actors.messages import DRIVE, Drive
-from actors.runtime.access.rules import session_config, set_value
-from actors.runtime.bus.replay_bus import ReplayBus
-from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.codec import MESSAGE_LIMIT, UnfitMessageError, encode
 from actors.runtime.core import Address, Inputs, Outlet, Output, at, to
+from actors.runtime.isolation.rules import session_config, set_value
 from actors.runtime.recording import Journal, Recorder, Unrecorded
+from actors.runtime.replay_bus import ReplayBus
 from actors.runtime.shell import MemoryBus, Shell
+from actors.runtime.zenoh_bus import open_mesh
 from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 
 ROBOT = "r" * 32

@@ -14,8 +14,8 @@ import pytest
 PROGRAM = """
 import sys
 import zenoh
-from actors.runtime.access.rules import session_config, set_value
-from actors.runtime.bus.zenoh_bus import open_session
+from actors.runtime.isolation.rules import session_config, set_value
+from actors.runtime.zenoh_bus import open_session
 
 mode, way, endpoint, key = sys.argv[1:]
 config = session_config(mode)

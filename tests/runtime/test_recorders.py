@@ -122,7 +122,7 @@ import errno, os, sys
 from pathlib import Path
 import msgspec
 from actors.runtime.background import BackgroundRecorder, SparingRecorder
-from actors.runtime.lifecycle.linux import create_log, write_to
+from actors.runtime.linux import create_log, write_to
 from actors.runtime.recording import Note, Recorder, RecordingError, read_recording
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.last_pose import LastPose

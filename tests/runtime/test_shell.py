@@ -9,7 +9,6 @@ import pytest
 
 from actors.introspection import Introspection, PerceptionSample
 from actors.messages import AIRED, DRIVE, INTROSPECTION, SENSES, Drive, Odometry, Senses
-from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Delivery, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
@@ -22,6 +21,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
+from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
 
 ROBOTS = ("r1", "r22", "r333")

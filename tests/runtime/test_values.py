@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from actors.messages import DRIVE, MESSAGE_VERSION, RECEIVED, Drive, Heard, Received, Sent
 from actors.runtime import typed_json
-from actors.runtime.bus.replay_bus import first_difference
 from actors.runtime.codec import WireError, decode, encode
 from actors.runtime.processor import (
     Processor,
@@ -23,6 +22,7 @@ from actors.runtime.processor import (
     parted,
     processor,
 )
+from actors.runtime.replay_bus import first_difference
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 

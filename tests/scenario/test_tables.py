@@ -19,11 +19,11 @@ from actors.radio.radio_model import WifiParameters
 from actors.randomness import generator
 from actors.robot import assembly
 from actors.robot.behaviour.ports import ExchangeSettings
-from actors.robot.cost_maps.cost_map import LOCAL_MAP_PRESETS
-from actors.robot.local_planning.steering import DWA_PRESETS
 from actors.robot.localisation import PRESETS
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, PlanningParameters
+from actors.robot.navigation.steering import DWA_PRESETS
 from actors.robot.stack import Adaptation, Stack, stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError

@@ -13,9 +13,9 @@ from actors.task.task import PlaceKey
 from cleaning.cleaner import State
 from cleaning.place import Assignment
 from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
-from deeco.replication.fragments import Fragmenter
-from deeco.replication.packet import KnowledgePacket, Version, pack
-from deeco.replication.schema import RoleBook
+from deeco.fragments import Fragmenter
+from deeco.packet import KnowledgePacket, Version, pack
+from deeco.schema import RoleBook
 from tests.cleaning.equipment import NOW, Act, Floor, Notes, Story, assignment, published
 
 seen = partial(published, role=Bidder)

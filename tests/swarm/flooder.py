@@ -6,7 +6,7 @@ from typing import Any
 from actors.instant import Instant, seconds
 from actors.messages import TRANSMIT
 from actors.robot.behaviour import Behaviour, Decision, Start, View
-from actors.runtime.bus.zenoh_bus import ZenohBus
+from actors.runtime.zenoh_bus import ZenohBus
 from actors.topic import Topic
 
 FRAMES = 50_000

@@ -13,10 +13,12 @@ from unittest.mock import Mock
 
 import pytest
 
-from acrc_testbed.benchmarks.swarm import benchmark, beside, budget, runs
-from acrc_testbed.benchmarks.swarm.beside import PairedCase, other
-from acrc_testbed.benchmarks.swarm.budget import CountedSteps, StepCounts
-from acrc_testbed.benchmarks.swarm.runs import (
+from acrc_testbed.benchmarks import beside, budget
+from acrc_testbed.benchmarks import swarm as benchmark
+from acrc_testbed.benchmarks import swarm_runs as runs
+from acrc_testbed.benchmarks.beside import PairedCase, other
+from acrc_testbed.benchmarks.budget import CountedSteps, StepCounts
+from acrc_testbed.benchmarks.swarm_runs import (
     Function,
     Memory,
     MemoryFigures,

@@ -9,7 +9,7 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from actors.processes.launch import LaunchError, Program, launcher
 from actors.runtime.isolation.sandbox import available
-from actors.runtime.lifecycle.linux import create_log
+from actors.runtime.linux import create_log
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup
 from actors.runtime.recording import Entry, read_recording
 from tests import in_process

@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from acrc_testbed.accounting.account import spells
-from acrc_testbed.accounting.time_spent import Cause
 from acrc_testbed.command_line import look
+from acrc_testbed.explanation.account import spells
 from acrc_testbed.explanation.explain import Explainer
+from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import by_outcome

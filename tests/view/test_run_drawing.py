@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from coloraide import Color
 
-from acrc_testbed.accounting.time_spent import Cause
+from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject

@@ -14,12 +14,12 @@ from typing import Final
 
 import msgspec
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, inputs
+from acrc_testbed.experiments.judgement import judge
 from acrc_testbed.experiments.report import report
-from acrc_testbed.experiments.study.frozen_plan import SUFFIX, FrozenPlan, inputs
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, lines
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.launch import scratch_folder

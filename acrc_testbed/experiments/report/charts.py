@@ -16,8 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from acrc_testbed.experiments.comparison.paired_tests import Interval
-from acrc_testbed.experiments.comparison.statistical_models import Completion, SurvivalCurve
+from acrc_testbed.experiments.paired_tests import Interval
+from acrc_testbed.experiments.statistical_models import Completion, SurvivalCurve
 from acrc_testbed.picture.style import applied as settings_applied
 from acrc_testbed.picture.style import dark_too
 from actors.runtime import regular_file

@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from acrc_testbed.experiments.comparison.comparison import Comparison, PairedSample, named
-from acrc_testbed.experiments.comparison.judgement import CampaignJudgement
-from acrc_testbed.experiments.comparison.paired_tests import LEAST_PAIRS
-from acrc_testbed.experiments.comparison.verdicts import ComparedMetric, PairVerdict
+from acrc_testbed.experiments.comparison import Comparison, PairedSample, named
+from acrc_testbed.experiments.judgement import CampaignJudgement
+from acrc_testbed.experiments.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.report.runs import (
     REAL,
     UPPER_BOUNDS,
@@ -20,7 +19,8 @@ from acrc_testbed.experiments.report.runs import (
     places,
 )
 from acrc_testbed.experiments.report.time_sections import deadlocks
-from acrc_testbed.experiments.study.study import FIRST_TUNING_SEED, Study, Variant
+from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Study, Variant
+from acrc_testbed.experiments.verdicts import ComparedMetric, PairVerdict
 from acrc_testbed.picture.html_page import PageTable
 
 _TOLD = ("better", "worse", "as good", "not told apart")

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from acrc_testbed.experiments.campaign.store import differing, protection
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
 from acrc_testbed.experiments.report import charts, findings, sections, time_sections
 from acrc_testbed.experiments.report.runs import REAL, Cell, ReportView, RunSource, label, places, read
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.store import differing, protection
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture import html_page as rendering
 from acrc_testbed.picture.html_page import PageSection
 from actors.runtime import regular_file

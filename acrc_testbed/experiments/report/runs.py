@@ -11,16 +11,16 @@ from typing import Final, NamedTuple, TypeVar
 
 from matplotlib.figure import Figure
 
-from acrc_testbed.accounting.time_spent import TimeSpent
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.store import Store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.judgement import CampaignJudgement, judge
-from acrc_testbed.experiments.comparison.paired_tests import Interval
-from acrc_testbed.experiments.comparison.statistical_models import Completion
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.judgement import CampaignJudgement, judge
+from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Look
-from acrc_testbed.experiments.study.study import Study
+from acrc_testbed.experiments.statistical_models import Completion
+from acrc_testbed.experiments.store import Store
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import TrialRecord
+from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.picture.html_page import PagePicture, PageTable
 from acrc_testbed.results.result import RobotResult, RunResult
 from actors.runtime import regular_file, typed_json

@@ -6,12 +6,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.paired_tests import CONFIDENCE, Interval, mean_interval
-from acrc_testbed.experiments.comparison.statistical_models import Completion, kaplan_meier, restricted_mean
+from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
 from acrc_testbed.experiments.report.runs import Cell, Group, ReportView, completed, places, until
+from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier, restricted_mean
+from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
 from acrc_testbed.results.outcome import means
 from acrc_testbed.results.result import RunResult

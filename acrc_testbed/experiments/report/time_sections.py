@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from acrc_testbed.accounting.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
 from acrc_testbed.experiments.report.runs import Cell, Group, ReportView
+from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.picture.html_page import PageSection
 from actors.observer.glyphs import SEEN_STATES, hexadecimal
 

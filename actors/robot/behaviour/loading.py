@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, cast
 from actors.robot.behaviour.ports import Behaviour, Start
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.failure import failure_note
 from deeco import DeecoError
 
 _LARGEST: Final = 16_000_000

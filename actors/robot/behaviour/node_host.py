@@ -37,8 +37,8 @@ from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from deeco import DeecoError, Knowledge
 from deeco.knowledge import made
 from deeco.link import Reception, Transmission
+from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
-from deeco.replication.network import NetworkParameters, RelayParameters
 
 
 class RobotPositioning:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, Shared
 from actors.geometry import Point
-from actors.robot.cost_maps import ray_tracing
-from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
-from actors.robot.cost_maps.ray_tracing import check_reach, squared_within
+from actors.robot.navigation import ray_tracing
+from actors.robot.navigation.cost_map import INSCRIBED, Inflation
 from actors.robot.navigation.planning import HIGHEST, PlanningParameters, around, strangers
 from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
+from actors.robot.navigation.ray_tracing import check_reach, squared_within
 
 _NO_INFORMATION: Final = 255
 """Cost of a cell of which the map says nothing, where nothing is near (costmap_2d)."""

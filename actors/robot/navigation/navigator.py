@@ -21,9 +21,9 @@ from actors.robot.behaviour.ports import (
     GoalStatus,
     Plan,
 )
-from actors.robot.local_planning.steering import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts, NavigationReport
 from actors.robot.navigation.planning import GlobalPlanner
+from actors.robot.navigation.steering import Steering
 from actors.robot.sweep import Sweep
 from actors.settings import Count, Interval, NotNegative, Positive, PositiveInterval, Settings
 from deeco.knowledge import made

@@ -15,9 +15,9 @@ from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.floor.raster import squared_distance
 from actors.geometry import Point
-from actors.robot.cost_maps.cost_map import INSCRIBED, Inflation
-from actors.robot.cost_maps.ray_tracing import check_reach, inscribed, squared_within
+from actors.robot.navigation.cost_map import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+from actors.robot.navigation.ray_tracing import check_reach, inscribed, squared_within
 from actors.settings import NotNegative, Positive, PositiveCount, Settings
 
 

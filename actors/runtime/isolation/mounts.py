@@ -11,8 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from actors.runtime.lifecycle import linux
-from actors.runtime.lifecycle.linux import (
+from actors.runtime import linux
+from actors.runtime.linux import (
     MS_BIND,
     MS_NODEV,
     MS_NOSUID,

@@ -18,10 +18,10 @@ from typing import Annotated, Final
 
 import msgspec
 
+from actors.runtime import failure, linux
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import mounts, syscall_filter
-from actors.runtime.lifecycle import failure, linux
-from actors.runtime.lifecycle.linux import write_to
+from actors.runtime.linux import write_to
 
 _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from errno import EAFNOSUPPORT, ENOSYS, EPERM
 from typing import Final, NamedTuple
 
-from actors.runtime.lifecycle import linux
+from actors.runtime import linux
 
 _NUMBERS: Final = {
     # name: (x86_64, aarch64), from the kernel's asm/unistd_64.h and asm-generic/unistd.h

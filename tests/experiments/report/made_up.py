@@ -6,7 +6,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from acrc_testbed.accounting.time_spent import (
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.study import Study, Trial
+from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.explanation.time_spent import (
     BlockingEvent,
     Cause,
     DeadlockCount,
@@ -15,9 +18,6 @@ from acrc_testbed.accounting.time_spent import (
     KnowledgeUsed,
     TimeSpent,
 )
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
-from acrc_testbed.experiments.study.study import Study, Trial
 from acrc_testbed.results.result import RobotResult, RunResult
 
 LENGTH = 600.0

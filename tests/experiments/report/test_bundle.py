@@ -10,11 +10,11 @@ import msgspec
 import pytest
 import yaml
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord, keep
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.frozen_plan import inputs
 from acrc_testbed.experiments.report import bundle
-from acrc_testbed.experiments.study.frozen_plan import inputs
-from acrc_testbed.experiments.study.study import Study, load_study
+from acrc_testbed.experiments.study import Study, load_study
+from acrc_testbed.experiments.trial_record import TrialRecord, keep
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from statsmodels.stats.proportion import proportion_confint
 
-from acrc_testbed.experiments.campaign import store
-from acrc_testbed.experiments.campaign.trial_record import TrialRecord
-from acrc_testbed.experiments.comparison.judgement import judge
+from acrc_testbed.experiments import store
+from acrc_testbed.experiments.judgement import judge
 from acrc_testbed.experiments.report import report
 from acrc_testbed.experiments.report.runs import REAL, read
-from acrc_testbed.experiments.study.study import Factor, Study, Trial
+from acrc_testbed.experiments.study import Factor, Study, Trial
+from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RobotResult, RunResult, without_unknown
 from actors.runtime.errors import AcrcError
 from tests.experiments.report.made_up import LENGTH, campaign

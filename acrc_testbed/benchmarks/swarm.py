@@ -1,0 +1,272 @@
+"""`acrc bench swarm`: the whole stack with many robots, over Zenoh and in memory."""
+
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+from rich.table import Table
+
+from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
+from acrc_testbed.benchmarks.swarm_runs import (
+    KINDS,
+    Memory,
+    MemoryFigures,
+    MeshFigures,
+    Range,
+    SwarmTask,
+    in_memory,
+    memory_ms,
+    mesh_ms,
+    over_mesh,
+)
+from actors.console import screen
+from actors.runtime.errors import AcrcError
+
+ROBOTS: Final = KINDS[-1]
+STEPS_PER_SECOND: Final = 10
+"""Of simulated time, in the scenarios that are measured."""
+SPEED: Final = {4: 100.0, 20: 16.0, 50: 6.0, 100: 2.0}
+"""Goal: simulated seconds per second over Zenoh, by the number of robots."""
+FEW: Final = 4
+MANY: Final = 100
+GROWTH: Final = 1.3
+"""Goal: CPU per robot and second of MANY robots, relative to FEW."""
+START_S: Final = 6.0
+"""Goal: time until the first step of MANY robots."""
+PSS_MB: Final = 25.0
+"""Goal: mean memory of each of MANY robots' processes."""
+_IDLE: Final = Path(__file__).with_name("idle.toml")
+_YARDSTICK: Final = 300_007
+"""Length of the list that the yardstick walks; a prime, so that the order of accesses is irregular."""
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Radio traffic, each per robot and simulated second."""
+
+    published: float
+    """Packets of the robot's own knowledge."""
+    frames: float
+    """Sent, relayed ones included."""
+    copies: float
+    """Frames at other transceivers, received or not: what the medium computes."""
+    heard: float
+    """Frames received."""
+    packets: float
+    """Packets received, those of the robot's own knowledge included."""
+    stale: float
+    """Received packets that are as old as what is known, or the robot's own."""
+
+    @property
+    def news(self) -> float:
+        """Return the packets with new knowledge."""
+        return self.packets - self.stale
+
+
+@dataclass(frozen=True)
+class SwarmFigures:
+    """All figures for one number of robots. CPU is per robot and simulated second."""
+
+    robots: int
+    simulated_s: float
+    """Of each run."""
+    mesh: MeshFigures | None
+    """None if so many processes do not run here."""
+    memory: MemoryFigures
+    idle_ms: float | None
+    """CPU of robots that do nothing, over Zenoh: step protocol, recording and isolation; None as `mesh`."""
+    idle_memory_ms: float
+    traffic: Traffic
+    load: float
+    """Load average of the machine before."""
+    yardstick_ms: float
+    """CPU of a fixed piece of work, to compare machines."""
+
+
+def measure(
+    robots: Sequence[int] | None = None,
+    duration: float | None = None,
+    repeat: int = SwarmTask.repeat,
+) -> Measured:
+    """Measure each number of robots for `duration` simulated s; the median of `repeat` runs over Zenoh.
+
+    `duration`: None: what fits into a few minutes.
+    """
+    task = SwarmTask(tuple(robots or SwarmTask.robots), repeat=repeat)
+    if duration is not None:
+        task = replace(task, seconds=duration, robot_seconds=None)
+    swarms = list(_measured(task))
+    goals = judged(swarms)
+    figures = {
+        "task": asdict(task) | {"scenario": str(task.scenario)},
+        "cores": os.cpu_count(),
+        "swarms": [asdict(one) for one in swarms],
+        "goals": [asdict(goal) for goal in goals],
+    }
+    return Measured(figures, _shown(task, swarms, goals))
+
+
+def _measured(task: SwarmTask) -> Iterator[SwarmFigures]:
+    """Measure all runs over Zenoh first: memory that runs in this process use would count for the parent."""
+    say = screen(stderr=True)
+    idle_task = replace(task, scenario=_IDLE)
+    meshes = []
+    for count in task.robots:
+        say.print(f"{count} robots over Zenoh …")
+        load, before = os.getloadavg()[0], yardstick()
+        mesh = _mesh(count, task)
+        meshes.append((count, load, before, mesh, None if mesh is None else mesh_ms(count, idle_task)))
+    for count, load, before, mesh, idle_ms in meshes:
+        say.print(f"{count} robots in memory …")
+        memory = in_memory(count, task)
+        yield SwarmFigures(
+            robots=count,
+            simulated_s=task.simulated_s(count),
+            mesh=mesh,
+            memory=memory,
+            idle_ms=idle_ms,
+            idle_memory_ms=memory_ms(count, idle_task),
+            traffic=_traffic(count, memory),
+            load=load,
+            yardstick_ms=median((before, yardstick(), yardstick())),
+        )
+
+
+def _mesh(robots: int, task: SwarmTask) -> MeshFigures | None:
+    try:
+        return over_mesh(robots, task)
+    except AcrcError as error:
+        sys.stderr.write(f"acrc: {robots} robots do not run over Zenoh: {error}\n")
+        return None
+
+
+def yardstick() -> float:
+    """Return the CPU of a fixed walk through more memory than a core's own cache holds, ms."""
+    numbers = list(range(_YARDSTICK))
+    began = time.thread_time_ns()
+    place = 1
+    for _ in range(_YARDSTICK):
+        place = numbers[place * 48_271 % _YARDSTICK]
+    return (time.thread_time_ns() - began) / 1e6
+
+
+def _traffic(robots: int, run: MemoryFigures) -> Traffic:
+    """Divide a run's counters by robots and seconds."""
+    frames, node = run.frames, run.node
+    copies = sum(count for name, count in frames.items() if name.startswith("copies_"))
+    stale = node.get("packets_old", 0) + node.get("packets_own", 0)
+    counts = (
+        *(node.get("published", 0), frames["frames_sent"], copies, frames["copies_heard"]),
+        *(node.get("packets", 0), stale),
+    )
+    return Traffic(*(count / (robots * run.simulated_s) for count in counts))
+
+
+def memory_mb(memory: dict[str, Memory], kind: str) -> float:
+    """Return the mean PSS of one process of a kind, MB."""
+    return memory[kind].pss_mb / memory[kind].processes
+
+
+def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
+    """Compare the swarms that were measured over Zenoh with their goals."""
+    meshes = {one.robots: one.mesh for one in swarms if one.mesh}
+    speed, rate = "simulated seconds per second over Zenoh", "robot-steps per second of one core in memory"
+    goals = [
+        at_least(f"{robots} robots: {speed}", meshes[robots].real_time_factor.median, goal)
+        for robots, goal in SPEED.items()
+        if robots in meshes
+    ]
+    goals += [
+        at_least(
+            f"{one.robots} robots: {rate}, as over Zenoh on all",
+            STEPS_PER_SECOND / one.memory.ms * 1e3,
+            STEPS_PER_SECOND * one.robots * one.mesh.real_time_factor.median,
+        )
+        for one in swarms
+        if one.mesh
+    ]
+    if (many := meshes.get(MANY)) is None:
+        return goals
+    if FEW in meshes:
+        factor = many.ms.median / meshes[FEW].ms.median
+        goals.append(at_most(f"{MANY} robots: CPU per robot and second as with {FEW}, times", factor, GROWTH))
+    size = memory_mb(many.memory, ROBOTS)
+    return [
+        *goals,
+        at_most(f"{MANY} robots: s until the first step", many.startup_s.median, START_S),
+        at_most(f"{MANY} robots: MB of memory (PSS) for each robot's process", size, PSS_MB),
+    ]
+
+
+def _shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
+    meshes = {one.robots: one.mesh for one in swarms if one.mesh}
+    speeds = (
+        f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; CPU ms per robot and "
+        "simulated second;\nyardstick: CPU ms of fixed work"
+    )
+    air = [{"robots": one.robots, **_air(one.traffic)} for one in swarms]
+    tables: list[Table | str] = [
+        table_of([_speed(one) for one in swarms], speeds),
+        _by_room(swarms),
+        table_of(air, "the air, per robot and simulated second"),
+    ]
+    if meshes:
+        title = "processes: CPU ms per robot and simulated second; MB of memory, all of a kind"
+        tables.append(table_of([row for each in meshes.items() for row in _processes(*each)], title))
+    return [*tables, *map(str, goals)]
+
+
+def _speed(one: SwarmFigures) -> dict[str, str]:
+    mesh, memory = one.mesh, one.memory
+    return {
+        "robots": str(one.robots),
+        "simulated s": f"{one.simulated_s:g}",
+        "x real time": _spread(mesh.real_time_factor, 1) if mesh else "-",
+        "x, in memory": f"{memory.real_time_factor:.1f}",
+        "CPU ms": _spread(mesh.ms, 2) if mesh else "-",
+        "CPU, in memory": f"{memory.ms:.2f}",
+        "idle": "-" if one.idle_ms is None else f"{one.idle_ms:.2f}",
+        "idle, in memory": f"{one.idle_memory_ms:.2f}",
+        "start s": f"{mesh.startup_s.median:.1f}" if mesh else "-",
+        "its CPU s": f"{mesh.startup_cpu_s.median:.1f}" if mesh else "-",
+        "load": f"{one.load:.1f}",
+        "yardstick": f"{one.yardstick_ms:.1f}",
+    }
+
+
+def _spread(spread: Range, digits: int) -> str:
+    return f"{spread.median:.{digits}f} ({spread.least:.{digits}f}-{spread.greatest:.{digits}f})"
+
+
+def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
+    """Tabulate every package for every number of robots, the most expensive first."""
+    title = "CPU by package in memory, ms per robot and simulated second, shared out as in a profiled run"
+    table = Table("package", *(f"{one.robots} robots" for one in swarms), title=title)
+    names = dict.fromkeys(room for one in swarms for room in one.memory.rooms)
+    for name in sorted(names, key=lambda name: -swarms[-1].memory.rooms.get(name, 0.0)):
+        table.add_row(name, *(f"{one.memory.rooms.get(name, 0.0):.3f}" for one in swarms))
+    table.add_row("all", *(f"{one.memory.ms:.3f}" for one in swarms), style="bold")
+    return table
+
+
+def _air(of: Traffic) -> dict[str, str]:
+    rates = {
+        "published": of.published, "frames sent": of.frames, "copies computed": of.copies,
+        "frames heard": of.heard, "packets": of.packets, "news": of.news, "no news": of.stale,
+    }  # fmt: skip
+    return {name: f"{rate:.2f}" for name, rate in rates.items()}
+
+
+def _processes(robots: int, mesh: MeshFigures) -> Iterator[dict[str, str]]:
+    for name, of in mesh.memory.items():
+        yield {
+            "robots": str(robots), "kind": name, "processes": str(of.processes),
+            "CPU ms": f"{mesh.by_actor[name]:.3f}" if name in mesh.by_actor else "-",
+            "RSS": f"{of.rss_mb:.1f}", "PSS": f"{of.pss_mb:.1f}", "private": f"{of.private_mb:.1f}",
+            "PSS of one": f"{memory_mb(mesh.memory, name):.1f}",
+        }  # fmt: skip

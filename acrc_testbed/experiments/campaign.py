@@ -1,0 +1,407 @@
+"""Execution of a campaign: pool of local processes, resumption, and tables of results."""
+
+import csv
+import io
+import os
+import shlex
+import shutil
+import signal
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Final, Protocol
+
+import msgspec
+
+from acrc_testbed.experiments.store import Pending, Store
+from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_record import (
+    ORDER,
+    TRIAL,
+    CheckRecord,
+    TrialOrder,
+    TrialOutcome,
+    TrialRecord,
+    compared,
+    keep,
+    keep_bytes,
+    order_of,
+    outcome_in,
+    received,
+)
+from acrc_testbed.results.outcome import means
+from actors.processes.kernels import compile_kernels
+from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
+from actors.processes.robot_logs import last_line
+from actors.processes.signals import signals_as_interrupts
+from actors.runtime import regular_file
+from deploy.scenario.tables import inline
+
+
+class Pool(Protocol):
+    """Executor of trials, each in a process of its own. A handle is hashable, as a future is."""
+
+    @property
+    def slots(self) -> int:
+        """Number of trials that can run at once; may change."""
+
+    def submit(self, order: TrialOrder) -> Any:
+        """Start a trial, and return its handle."""
+
+    def wait(self, handles: Sequence[Any], timeout_s: float) -> dict[Any, TrialOutcome]:
+        """Wait until one of these trials has completed; return the outcomes of all that have."""
+
+
+class LocalPool:
+    """Processes of this computer, each in a folder that says nothing of the campaign."""
+
+    def __init__(self, launched: Launcher, folder: Path, options: "CampaignOptions") -> None:
+        """`folder`: for files of running trials."""
+        self._launched = launched
+        self._folder = folder
+        self._patience_s = options.patience_s
+        self._running: dict[int, tuple[Child, Path, float]] = {}
+        self.slots = options.jobs or os.cpu_count() or 1
+
+    def submit(self, order: TrialOrder) -> int:
+        """Fork a process; its id is the handle."""
+        folder = Path(tempfile.mkdtemp(prefix="", dir=self._folder))
+        (folder / ORDER).write_bytes(msgspec.json.encode(order))
+        child = self._launched.start(Program("trial", TRIAL, (str(folder),), folder / "trial.log", None))
+        self._running[child.pid] = (child, folder, time.monotonic())
+        return child.pid
+
+    def wait(self, handles: Sequence[int], timeout_s: float) -> dict[int, TrialOutcome]:
+        """Return what has completed; kill what takes too long."""
+        self._launched.wait(timeout_s)
+        ended = {}
+        for pid in handles:
+            child, folder, began = self._running[pid]
+            last = last_line(child.program.log)
+            cause = f"its process ended with exit code {child.exit_code} without a result" + (
+                f"; the last that it said: {last}" if last else ""
+            )
+            if child.exit_code is None:
+                if time.monotonic() - began <= self._patience_s:
+                    continue
+                cause = f"took longer than {self._patience_s:g} s"
+                child.send(signal.SIGKILL)
+            del self._running[pid]
+            ended[pid] = outcome_in(folder, cause)
+            shutil.rmtree(folder, ignore_errors=True)
+        return ended
+
+
+@contextmanager
+def _pool(store: Store, options: "CampaignOptions") -> Iterator[Pool]:
+    if options.on is not None:
+        from acrc_testbed.experiments.dask_pool import DaskPool
+
+        with DaskPool(store.commit, options.on, options.jobs, options.patience_s) as cluster:
+            yield cluster
+        return
+    compile_kernels(quiet=True)
+    with scratch_folder() as folder, launcher("forkserver") as launched:
+        yield LocalPool(launched, folder, options)
+
+
+_Kind = tuple[str, tuple[tuple[str, object], ...], bool]
+
+
+class TimeToGo:
+    """Trials of different strategies and variants take differently long, and repetitions longer still."""
+
+    def __init__(self) -> None:
+        self._took: dict[_Kind, list[float]] = {}
+
+    def learn(self, pending: Pending, took_s: float) -> None:
+        """Take in what one of them took."""
+        self._took.setdefault(_kind(pending), []).append(took_s)
+
+    def left_s(
+        self, waiting: Iterable[Pending], running: Sequence[tuple[Pending, float]], slots: int
+    ) -> float | None:
+        """What is left if so many go on at once; None before anything has ended.
+
+        `running`: what has begun, and for how long it has run. A kind of which none has ended yet takes what
+        the others took on average.
+        """
+        if not self._took:
+            return None
+        means = {kind: fmean(spans) for kind, spans in self._took.items()}
+        overall = fmean(means.values())
+        begun = [max(means.get(_kind(pending), overall) - since, 0.0) for pending, since in running]
+        to_come = sum(means.get(_kind(pending), overall) for pending in waiting)
+        return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
+
+
+def _kind(pending: Pending) -> _Kind:
+    trial = pending.trial
+    return trial.strategy, tuple((key, repr(value)) for key, value in trial.variant), pending.check
+
+
+_LOOK_S: Final = 1.0
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """How a study is carried out; of no influence on what comes out."""
+
+    jobs: int = 0
+    """Trials at once; 0: one per core."""
+    patience_s: float = 3600.0
+    """A trial that takes longer has failed."""
+    check_every: int = 0
+    """Of each strategy the first trial and every `check_every`-th from there on are repeated as processes
+    over Zenoh; 0: none."""
+    on: str | None = None
+    """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
+    modules: tuple[Path, ...] = ()
+    """Folders with the user's strategies, admitted by `actors.robot.behaviour.foreign`."""
+
+
+@dataclass(frozen=True)
+class CampaignProgress:
+    """How far a campaign is."""
+
+    done: int
+    """Trials that have ended, those of earlier calls included."""
+    failed: int
+    total: int
+    left_s: float | None
+    """What the rest will take, from what the trials took so far; None before the first has ended."""
+    enough: bool = False
+    """True if it has stopped because no more trials are needed."""
+
+
+OnProgress = Callable[[CampaignProgress], None]
+
+
+def carry_out(
+    store: Store,
+    options: CampaignOptions,
+    follow: OnProgress = lambda progress: None,
+    enough: Callable[[], bool] = lambda: False,
+) -> CampaignProgress:
+    """Run every trial that has no record, and give how it stands then.
+
+    Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
+    dies, or takes too long, is kept as a failure. `enough`: asked at the beginning and after each trial; once
+    it says so no further trial begins.
+    """
+    with signals_as_interrupts(), _pool(store, options) as pool:
+        return _Campaign(store, options, pool, follow, enough).run()
+
+
+class _Campaign:
+    def __init__(
+        self,
+        store: Store,
+        options: CampaignOptions,
+        pool: Pool,
+        follow: OnProgress,
+        enough: Callable[[], bool],
+    ) -> None:
+        self._store = store
+        self._every = 0 if store.study.isolated else options.check_every
+        self._pool = pool
+        self._modules = options.modules
+        self._running: dict[Any, tuple[Pending, float]] = {}
+        self._follow = follow
+        self._asked_enough = enough
+        self._trials = deque(store.pending())
+        self._checks = deque[Pending]()
+        self._total = sum(1 for _ in store.study.trials())
+        self._before = self._total - len(self._trials)
+        self._failed = 0
+        self._ended = 0
+        self._time = TimeToGo()
+        self._take_in_what_is_there()
+        self._enough = False
+
+    def _take_in_what_is_there(self) -> None:
+        """Count the failures of earlier calls, and learn from them how long a trial takes."""
+        for trial in self._store.study.trials():
+            if not self._store.path(trial).exists():
+                continue
+            result = self._store.record(trial).result
+            if result is None:
+                self._failed += 1
+            else:
+                self._time.learn(Pending(trial), result.startup_s + result.wall_s)
+
+    def run(self) -> CampaignProgress:
+        self._ask()
+        self._follow(self._progress())
+        self._work(self._trials)
+        if self._every:
+            self._checks.extend(self._store.unchecked(self._every))
+            self._work(self._checks)
+        return self._progress()
+
+    def _work(self, waiting: deque[Pending]) -> None:
+        """Have all of them run to their ends."""
+        while waiting or self._running:
+            while waiting and len(self._running) < self._pool.slots:
+                pending = waiting.popleft()
+                trial, check = pending
+                regular_file.write(self._store.log(trial, check=check), b"")
+                order = order_of(self._store.study, trial, self._modules, repeated=check)
+                self._running[self._pool.submit(order)] = (pending, time.monotonic())
+            ended = self._pool.wait(list(self._running), _LOOK_S)
+            for handle, outcome in ended.items():
+                pending, began = self._running.pop(handle)
+                self._time.learn(pending, time.monotonic() - began)
+                self._note(pending, outcome)
+            if ended:
+                self._ask()
+            self._follow(self._progress())
+
+    def _ask(self) -> None:
+        if not self._enough and self._asked_enough():
+            self._enough = True
+            self._trials.clear()
+
+    def _note(self, pending: Pending, ended: TrialOutcome) -> None:
+        """Check the record that a process left, and keep it."""
+        trial, check = pending
+        store = self._store
+        regular_file.write(store.log(trial, check=check), ended.said)
+        record = received(ended.record, trial, ended.cause)
+        if check:
+            keep(store.check_path(trial), compared(store.record(trial), record))
+            return
+        self._ended += 1
+        self._failed += record.failure is not None
+        keep(store.path(trial), record)
+
+    def _progress(self) -> CampaignProgress:
+        waiting = (*self._trials, *self._checks)
+        now = time.monotonic()
+        running = [(pending, now - began) for pending, began in self._running.values()]
+        left_s = self._time.left_s(waiting, running, self._pool.slots)
+        return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)
+
+
+Row = dict[str, bool | int | float | str | None]
+_NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
+"""Scalar fields of a result that have their own column, or do not describe the outcome."""
+
+
+def write(store: Store) -> tuple[Path, Path]:
+    """Write `results.parquet` and `results.csv` into the campaign's folder, and give their paths.
+
+    Both have a row for each trial that has ended, in the study's order, and the same columns; each file is
+    there whole or not at all. Raises AcrcError for a damaged record.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    table = columns(store)
+    binary = pyarrow.BufferOutputStream()
+    parquet.write_table(pyarrow.table(table), binary)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*table.values(), strict=True))
+    paths = store.folder / "results.parquet", store.folder / "results.csv"
+    for path, content in zip(paths, (binary.getvalue().to_pybytes(), text.getvalue().encode()), strict=True):
+        keep_bytes(path, content)
+    return paths
+
+
+def columns(store: Store) -> dict[str, list[object]]:
+    """The same by column, each of one type. Raises AcrcError for a damaged record."""
+    table = list(rows(store))
+    return {name: _column(row.get(name) for row in table) for name in _names(table)}
+
+
+def rows(store: Store) -> Iterator[Row]:
+    """A row for each trial that has ended. Columns with a dot in their name are parts of something larger."""
+    checks = {_key(check): check for check in store.checks()}
+    commit, scenario, tuning = store.commit, store.study.scenario, store.study.tuning
+    for record in store.records():
+        result = record.result
+        origin = result.origin if result is not None else None
+        row: Row = {
+            "scenario": scenario,
+            "strategy": record.strategy,
+            "settings": _json(origin.settings) if origin is not None else None,
+            "navigation.preset": origin.navigation if origin is not None else None,
+            "seed": record.seed,
+            "tuning": tuning,
+            **{f"vary.{key}": _cell(value) for key, value in record.variant.items()},
+            "drawn": _json(record.drawn),
+            "command": command(store.study, record),
+            "failure": record.failure,
+            "commit": commit,
+            "versions": _json(origin.versions) if origin is not None else None,
+            "digest": result.digest if result is not None else None,
+            **(_metrics(msgspec.to_builtins(result)) if result is not None else {}),
+            **{f"outcome.{name}": mean for name, mean in means(result.outcome if result else {}).items()},
+        }
+        yield row | _checked(checks.get(_key(record)))
+
+
+def command(study: Study, record: TrialRecord) -> str:
+    """What one types to repeat the run alone."""
+    words = ["acrc", "run", study.scenario, "--seed", str(record.seed), "--strategy", record.strategy]
+    for key, value in (*study.settings_of(tuple(record.variant.items())), *record.drawn.items()):
+        words += ["--set", f"{key}={inline(value)}"]
+    return shlex.join(words)
+
+
+def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
+    """All numbers of a result that are one of a run; its tables of such numbers by dotted names."""
+    found: Row = {}
+    for name, value in result.items():
+        if isinstance(value, Mapping) and name not in {"per_robot", "frames_by_robot", "origin", "processor"}:
+            found |= _metrics(value, f"{prefix}{name}.")
+        elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NO_METRICS):
+            found[prefix + name] = value
+    return found
+
+
+def _checked(check: CheckRecord | None) -> Row:
+    if check is None:
+        return {}
+    return {
+        "zenoh.digest": check.over_zenoh or None,
+        "zenoh.real_time_factor": check.over_zenoh_speed,
+        "zenoh.failure": check.failure,
+    }
+
+
+def _names(table: Iterable[Row]) -> list[str]:
+    """Every row's columns, in the order in which they first come up."""
+    return list(dict.fromkeys(name for row in table for name in row))
+
+
+def _column(values: Iterable[object]) -> list[object]:
+    """The values of one column, all of one type: numbers, or else texts."""
+    column = list(values)
+    kinds = {type(value) for value in column if value is not None}
+    if kinds == {int, float}:
+        return [float(value) if isinstance(value, int) else value for value in column]
+    if len(kinds) > 1:
+        return [
+            None if value is None else value if isinstance(value, str) else _json(value) for value in column
+        ]
+    return column
+
+
+def _cell(value: object) -> bool | int | float | str | None:
+    return value if isinstance(value, bool | int | float | str | None) else _json(value)
+
+
+def _json(value: object) -> str:
+    return msgspec.json.encode(value, order="sorted").decode()
+
+
+def _key(one: TrialRecord | CheckRecord) -> str:
+    return _json((one.strategy, one.seed, one.variant))

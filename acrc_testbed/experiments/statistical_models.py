@@ -1,0 +1,224 @@
+"""Survival curves, and random effects of cells and seeds."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+from scipy.optimize import minimize
+from scipy.stats import t
+
+from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
+
+Floats = NDArray[np.float64]
+FEWEST_CELLS: Final = 3
+_FEWEST_SEEDS: Final = 3
+"""Below which nothing can be said of how seeds differ."""
+_LARGEST: Final = 1e3
+"""A standard deviation, in those of what is left."""
+_NONE: Final = 1e-3
+"""The same: as good as none."""
+
+
+@dataclass(frozen=True)
+class RandomEffectsFit:
+    """value = mean + cell + seed + rest, each normal. Standard deviations have the values' unit."""
+
+    mean: Interval
+    """Over all cells that there might be, with its 95 % interval."""
+    new_cell: Interval
+    """The mean, and what a new cell with as many values would show, with 95 %: wider than where its true mean
+    lies, which the data often cannot tell from no difference between cells."""
+    between_cells: float
+    between_seeds: float | None
+    """Of what runs with one seed have in common in all cells; None with fewer than three seeds."""
+    rest: float | None
+    """None where every cell has one value, so that nothing tells the rest from the cell."""
+    cells: int
+    values: int
+
+
+def fit(values: ArrayLike, cells: Sequence[int], seeds: Sequence[int]) -> RandomEffectsFit:
+    """Fit values (n,) by restricted maximum likelihood, each of a cell and a seed that it shares with others.
+
+    Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of
+    Statistical Software 67(1), 2015; by Woodbury's identity, so nothing is larger than cells plus seeds.
+    The mean's interval is Student's with one degree of freedom less than there are cells, or seeds, if these
+    are fewer and differ; the new cell's likewise, of the mean's variance and that of a cell's observed mean,
+    which is exact where all cells have as many values. Raises ValueError below FEWEST_CELLS.
+    """
+    known = np.asarray(values, np.float64)
+    names, of_cell = np.unique(cells, return_inverse=True)
+    count = len(names)
+    if count < FEWEST_CELLS:
+        raise ValueError(f"{count} cells, at least {FEWEST_CELLS}")
+    seed_names, of_seed = np.unique(seeds, return_inverse=True)
+    spread = float(known.std(ddof=1))
+    if len(known) == count or spread == 0.0:
+        error = spread / math.sqrt(len(known))
+        rest = None if len(known) == count else 0.0
+        between_seeds = 0.0 if spread == 0.0 and len(seed_names) >= _FEWEST_SEEDS else None
+        return _told(float(known.mean()), error, spread, between_seeds, rest, count, len(known), count - 1)
+    groups = [of_cell, of_seed] if len(seed_names) >= _FEWEST_SEEDS else [of_cell]
+    likelihood = _Likelihood(known, groups)
+    found = minimize(
+        likelihood,
+        [1.0] * len(groups),
+        method="Nelder-Mead",
+        bounds=[(0.0, _LARGEST)] * len(groups),
+        options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 2000},
+    )
+    sizes = np.where(found.x < _NONE, 0.0, found.x)
+    mean, variance, weight = likelihood.at(sizes)[:3]
+    rest = math.sqrt(variance)
+    free = count - 1 if len(groups) == 1 or sizes[1] == 0.0 else min(count, len(seed_names)) - 1
+    seeds_differ = rest * float(sizes[1]) if len(groups) > 1 else None
+    error = rest / math.sqrt(weight)
+    return _told(mean, error, rest * float(sizes[0]), seeds_differ, rest, count, len(known), free)
+
+
+class _Likelihood:
+    """Less is likelier; of the standard deviations of the groups, in those of the rest."""
+
+    def __init__(self, values: Floats, groups: Sequence[NDArray[np.intp]]) -> None:
+        columns = [np.eye(int(group.max()) + 1)[group] for group in groups]
+        self._middle = float(values.mean())  # a mean far from 0 would cost digits
+        self._values = values - self._middle
+        self._widths = [column.shape[1] for column in columns]
+        design = np.concatenate(columns, axis=1)
+        self._crossed = design.T @ design
+        self._ones = design.sum(axis=0)
+        self._sums = design.T @ self._values
+        self._least = 1e-12 * float(self._values @ self._values)
+
+    def __call__(self, sizes: Floats) -> float:
+        _, variance, weight, logarithm = self.at(sizes)
+        return (len(self._values) - 1) * math.log(variance) + logarithm + math.log(weight)
+
+    def at(self, sizes: Floats) -> tuple[float, float, float, float]:
+        """The mean, the rest's variance, the mean's weight in units of it, and log |I + Z D Z'|."""
+        scale = np.repeat(sizes, self._widths)
+        inner = np.eye(len(scale)) + scale[:, None] * self._crossed * scale
+        ones, sums = scale * self._ones, scale * self._sums
+        by_ones, by_sums = np.linalg.solve(inner, np.stack([ones, sums], axis=1)).T
+        weight = len(self._values) - float(ones @ by_ones)
+        product = float(self._values.sum()) - float(ones @ by_sums)
+        squares = float(self._values @ self._values) - float(sums @ by_sums)
+        mean = product / weight
+        variance = max(squares - mean * product, self._least) / (len(self._values) - 1)
+        return self._middle + mean, variance, weight, float(np.linalg.slogdet(inner)[1])
+
+
+def _told(
+    mean: float,
+    error: float,
+    between_cells: float,
+    between_seeds: float | None,
+    rest: float | None,
+    cells: int,
+    values: int,
+    free: int,
+) -> RandomEffectsFit:
+    half = float(t.ppf((1 + CONFIDENCE) / 2, free)) * error
+    of_one = 0.0 if rest is None else rest / math.sqrt(values / cells)
+    wide = float(t.ppf((1 + CONFIDENCE) / 2, cells - 1)) * math.hypot(between_cells, of_one, error)
+    return RandomEffectsFit(
+        Interval(mean, mean - half, mean + half),
+        Interval(mean, mean - wide, mean + wide),
+        between_cells,
+        between_seeds,
+        rest,
+        cells,
+        values,
+    )
+
+
+class Completion(NamedTuple):
+    """When a run was done, or until when it was watched without being done."""
+
+    at: float
+    done: bool
+
+
+@dataclass(frozen=True)
+class SurvivalCurve:
+    """The share of runs that are not done yet, as a step function of time."""
+
+    times: Floats
+    """(n,): at which it falls, ascending."""
+    shares: Floats
+    """(n,): from that time on."""
+    low: Floats
+    high: Floats
+    """(n,): 95 % interval, by Greenwood's formula on the log-log scale."""
+
+    def share_at(self, time: float) -> float:
+        """The share that is not done at a time."""
+        place = int(np.searchsorted(self.times, time, side="right"))
+        return 1.0 if place == 0 else float(self.shares[place - 1])
+
+
+def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
+    """The product-limit estimate of at least one run.
+
+    Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958.
+    """
+    found = stats.ecdf(_censored(runs)).sf
+    if not any(run.done for run in runs):
+        none = np.zeros(0)
+        return SurvivalCurve(none, none, none, none)
+    with warnings.catch_warnings():  # at a share of 0 there is no such interval, and scipy says so
+        warnings.simplefilter("ignore", RuntimeWarning)
+        bounds = found.confidence_interval(method="log-log")
+    falls = np.flatnonzero(np.diff(np.concatenate([[1.0], found.probabilities])) < 0)
+    shares = found.probabilities[falls]
+    low, high = (one.probabilities[falls] for one in (bounds.low, bounds.high))
+    low, high = (np.where(np.isnan(one), shares, one) for one in (low, high))
+    return SurvivalCurve(found.quantiles[falls], shares, low, high)
+
+
+def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
+    """The mean time until done, or the horizon, whichever comes first: the area under the curve.
+
+    Royston and Parmar, "Restricted mean survival time: an alternative to the hazard ratio for the design and
+    analysis of randomized trials with a time-to-event outcome", BMC Medical Research Methodology 13, 2013.
+    The interval is Student's, of the jackknife's pseudo-values (Andersen, Hansen and Klein, "Regression
+    analysis of restricted mean survival time based on pseudo-observations", Lifetime Data Analysis 10, 2004).
+    """
+    places = np.arange(len(runs))
+    value = float(restricted_means(runs, horizon, places))
+    if len(runs) < 2:
+        return mean_interval([value])
+    others = np.array([np.delete(places, place) for place in places])
+    pseudo = len(runs) * value - (len(runs) - 1) * restricted_means(runs, horizon, others)
+    found = mean_interval(pseudo)
+    return Interval(value, value - found.value + found.low, value - found.value + found.high)
+
+
+def restricted_means(runs: Sequence[Completion], horizon: float, drawn: NDArray[np.integer[Any]]) -> Floats:
+    """The same of many samples of the runs at once, given by the runs' places (…, n); gives (…).
+
+    Equal to the area under `kaplan_meier` of each sample.
+    """
+    times, which = np.unique([run.at for run in runs], return_inverse=True)
+    done = np.array([run.done for run in runs])
+    flat = drawn.reshape(-1, drawn.shape[-1])
+    ended, left = np.zeros((2, len(flat), times.size))
+    rows = np.arange(len(flat))[:, None]
+    np.add.at(left, (rows, which[flat]), 1.0)
+    np.add.at(ended, (rows, which[flat]), done[flat].astype(np.float64))
+    at_risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]
+    shares = np.cumprod(1.0 - ended / np.maximum(at_risk, 1.0), axis=1)
+    heights = np.concatenate([np.ones((len(flat), 1)), shares], axis=1)
+    widths = np.diff(np.minimum(np.concatenate([[0.0], times, [horizon]]), horizon))
+    means: Floats = (heights * np.maximum(widths, 0.0)).sum(axis=1).reshape(drawn.shape[:-1])
+    return means
+
+
+def _censored(runs: Sequence[Completion]) -> "stats.CensoredData":
+    done = [run.at for run in runs if run.done]
+    return stats.CensoredData(uncensored=done, right=[run.at for run in runs if not run.done])

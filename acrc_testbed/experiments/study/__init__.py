@@ -1,1 +1,0 @@
-"""Studies: strategies, scenarios, factors and seeds, and the trials that follow from them."""

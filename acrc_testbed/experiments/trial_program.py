@@ -1,0 +1,97 @@
+"""One trial in a process of its own: `python -m … FOLDER`, with its order in the folder.
+
+It is told this trial and nothing of the study around it: not its number, not the campaign's folder, not the
+other strategies, and not whether it is a repetition. The record is written at the end and at once; a process
+that dies leaves none.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a run has its own idea of processes
+
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from acrc_testbed.experiments.draws import drawn
+from acrc_testbed.experiments.trial_record import ORDER, RECORD, TrialOrder, TrialRecord, keep, trace
+from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.time_spent import TimeSpent
+from acrc_testbed.results.result import RunResult
+from actors.processes.robot_logs import EVERYBODY
+from actors.processes.signals import Interrupted
+from actors.runtime.errors import AcrcError, printable
+from actors.runtime.linux import die_with_parent
+from deploy.run.options import RunOptions
+from deploy.run.start import PreparedRun, start_run
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+T = TypeVar("T")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the trial, and write down what came of it; the exit code."""
+    die_with_parent(os.getppid())
+    (name,) = argv
+    folder = Path(name)
+    order = msgspec.json.decode((folder / ORDER).read_bytes(), type=TrialOrder)
+    keep(folder / RECORD, record(order, folder / "run"))
+    return 0
+
+
+def record(order: TrialOrder, out: Path) -> TrialRecord:
+    """The trial, run here into the folder `out`; whatever goes wrong in it is what the record says."""
+    settings, fault = attempted(lambda: drawn(order.study, order.trial))
+    done: tuple[RunResult, TimeSpent, str] | None = None
+    if settings is not None:
+        of_all = settings
+        done, fault = attempted(lambda: _run(order, of_all, out))
+    result, time, seconds = done or (None, None, "")
+    trial = order.trial
+    return TrialRecord(
+        strategy=trial.strategy,
+        seed=trial.seed,
+        variant={},
+        result=result,
+        failure=fault,
+        time=time,
+        drawn=settings or {},
+        trace=seconds,
+    )
+
+
+def attempted(work: Callable[[], T]) -> tuple[T | None, str | None]:
+    """What `work` gives, or else why it came to no end, in a sentence."""
+    try:
+        return work(), None
+    except (Interrupted, KeyboardInterrupt):
+        raise
+    except AcrcError as error:
+        return None, printable(str(error))
+    except BaseException as error:  # a strategy's own error, which in memory is raised here
+        traceback.print_exc()
+        notes = "; ".join(getattr(error, "__notes__", ()))
+        return None, printable(f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else ""))
+
+
+def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunResult, TimeSpent, str]:
+    path = Path(order.study.scenario)
+    overrides = Overrides(
+        seed=order.trial.seed,
+        strategy=order.trial.strategy,
+        settings=(*order.study.settings, *settings.items()),
+    )
+    options = RunOptions(
+        out, bus=order.bus, isolate=order.isolate, json=True, scenario=path.name, hidden=(path,),
+        log=(EVERYBODY,), modules=tuple(map(Path, order.modules)), record="lean",
+    )  # fmt: skip
+    result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
+    return msgspec.structs.replace(result, out=""), account(out), trace(out)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,241 @@
+"""Time accounting of a simulated run: its causes per robot, decisions and their outcome, self-diagnosis."""
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.explanation.classify import (
+    CAUSES,
+    Classified,
+    blocking_events,
+    classify,
+    deadlocks,
+    findings,
+)
+from acrc_testbed.explanation.episodes import (
+    STANDARD,
+    EpisodeParameters,
+    Said,
+    during,
+    runs,
+    said_by,
+)
+from acrc_testbed.explanation.robot_states import NOBODY
+from acrc_testbed.explanation.time_spent import (
+    Blame,
+    Cause,
+    DecisionEvent,
+    DiagnosisScore,
+    KnowledgeUsed,
+    TimeSpent,
+)
+from acrc_testbed.explanation.true_floor import TrueFloor
+from acrc_testbed.recordings.run_recordings import all_recordings, recordings
+from acrc_testbed.run_model.data import RunData, RunDataError
+from acrc_testbed.run_model.floor import NO_CHANGES
+from acrc_testbed.run_model.simulated import read_run
+from actors.instant import in_seconds
+from actors.robot.behaviour.decisions import AdaptationDecision
+
+VISITED = "visited"
+FREE = "free"
+AGAIN = "blocked again"
+OVERTAKEN = "overtaken"
+END = "end"
+
+
+def decision_events(
+    run: RunData, said: Mapping[str, Said], classified: Classified, p: EpisodeParameters
+) -> tuple[DecisionEvent, ...]:
+    """Every decision that was listed, by its instant and robot."""
+    found = [
+        event
+        for index, robot in enumerate(run.robots)
+        for event in _of_robot(run, index, said.get(robot, Said()), classified, p)
+    ]
+    return tuple(sorted(found, key=lambda one: (one.instant_s, one.robot)))
+
+
+def _of_robot(
+    run: RunData, index: int, said: Said, classified: Classified, p: EpisodeParameters
+) -> Iterator[DecisionEvent]:
+    stood = classified.stood[:, index]
+    made = said.decisions
+    for number, decision in enumerate(made):
+        first = run.index(decision.instant)
+        after = [run.index(one.instant) for one in made[number + 1 :] if one.instant > decision.instant]
+        last = min(after, default=len(stood))
+        outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
+        if outcome == OVERTAKEN and last == len(stood):
+            outcome = END
+        before = _stretch(stood[: first + 1])
+        yield DecisionEvent(
+            robot=run.robots[index],
+            instant_s=in_seconds(decision.instant),
+            trigger=decision.by,
+            words=decision.words,
+            knowledge=(KnowledgeUsed(decision.source, in_seconds(decision.age)),),
+            old_goal=decision.old,
+            new_goal=decision.new,
+            outcome=outcome,
+            blocked_s=run.duration(before),
+            free_after_s=run.duration(free) if before and free is not None else None,
+        )
+
+
+def _outcome(
+    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: EpisodeParameters
+) -> tuple[str, int | None]:
+    """What came of it until the next decision, and after how many steps the robot got on."""
+    moves = np.flatnonzero(~stood)
+    free = int(moves[0]) if moves.size else None
+    if decision.new is not None:
+        offset = way - np.array(decision.new)
+        if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.fit).any()):
+            return VISITED, free
+    if free is None:
+        return OVERTAKEN, None
+    return (AGAIN if stood[free:].any() else FREE), free
+
+
+def _stretch(stood: NDArray[np.bool_]) -> int:
+    """For how many steps up to the last one it has stood."""
+    moves = np.flatnonzero(~stood)
+    return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
+
+
+def diagnosis_score(run: RunData, said: Mapping[str, Said], classified: Classified) -> DiagnosisScore | None:
+    """Over all robots that ask themselves whether they are blocked; None if none does.
+
+    A robot is truly blocked while it stands although it wants to be elsewhere, whatever the cause; a robot
+    that waits on purpose is not.
+    """
+    both = told = true = count = noticed = false_alarms = 0
+    delays: list[float] = []
+    asked = False
+    for index, robot in enumerate(run.robots):
+        blocked = said.get(robot, Said()).blocked
+        if blocked is None:
+            continue
+        asked = True
+        says, is_so = during(blocked, run), classified.stood[:, index]
+        both, told, true = both + int((says & is_so).sum()), told + int(says.sum()), true + int(is_so.sum())
+        false_alarms += sum(not is_so[begin:end].any() for begin, end in runs(says))
+        for begin, end in runs(is_so):
+            count += 1
+            if says[begin:end].any():
+                noticed += 1
+                delays.append(run.duration(int(says[begin:end].argmax())))
+    if not asked:
+        return None
+    return DiagnosisScore(
+        precision=round(both / told, 4) if told else None,
+        recall=round(both / true, 4) if true else None,
+        delay_s=round(median(delays), 3) if delays else None,
+        spells=count,
+        noticed=noticed,
+        false_alarms=false_alarms,
+    )
+
+
+class Judged(NamedTuple):
+    """A run, and what each step of each robot went into."""
+
+    floor: TrueFloor
+    said: Mapping[str, Said]
+    causes: Classified
+
+
+def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
+    """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged.
+
+    RunDataError if its floor was changed, and the world did not record how.
+
+    Of a robot whose recordings are on a host still, by what can be seen from outside.
+    """
+    files = recordings(run.out)
+    said = {
+        robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
+    }
+    if not run.records_floor:
+        raise RunDataError(f"{run.out}: {NO_CHANGES}, without which causes cannot be told")
+    changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
+    floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
+    return Judged(floor, said, classify(run, said, floor, parameters))
+
+
+def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
+    """Where the time went of the run in the folder `out`.
+
+    Raises RunDataError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
+    """
+    all_recordings(out)
+    run = read_run(out)
+    floor, said, classified = judge(run, parameters)
+    return TimeSpent(
+        robots=_robots(run, classified),
+        blockings=blocking_events(run, classified, parameters),
+        diagnosis=diagnosis_score(run, said, classified),
+        decisions=decision_events(run, said, classified, parameters),
+        decisions_left_out=sum(one.left_out for one in said.values()),
+        findings=findings(run, floor.passages, parameters),
+        deadlocks=deadlocks(run, classified, parameters),
+        blames=_blames(run, classified),
+    )
+
+
+def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]:
+    """In s, from whole µs: each robot's add up to the run's time."""
+    spent = {}
+    for index, robot in enumerate(run.robots):
+        steps = np.bincount(classified.causes[:, index], minlength=len(CAUSES)).tolist()
+        spent[robot] = {
+            cause.value: in_seconds(count * run.step_us) for cause, count in zip(CAUSES, steps, strict=True)
+        }
+    return spent
+
+
+def _blames(run: RunData, classified: Classified) -> tuple[Blame, ...]:
+    """In s, from whole µs."""
+    waits = (classified.before != NOBODY) & (classified.root != NOBODY)
+    pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
+    kinds, counts = np.unique(pairs, axis=0, return_counts=True)
+    return tuple(
+        Blame(run.robots[root], CAUSES[cause].value, in_seconds(count * run.step_us))
+        for (root, cause), count in zip(kinds.tolist(), counts.tolist(), strict=True)
+    )
+
+
+class Spell(NamedTuple):
+    """A while that went into one thing for one robot."""
+
+    robot: str
+    cause: Cause
+    begin: float
+    """Simulated s."""
+    end: float
+    x: float
+    """Where it was in the middle of it, m."""
+    y: float
+
+
+def spells(run: RunData) -> list[Spell]:
+    """Everything that every robot's time went into, robot by robot in the order of time, without gaps.
+
+    Raises RecordingError or OutcomeError if the run is damaged.
+    """
+    causes = judge(run).causes.causes
+    found: list[Spell] = []
+    for index, robot in enumerate(run.robots):
+        own = causes[:, index]
+        edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
+        for begin, end in pairwise(edges):
+            x, y = run.true[(begin + end) // 2, index, :2].tolist()
+            until = run.end if end == len(own) else float(run.seconds[end])
+            found.append(Spell(robot, CAUSES[own[begin]], float(run.seconds[begin]), until, x, y))
+    return found

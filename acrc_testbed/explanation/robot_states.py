@@ -1,0 +1,293 @@
+"""State of each robot by itself: standing, goal, progress, and the robot that it waits for."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acrc_testbed.explanation.episodes import (
+    ABORTED,
+    NO_GOAL,
+    REACHED,
+    Episode,
+    EpisodeParameters,
+    Said,
+    during,
+    lost,
+    pursued,
+    runs,
+    standing,
+)
+from acrc_testbed.explanation.true_floor import Passages, Stage
+from acrc_testbed.run_model.data import RunData
+from actors.floor.grid import OccupancyGrid
+from actors.instant import in_seconds, seconds
+
+Flags = NDArray[np.bool_]
+_OUTLINE: Final = 0.177
+"""Radius of a TurtleBot 2, m."""
+
+
+class RobotStates:
+    """All robots of a run; each flag: (steps, robots)."""
+
+    def __init__(
+        self, run: RunData, said: Mapping[str, Said], stages: Sequence[Stage], p: EpisodeParameters
+    ) -> None:
+        steps = len(run.true)
+        self.run, self.stages, self._p = run, stages, p
+        self.said = [said.get(robot, Said()) for robot in run.robots]
+        self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
+        """(steps,): the floor's."""
+        self.goal = np.column_stack(
+            [np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run) for one in self.said]
+        )
+        """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
+        self.on = run.stepping
+        self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
+        self.still = self._standing(self.on, p.pause_s)
+        unknown = np.array([one.goals is None for one in self.said])
+        self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
+        """It has a goal not reached yet, and something left to do."""
+        self.waits = self.still & self.wants
+        """It stands, and so waits for whoever is in its way."""
+        self.long_waits = self._standing(self.wants, p.turn_s)
+        self.done = self.still & ~run.busy
+        self.asleep = _columns(
+            _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
+            for index in range(len(self.said))
+        )
+        """It stands with something left to do, and has no goal."""
+        self.planless = _columns(during(one.planless, run) for one in self.said) & self.wants
+        self.paused = _columns(during(one.paused, run) for one in self.said) & self.wants
+        """Its strategy has paused navigation; it keeps its goal."""
+        self.lost = _columns(_lost(error, p) for error in errors(run).T)
+        self._turns = _turns(run)
+        turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
+        idle_ways = [self._no_way(index) for index in range(len(self.said))]
+        self.roams = self._moving(idle_ways, ~self.still)
+        """It drives to and fro, and gets no nearer to what it wants."""
+        self.loops = self.roams | self._moving(idle_ways, ~self.still | turning)
+        """It does, or turns to and fro on the spot."""
+
+    def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
+        """Where one goal of a robot is, m."""
+        goals = self.said[robot].goals
+        if goals is None or number == NO_GOAL:
+            return None
+        return goals[number].x, goals[number].y
+
+    def far(self, robot: int) -> NDArray[np.float64]:
+        """(steps,): how far it truly was from its goal, m; by beeline without a way; NaN without a goal."""
+        found = np.full(len(self.run.true), np.nan)
+        here = self.run.true[:, robot, :2]
+        for rows, goal, stage in self.pursuits(robot, self.wants[:, robot]):
+            if goal is not None:
+                metres = stage.ways.far(here[rows], goal)
+                beeline = np.hypot(*(here[rows] - goal).T)
+                found[rows] = np.where(np.isfinite(metres), metres, beeline)
+        return found
+
+    def pursuits(
+        self, robot: int, where: Flags
+    ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, Stage]]:
+        """The steps in which something holds, by the point that it wants to get to and the floor's stage."""
+        points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
+        rows = np.flatnonzero(where)
+        pairs = np.column_stack([self.goal[rows, robot], self.stage[rows]])
+        kinds, which = np.unique(pairs, axis=0, return_inverse=True)
+        for number, (goal, stage) in enumerate(kinds.tolist()):
+            key = self.goal_of(robot, goal), stage
+            points.setdefault(key, []).append(rows[which.reshape(-1) == number])
+        for (point, stage), parts in points.items():
+            yield np.sort(np.concatenate(parts)), point, self.stages[stage]
+
+    def _standing(self, during: Flags, lasting_s: float) -> Flags:
+        """Where it stands for so long, and something holds all the while."""
+        true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
+        robots = range(true.shape[1])
+        return _columns(
+            standing(true[:, index, :2], during[:, index], window, self._p.still) for index in robots
+        )
+
+    def _no_way(self, robot: int) -> list[Episode]:
+        """The stretches without a step nearer to any goal that it has had."""
+        if self.said[robot].goals is None:
+            return []
+        return runs(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
+
+    def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
+        """(steps, robots): the stretches of each robot of which it moves to and fro most of the time."""
+        found = np.zeros_like(moves)
+        for robot, own in enumerate(stretches):
+            for one in own:
+                during = slice(*one)
+                most = 2 * int(moves[during, robot].sum()) >= one.end - one.begin
+                found[during, robot] = most and self._to_and_fro(robot, one)
+        return found
+
+    def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
+        """As a point of its outline goes, it has gone much farther than it has come."""
+        during = slice(*stretch)
+        way = self.run.true[during, robot, :2]
+        driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[during, robot]).sum()
+        return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
+
+    def _gets_on(self, robot: int) -> Flags:
+        """(steps,): it has come nearer than ever to what it wants, or reached something."""
+        far, wants = self.far(robot).tolist(), self.wants[:, robot].tolist()
+        goals, stages = self.goal[:, robot].tolist(), self.stage.tolist()
+        ended = self._reached(robot)
+        best: dict[tuple[tuple[float, float] | None, int], float] = {}
+        gets_on = np.zeros(len(far), np.bool_)
+        for step, metres in enumerate(far):
+            if not wants[step] or ended[step]:
+                gets_on[step] = True
+                best.clear()
+                continue
+            key = self.goal_of(robot, goals[step]), stages[step]
+            if key not in best or metres < best[key] - self._p.nearer:
+                best[key] = metres
+                gets_on[step] = True
+        return gets_on
+
+    def _reached(self, robot: int) -> Flags:
+        """(steps,): it came to a goal, as navigation or, if it was told another one there, the truth says."""
+        reached = np.zeros(len(self.run.true), np.bool_)
+        for goal in self.said[robot].goals or ():
+            if goal.end is None or goal.how in ABORTED:
+                continue
+            step = self.run.index(goal.end)
+            x, y = self.run.true[step, robot, :2]
+            if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= self._p.fit:
+                reached[step] = True
+        return reached
+
+    def _steps(self, lasting_s: float) -> int:
+        return seconds(lasting_s) // self.run.step_us
+
+
+def errors(run: RunData) -> NDArray[np.float64]:
+    """(steps, robots): how far each robot is from where it holds itself to be, m; NaN where nobody knows."""
+    offset = run.estimated[..., :2] - run.true[..., :2]
+    far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
+    return far
+
+
+def _turns(run: RunData) -> NDArray[np.float64]:
+    """(steps, robots): by how much each heading changes in a step, rad."""
+    turned = np.diff(run.true[..., 2], axis=0, append=run.true[-1:, :, 2])
+    return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
+
+
+def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
+    """(steps, robots): it holds itself to be where something is; not where it has not said anything."""
+    corner = np.array([grid.origin.x, grid.origin.y])
+    known = np.isfinite(run.estimated[..., 0])
+    cells = np.floor((np.where(known[..., None], run.estimated[..., :2], corner) - corner) / grid.resolution)
+    cells = cells.astype(np.int64)
+    inside = ((cells >= 0) & (cells < [grid.columns, grid.rows])).all(axis=-1)
+    cells[~inside] = 0
+    taken: Flags = known & (~inside | grid.blocking[cells[..., 1], cells[..., 0]])
+    return taken
+
+
+def _lost(error: NDArray[np.float64], p: EpisodeParameters) -> Flags:
+    during = np.zeros(error.size, np.bool_)
+    if np.nanmax(error, initial=0.0) > p.lost:
+        for begin, end in lost(error, p):
+            during[begin:end] = True
+    return during
+
+
+def _longer(mask: Flags, least: int) -> Flags:
+    """Its stretches that have so many samples at least."""
+    whole = np.zeros_like(mask)
+    for begin, end in runs(mask, min(least, len(mask))):
+        whole[begin:end] = True
+    return whole
+
+
+def _columns(parts: Iterable[Flags]) -> Flags:
+    return np.column_stack(list(parts))
+
+
+NOBODY: Final = -1
+_APART: Final = 0.1
+"""Points of a way that are so far apart, m, are looked at; who is ahead by less than it is aside is not."""
+Points = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
+    """(steps, robots): the first robot on its way, where it is stuck; NOBODY: there is none."""
+    found = np.full(stuck.shape, NOBODY, np.int32)
+    for robot in range(stuck.shape[1]):
+        for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
+            squares = stage.ways.squares(states.run.true[rows, robot, :2])
+            _, which = np.unique(squares, axis=0, return_inverse=True)
+            for number in range(int(which.max()) + 1):
+                same = rows[which.reshape(-1) == number]
+                way = _way(states, robot, int(same[0]), goal, stage, p.sensed)
+                found[same, robot] = _first(states, robot, same, way, passages, p)
+    return found
+
+
+def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
+    """(steps, robots): the nearest robot that stands, too, so near that neither gets past the other."""
+    found = np.full(stuck.shape, NOBODY, np.int32)
+    for robot in range(stuck.shape[1]):
+        rows = np.flatnonzero(stuck[:, robot])
+        there, here = states.run.true[rows, :, :2], states.run.true[rows, robot, :2]
+        gaps = np.hypot(*(there - here[:, None]).transpose(2, 0, 1))
+        gaps[:, robot] = np.inf
+        gaps[~states.waits[rows] | (gaps >= p.in_way)] = np.inf
+        nearest = gaps.argmin(axis=1)
+        near = np.flatnonzero(np.isfinite(gaps.min(axis=1)))
+        near = near[passages.sees(here[near], there[near, nearest[near]])]
+        found[rows[near], robot] = nearest[near]
+    return found
+
+
+def _way(
+    states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: Stage, length: float
+) -> Points:
+    """(n, 2): where it would go first; straight ahead where nobody knows what it wants."""
+    x, y, heading = states.run.true[step, robot].tolist()
+    if goal is not None:
+        for ways in (stage.ways, stage.opened):
+            way = ways.way((x, y), goal, length)
+            if way is not None:
+                apart = np.hypot(*(way - way[0]).T)
+                return way[np.unique(np.floor(apart / _APART), return_index=True)[1]]
+        dx, dy = goal[0] - x, goal[1] - y
+        heading, length = np.arctan2(dy, dx), min(length, float(np.hypot(dx, dy)))
+    along = np.arange(0.0, length + _APART, _APART)
+    return np.column_stack([x + along * np.cos(heading), y + along * np.sin(heading)])
+
+
+def _first(
+    states: RobotStates,
+    robot: int,
+    rows: NDArray[np.int64],
+    way: Points,
+    passages: Passages,
+    p: EpisodeParameters,
+) -> Indices:
+    """(rows,): which of the others is first on the way, and in it."""
+    there = states.run.true[rows, :, :2]
+    gaps = np.hypot(*(there[:, :, None] - way).transpose(3, 0, 1, 2))
+    along = gaps.argmin(axis=2)
+    limit = np.where(states.long_waits[rows, robot], p.seen, p.near)
+    limit[states.planless[rows, robot]] = p.sensed
+    aside = gaps.min(axis=2)
+    inside = (aside < p.in_way) & (along * _APART >= np.maximum(aside, _APART))
+    inside &= np.hypot(*(there - way[0]).transpose(2, 0, 1)) <= limit[:, None]
+    inside[:, robot] = False
+    one, other = np.nonzero(inside)
+    inside[one, other] = passages.sees(way[along[one, other]], there[one, other])
+    order = np.where(inside, along, len(way))
+    first: Indices = order.argmin(axis=1).astype(np.int32)
+    first[~inside.any(axis=1)] = NOBODY
+    return first

@@ -1,1 +1,0 @@
-"""What stands around a robot, and what it costs to be near it."""

@@ -1,0 +1,347 @@
+"""The local cost map: what stands around the robot, in a window of the odometry frame that rolls with it.
+
+As costmap_2d with an obstacle layer and an inflation layer (ros-planning/navigation). Cells are anchored to
+multiples of their side, so that rolling moves whole cells and what is remembered stays where it was seen.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, Literal
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import ArrayLike, NDArray
+
+from actors.floor.grid import Cell
+from actors.geometry import Pose
+from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.portable import arrays
+from actors.robot.navigation.ray_tracing import (
+    check_reach,
+    inscribed,
+    note_arrivals,
+    outline,
+    squared_within,
+    stamp,
+    take_in,
+)
+from actors.robot.sweep import Sweep
+from actors.robot_model import RangeSensor
+from actors.settings import Interval, NotNegative, Positive, Settings
+from deeco.knowledge import made
+
+LETHAL: Final = 254
+"""Cost of a cell that holds something."""
+INSCRIBED: Final = 253
+"""Cost of a cell in which the robot's centre cannot be without its body touching something."""
+
+
+@dataclass(frozen=True)
+class Inflation:
+    """How the cost falls with the distance to the nearest lethal cell."""
+
+    inscribed: float
+    """Up to this distance the body touches what is lethal, m."""
+    radius: float
+    """From this distance on nothing costs anything, m."""
+    scaling: float
+    """How fast the cost falls between the two, 1/m (cost_scaling_factor)."""
+
+    def costs(self, distance: ArrayLike) -> NDArray[np.uint8]:
+        """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
+        away = np.asarray(distance, dtype=np.float64)
+        beyond = np.maximum(away - self.inscribed, 0.0)
+        falling = np.floor((INSCRIBED - 1) * arrays.exp(-self.scaling * beyond))
+        costs = np.where(away > self.radius, 0.0, falling)
+        costs = np.where(away <= self.inscribed, INSCRIBED, costs)
+        return np.where(away <= 0.0, LETHAL, costs).astype(np.uint8)
+
+    def reach(self, cell: float) -> int:
+        """How many cells of side `cell`, m, away something still costs, or touches, at most."""
+        return math.ceil(max(self.radius, self.inscribed) / cell - 1e-9)
+
+    def table(self, cell: float) -> NDArray[np.uint8]:
+        """Cost by squared distance in cells of side `cell`, m: ((reach + 1)² + 1,), read-only, 0 at its end.
+
+        The distance is that between the centres of two cells.
+        """
+        reach = self.reach(cell) + 1
+        table = self.costs(cell * np.sqrt(np.arange(reach * reach + 1)))
+        table[-1] = 0
+        table.setflags(write=False)
+        return table
+
+
+def fingerprint() -> bytes:
+    """What the costs are for fixed inputs: differs where a processor or library computes differently."""
+    return (
+        Inflation(0.227, 0.75, 15.0).table(0.05).tobytes() + Inflation(0.2, 0.5, 10.0).table(0.05).tobytes()
+    )
+
+
+_NEVER: Final = np.iinfo(np.int64).min
+
+
+class CostMapParameters(Settings, frozen=True):
+    """The window and what it takes from scans; from d3scomp/ROSRemote, simulation/params, where not said."""
+
+    size: Positive = 4.0
+    """Side of the window, m."""
+    cell: Positive = 0.05
+    """Side of a cell, m."""
+    obstacle_range: NotNegative = 2.5
+    """What is nearer to the sensor is marked, m."""
+    raytrace_range: NotNegative = 3.0
+    """Up to this distance from the sensor rays clear, m."""
+    inf_is_valid: bool = False
+    """Whether rays without echo clear. In costmap_2d this is off by default, and what was once marked stays
+    where nothing is behind it. Where they do and the sensor has a shortest range, they clear from twice of it
+    on, as nothing nearer than it gives an echo either."""
+    inflation_radius: NotNegative = 0.75
+    """From this distance on nothing costs anything, m."""
+    scaling: NotNegative = 15.0
+    """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
+    body: Literal["polygon", "disc"] = "polygon"
+    """What the body is here: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a "disc"."""
+    allowance: NotNegative = 0.003
+    """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
+    padding: NotNegative = 0.01
+    """Added to the polygon's coordinates, m (costmap_2d footprint_padding), or to the disc's radius. The
+    centre may not be so near to a marked cell's middle as the disc within the polygon reaches, or the padded
+    disc."""
+    free_memory: Interval = Duration(0)
+    """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
+    free_range: NotNegative = 1.0
+    """That far from the sensor it is remembered, m."""
+    moving_memory: Interval = Duration(0)
+    """For this long a cell that becomes marked counts as marked by something that moves, if it counted as
+    seen free before (needs `free_memory`); 0 = no cell does."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.moving_memory and not self.free_memory:
+            raise self.wrong("free_memory", "above 0 where local_map.moving_memory is")
+        if not 4 <= self.size / self.cell <= 400:
+            raise self.wrong("size", f"4 to 400 cells of {self.cell:g} m")
+        if self.inflation_radius > 100 * self.cell:
+            raise self.wrong("inflation_radius", f"at most 100 cells of {self.cell:g} m")
+
+
+_DISC: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
+LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
+    {
+        "chapter": CostMapParameters(),
+        "robust": replace(_DISC, free_memory=seconds(3), moving_memory=seconds(1)),
+    }
+)
+"""`robust`: own choices. Of its padding 0.01 is costmap_2d's, the rest half a cell's diagonal, as
+what is marked may be in a corner of its cell; costmap_2d has that by looking at all cells below the
+outline."""
+
+
+def room_needed(radius: float, parameters: CostMapParameters) -> float:
+    """Return the clearance, m, with which a body of `radius`, m, is free of marks at any angle.
+
+    A wall marks whole cells. Their corners, which count for a polygon, are nearer by a cell's diagonal at
+    most; their centres, which count for a disc, by half of it.
+    """
+    outer, diagonal = radius + parameters.allowance, parameters.cell * math.sqrt(2.0)
+    if parameters.body == "disc":
+        return outer + parameters.padding + diagonal / 2
+    return float(arrays.hypot(*outline(outer, parameters.padding).T).max()) + diagonal
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """What the kernels need to know about the sensor; lengths in cells."""
+
+    rays: NDArray[np.float64]
+    fan: NDArray[np.float64]
+    limits: NDArray[np.float64]
+    stamp_limits: NDArray[np.float64]
+    """The same, but for how far it is remembered what is free."""
+
+
+def _eye(sensor: RangeSensor, p: CostMapParameters) -> _Eye:
+    angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
+    silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
+    limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
+    stamp_limits = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
+    return _Eye(
+        np.column_stack((arrays.cos(angles), arrays.sin(angles))),
+        np.array([sensor.first_angle, sensor.increment]),
+        limits,
+        stamp_limits,
+    )
+
+
+class CostMap:
+    """The window of one robot; empty until the first scan."""
+
+    def __init__(
+        self, sensor: RangeSensor, radius: float, parameters: CostMapParameters = LOCAL_MAP_PRESETS["chapter"]
+    ) -> None:
+        """`radius`: of the body, m."""
+        p = self.parameters = parameters
+        outer = radius + p.allowance
+        self.outline: Final = outline(outer, p.padding)
+        """(16, 2): corners of the body as a polygon, m, in its frame."""
+        within = inscribed(outer, p.padding) if p.body == "polygon" else outer + p.padding
+        self.inflation: Final = Inflation(within, p.inflation_radius, p.scaling)
+        check_reach("local_map: the radius of the body with its padding", self.inflation.inscribed, p.cell)
+        self.table: Final = self.inflation.table(p.cell)
+        """Cost by squared distance in cells."""
+        self._radius = radius
+        self._room = within if p.body == "disc" else radius
+        self._seen, self._body = np.zeros(3), np.array([0.0, 0.0, radius / p.cell])
+        """Of the scan that is taken in: the sensor's place, cells from the corner, and heading; the body's
+        place, cells, and radius."""
+        self._mount = sensor.mount
+        self._eye = _eye(sensor, p)
+        self._half = round(p.size / p.cell / 2)
+        side = 2 * self._half
+        self._marks: NDArray[np.uint8] = np.zeros((side, side), np.uint8)
+        self._stamps: NDArray[np.int64] = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
+        self.arrivals: NDArray[np.int64] = np.full(
+            (side, side) if p.moving_memory else (0, 0), _NEVER, np.int64
+        )
+        """When a cell that counted as seen free was last marked; empty where `moving_memory` is 0."""
+        self._squared: NDArray[np.int16] | None = None
+        self._taken: Instant | None = None
+        self.corner = Cell(-self._half, -self._half)
+        """Row and column, counted from the odometry frame's origin, of the window's south-west cell."""
+
+    @property
+    def side(self) -> int:
+        """Rows and columns of the window."""
+        return len(self._marks)
+
+    @property
+    def squared(self) -> NDArray[np.int16]:
+        """Squared distance from each cell to the nearest marked one, cells²: (rows, columns), capped."""
+        if self._squared is None:
+            self._squared = squared_within(self._marks, self.inflation.reach(self.parameters.cell))
+        return self._squared
+
+    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Roll to `here`, the body's pose now in the odometry frame, and take in a scan if there is one."""
+        self._roll(here)
+        if sweep is None:
+            return
+        eye, ranges = self._eye, sweep.ranges_mm
+        mount = sweep.pose.compose(self._mount)
+        cell, corner, seen, body = self.parameters.cell, self.corner, self._seen, self._body
+        seen[0], seen[1], seen[2] = mount.x / cell - corner.column, mount.y / cell - corner.row, mount.heading
+        body[0], body[1] = here.x / cell - corner.column, here.y / cell - corner.row
+        before = self._marks.copy() if self.arrivals.size else self._marks
+        take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
+        if self.arrivals.size:
+            oldest = instant - self.parameters.free_memory
+            note_arrivals(self.arrivals, instant, self._marks, before, self._stamps, oldest)
+        if self._stamps.size:
+            stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
+        self._squared = None
+        self._taken = instant
+
+    def restore(self, instant: Instant, corner: Cell, marks: NDArray[np.uint8]) -> None:
+        """Hold what another held at `instant`: `marks`, (rows, columns), 0 or 1; `corner`: of its window."""
+        self.corner, self._marks, self._squared, self._taken = corner, marks, None, instant
+
+    def age(self, instant: Instant) -> float:
+        """Seconds since a scan was last taken in; inf before the first."""
+        return math.inf if self._taken is None else in_seconds(Duration(instant - self._taken))
+
+    def clear(self, beyond: float) -> None:
+        """Forget what is marked outside of the square of side `beyond`, m, round the robot.
+
+        clear_costmap_recovery of ros-planning/navigation; its reset_distance is that side.
+        """
+        reach = min(round(beyond / 2 / self.parameters.cell), self._half)
+        inner = slice(self._half - reach, self._half + reach)
+        kept = self._marks[inner, inner].copy()
+        self._marks[:] = 0
+        self._marks[inner, inner] = kept
+        self._squared = None
+
+    def marked(self) -> NDArray[np.int64]:
+        """Indices of the marked cells, row by row, the southernmost row first: (k,)."""
+        return np.flatnonzero(self._marks.view(np.bool_))
+
+    def marks(self) -> NDArray[np.float64]:
+        """Centres of the marked cells: (k, 2), m, odometry frame, from south to north, west to east."""
+        rows, columns = np.nonzero(self._marks)
+        cell = self.parameters.cell
+        return np.column_stack(
+            ((columns + (self.corner.column + 0.5)) * cell, (rows + (self.corner.row + 0.5)) * cell)
+        )
+
+    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
+        """Return True if the body at `here` can back off straight by `distance`, m, as far as the map shows.
+
+        The centre keeps as far from marks as the local planner has to, or as far as it is now, if that is
+        less. `touching`: marks may be within the body's radius now.
+        """
+        marks, cell = self.marks(), self.parameters.cell
+        least = math.inf
+        for step in range(math.ceil(distance / cell) + 1):
+            back = here.compose(Pose(-min(step * cell, distance), 0.0, 0.0))
+            x, y = self._cells(back.x, back.y)
+            if not (0 <= x < len(self._marks) and 0 <= y < len(self._marks)):
+                return False
+            squared = np.square(marks[:, 0] - back.x) + np.square(marks[:, 1] - back.y)
+            near = math.sqrt(squared.min(initial=math.inf))
+            if step == 0:
+                least = min(self._room, near) if touching or near >= self._radius else math.inf
+            if near < least:
+                return False
+        return True
+
+    def costs(self) -> NDArray[np.uint8]:
+        """The cost of each cell: (rows, columns), row 0 the southernmost."""
+        costs: NDArray[np.uint8] = self.table[self.squared]
+        return costs
+
+    def trusted(self, instant: Instant) -> NDArray[np.uint8]:
+        """1 in each cell that was seen free lately, or that the body stood on: (rows, columns).
+
+        Where `free_memory` is 0 there are no such cells.
+        """
+        if not self._stamps.size:
+            return np.zeros_like(self._marks)
+        return (self._stamps >= instant - self.parameters.free_memory).astype(np.uint8)
+
+    def _cells(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the odometry frame, m, in cells from the window's corner."""
+        cell = self.parameters.cell
+        return x / cell - self.corner.column, y / cell - self.corner.row
+
+    def _roll(self, here: Pose) -> None:
+        """Move the window so that the robot is in its middle."""
+        cell = self.parameters.cell
+        row, column = math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half
+        up, right = row - self.corner.row, column - self.corner.column
+        if up or right:
+            self.corner = made(Cell, (row, column))
+            self._marks = _rolled(self._marks, up, right, 0)
+            if self._stamps.size:
+                self._stamps = _rolled(self._stamps, up, right, _NEVER)
+            if self.arrivals.size:
+                self.arrivals = _rolled(self.arrivals, up, right, _NEVER)
+            self._squared = None
+
+
+def _rolled(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
+    """The cells of a window that lies `up` rows and `right` columns further; `empty` where it is new."""
+    side = cells.shape[0]
+    rolled = np.empty(cells.shape, cells.dtype)
+    rolled[:] = empty
+    bottom, below = (up, 0) if up > 0 else (0, -up)
+    left, beside = (right, 0) if right > 0 else (0, -right)
+    height, width = side - bottom - below, side - left - beside
+    if height > 0 and width > 0:
+        rolled[below : below + height, beside : beside + width] = cells[
+            bottom : bottom + height, left : left + width
+        ]
+    return rolled

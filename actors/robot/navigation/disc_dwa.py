@@ -1,0 +1,378 @@
+"""Kernel of our own dynamic window approach: which of the velocities within reach leads a disc to the best
+place.
+
+The critics are those of `dwa`; but trajectories are arcs, their end counts where the plan ends, and how near
+they come to anything is an exact distance, with a body that grows with its speed. All lengths are in cells of
+the window here; positions count from its south-west corner.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.kernels import njit
+from actors.portable.compiled import cos, cos_sin, sin
+from actors.robot.navigation.map_grid import steps_at
+
+Floats = NDArray[np.float64]
+Squares = NDArray[np.int16]
+Steps = NDArray[np.int32]
+
+INVALID: Final = -1.0
+"""Score of a trajectory that must not be driven."""
+_NEARLY: Final = 1e-4
+"""So little less than the least speed still is that speed."""
+_DIAGONAL: Final = math.sqrt(2.0)
+"""Steps, each to one of four neighbours, per cell of a way along a diagonal."""
+_FLANK_COSINE: Final = cos(math.radians(50))
+_FLANK_SINE: Final = sin(math.radians(50))
+"""Backing out, the robot has to know the floor below its stern, and 50° to both sides of it."""
+
+WEIGHTS = np.dtype(
+    [
+        ("path", np.float64),
+        ("alignment", np.float64),
+        ("goal", np.float64),
+        ("front", np.float64),
+        ("nose", np.float64),
+        ("horizon", np.float64),
+        ("stride", np.float64),
+        ("turn_stride", np.float64),
+        ("deceleration", np.float64),
+        ("stop_buffer", np.float64),
+        ("radius", np.float64),
+        ("padding", np.float64),
+        ("scaling_speed", np.float64),
+        ("scaling_range", np.float64),
+        ("scaling_factor", np.float64),
+        ("least_speed", np.float64),
+        ("least_turn", np.float64),
+        ("goal_distance", np.float64),
+        ("escape", np.float64),
+    ],
+    align=True,
+)
+"""The critics' weights per step, and what a trajectory is measured with.
+
+`nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long as
+stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It ends where
+it has gone `goal_distance`, cells, though, or could stop, if that is farther. It is looked at every `stride`,
+cells, or `turn_stride`, rad. All along it the centre has to be farther from what is marked than `radius` and
+`padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`, cells/s. Its
+speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the centre is
+nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does not fall
+are valid. Where the centre cannot be, the nose counts as farther than the centre by the most steps that it
+can be away from it.
+"""
+
+
+class Fields(NamedTuple):
+    """What the critics know of the window's cells; each is (rows, columns)."""
+
+    squared: Squares
+    """Squared distance to the nearest marked cell, cells²."""
+    path: Steps
+    """Steps to the plan; rows · columns and more where it is out of reach."""
+    goal: Steps
+    """Steps to the local goal, the same."""
+    front: Steps
+    """Steps to where the nose is drawn to, the same."""
+    trusted: NDArray[np.uint8]
+    """1 where the robot may back out over."""
+
+
+class VelocityChoice(NamedTuple):
+    """The best trajectory."""
+
+    speed: float
+    """cells/s."""
+    turn: float
+    """rad/s."""
+    score: float
+    """INVALID if there is no valid one; then speed and turn are 0."""
+
+
+def best(
+    pose: Floats,
+    window: Floats,
+    counts: tuple[int, int],
+    barred: NDArray[np.bool_],
+    bounds: Floats,
+    fields: Fields,
+    table: Floats,
+    weights: NDArray[np.void],
+) -> VelocityChoice:
+    """The valid trajectory with the lowest score; of several the first.
+
+    `pose`: x and y, cells, heading, rad. `window`: lowest and highest speed, cells/s, and turn rate, rad/s;
+    `counts`, each ≥ 2: so many of both are tried, from the lowest on, speeds in the outer loop. `barred`:
+    (4,), True if forward, backward, left turn, right turn must not be. `bounds`: (k, 3), a unit
+    vector and the distance, cells, that the body may cover along it until it has stopped. `table`: weighted
+    cost by squared distance, as far as that goes. `weights`: (1,) of WEIGHTS.
+    """
+    speed: float
+    turn: float
+    score: float
+    speed, turn, score = _best(pose, window, *counts, barred, bounds, *fields, table, weights)
+    return VelocityChoice(speed, turn, score)
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 40))
+    squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
+    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
+    fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
+    numbers = [
+        1.6,
+        1.6,
+        0.6,
+        0.6,
+        6.5,
+        3.0,
+        0.5,
+        0.1,
+        20.0,
+        0.2,
+        3.5,
+        1.0,
+        5.0,
+        5.0,
+        0.2,
+        2.0,
+        0.4,
+        9.0,
+        0.5,
+    ]
+    weights = np.array([tuple(numbers)], WEIGHTS)
+    table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
+    table.setflags(write=False)
+    window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
+    bounds = np.array([[0.6, 0.8, 1.5]])
+    poses = [np.array([12.3, 20.4, heading]) for heading in (-3.0, 0.1, 1.4)]
+    chosen = [best(pose, window, counts, barred, bounds, fields, table, weights) for pose in poses]
+    return (
+        np.array(chosen).tobytes()
+        + np.array([squared_at(squared, pose[0], pose[1]) for pose in poses]).tobytes()
+    )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _known(trusted: NDArray[np.uint8], x: float, y: float) -> bool:
+    """True if the cell around a point is trusted."""
+    row, column = math.floor(y), math.floor(x)
+    inside = 0 <= row < trusted.shape[0] and 0 <= column < trusted.shape[1]
+    return inside and trusted[row, column] != 0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _stern_known(trusted: NDArray[np.uint8], x: float, y: float, c: float, s: float, radius: float) -> bool:
+    """True if the floor below the stern of a body at (x, y) with its heading's cosine and sine is trusted."""
+    for side in (-1, 0, 1):
+        along = _FLANK_COSINE if side else 1.0
+        across = side * _FLANK_SINE
+        if not _known(trusted, x - radius * (along * c - across * s), y - radius * (along * s + across * c)):
+            return False
+    return True
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _limit(speed: float, w: Any) -> float:
+    """The squared distance that a cell has to exceed at that speed, cells²."""
+    growth = max(0.0, abs(speed) - w.scaling_speed) / w.scaling_range * w.scaling_factor
+    reach = w.radius * (1.0 + growth) + w.padding
+    return float(reach * reach)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def squared_at(squared: Squares, x: float, y: float) -> float:
+    """Squared distance from a point to the centre of the nearest marked cell, cells².
+
+    The point is at least half a cell, and less than all but half a cell, from the window's corner both ways.
+    Between four centres the squared distance to one point is their bilinear mean less the last two terms;
+    where the four are not nearest to the same one, the truth is greater, never less.
+    """
+    right, up = x - 0.5, y - 0.5
+    column, row = np.uintp(right), np.uintp(up)
+    after, over = column + np.uintp(1), row + np.uintp(1)
+    right -= column
+    up -= row
+    below = squared[row, column] + right * (squared[row, after] - squared[row, column])
+    above = squared[over, column] + right * (squared[over, after] - squared[over, column])
+    return float(below + up * (above - below) - right * (1.0 - right) - up * (1.0 - up))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _driven(
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    speed: float,
+    turn: float,
+    squared: Squares,
+    trusted: NDArray[np.uint8],
+    fleeing: bool,
+    w: Any,
+) -> tuple[float, float, float, float, float]:
+    """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine at its end."""
+    time = max(w.horizon, abs(speed) / w.deceleration + w.stop_buffer)
+    count = max(1, math.ceil(max(abs(speed) * time / w.stride, abs(turn) * time / w.turn_stride)))
+    if speed == 0.0:
+        count = 1  # a disc that turns on the spot stays where it is
+    angle = turn * time / count
+    rotate_c, rotate_s = cos(angle), sin(angle)
+    half_c, half_s = cos(0.5 * angle), sin(0.5 * angle)
+    chord = speed * time / count
+    if 0.5 * angle != 0.0:  # half of the smallest number is 0
+        chord *= half_s / (0.5 * angle)
+    limit = _limit(speed, w)
+    if count * abs(chord) > w.goal_distance:
+        stopping = abs(speed) * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
+        count = min(count, math.ceil(max(w.goal_distance, stopping) / abs(chord)))
+    least = before = squared_at(squared, x, y)
+    if before <= limit and not fleeing:
+        return INVALID, x, y, c, s
+    for _ in range(count):
+        x += chord * (c * half_c - s * half_s)
+        y += chord * (s * half_c + c * half_s)
+        c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
+        if x < 0.5 or y < 0.5 or x >= squared.shape[1] - 0.5 or y >= squared.shape[0] - 0.5:
+            return INVALID, x, y, c, s
+        if speed < 0.0 and not _stern_known(trusted, x, y, c, s, w.radius):
+            return INVALID, x, y, c, s
+        here = squared_at(squared, x, y)
+        if here <= limit and here < before:
+            return INVALID, x, y, c, s
+        before = here
+        least = min(least, here)
+    return least, x, y, c, s
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _score(
+    least: float,
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
+    table: Floats,
+    too_near: bool,
+    w: Any,
+) -> float:
+    """What the critics say together about a trajectory and where it ends, or INVALID.
+
+    `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
+    whatever leads away is better.
+    """
+    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(goal, x, y), path.size)
+    if max(to_path, to_goal) == path.size and not too_near:
+        return INVALID
+    row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
+    if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
+        return INVALID
+    nose_to_path, nose_to_front = float(path[row, column]), float(front[row, column])
+    if nose_to_path >= path.size:
+        nose_to_path = to_path + _DIAGONAL * w.nose
+    if nose_to_front >= path.size:
+        nose_to_front = to_goal + _DIAGONAL * w.nose
+    away = float(path.size) if too_near else 0.0
+    return float(
+        away
+        + table[min(int(least), table.size - 1)]
+        + w.path * to_path
+        + w.alignment * nose_to_path
+        + w.goal * to_goal
+        + w.front * nose_to_front
+    )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
+    """True for a motion that is too slow, or that would be the other half of an oscillation."""
+    if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
+        return True
+    along = (speed > 0.0 and barred[0]) or (speed < 0.0 and barred[1])
+    return along or (turn > 0.0 and barred[2]) or (turn < 0.0 and barred[3])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
+    """Return True if a body that brakes `stop_buffer` from now on stays within all bounds."""
+    if bounds.shape[0] == 0 or speed == 0.0:
+        return True
+    length = speed * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
+    half = 0.5 * turn * length / speed
+    half_c, half_s = cos(half), sin(half)
+    if half != 0.0:
+        length *= half_s / half
+    x, y = length * (c * half_c - s * half_s), length * (s * half_c + c * half_s)
+    within = True
+    for k in range(bounds.shape[0]):
+        within = within and x * bounds[k, 0] + y * bounds[k, 1] <= bounds[k, 2]
+    return within
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _samples(low: float, high: float, count: int) -> Floats:
+    """`count` values evenly from `low` to `high`, and 0 if it lies between two; one value if both are equal.
+
+    As velocity_iterator.h of base_local_planner.
+    """
+    if low == high:
+        return np.array([low])
+    values = np.empty(count + 1)
+    size = 0
+    for k in range(count):
+        value = min(low + (high - low) * k / (count - 1), high)
+        if value > 0.0 and size > 0 and values[size - 1] < 0.0:
+            values[size] = 0.0
+            size += 1
+        values[size] = value
+        size += 1
+    return values[:size]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _best(
+    pose: Floats,
+    window: Floats,
+    speed_count: int,
+    turn_count: int,
+    barred: NDArray[np.bool_],
+    bounds: Floats,
+    squared: Squares,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
+    trusted: NDArray[np.uint8],
+    table: Floats,
+    weights: NDArray[np.void],
+) -> tuple[float, float, float]:
+    w = weights[0]
+    c, s = cos_sin(pose[2])
+    least_allowed, start = _limit(0.0, w), squared_at(squared, pose[0], pose[1])
+    nearest = max(w.radius + w.padding - w.escape, 0.0)
+    fleeing = nearest * nearest <= start <= least_allowed
+    speeds = _samples(window[0], window[1], speed_count)
+    turns = _samples(window[2], window[3], turn_count)
+    best_speed, best_turn, lowest = 0.0, 0.0, INVALID
+    for speed in speeds:
+        for turn in turns:
+            if _is_barred(speed, turn, barred, w) or not _stops_within(bounds, speed, turn, c, s, w):
+                continue
+            least, x, y, end_c, end_s = _driven(
+                pose[0], pose[1], c, s, speed, turn, squared, trusted, fleeing, w
+            )
+            if least < 0.0:
+                continue
+            too_near = fleeing and squared_at(squared, x, y) <= least_allowed
+            score = _score(least, x, y, end_c, end_s, path, goal, front, table, too_near, w)
+            if score >= 0.0 and (lowest < 0.0 or score < lowest):
+                best_speed, best_turn, lowest = speed, turn, score
+    return best_speed, best_turn, lowest

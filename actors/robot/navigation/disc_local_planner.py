@@ -1,0 +1,233 @@
+"""Drives a disc along a plan by our own dynamic window approach: the local planner of preset `robust`."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import Pose, Twist, wrap
+from actors.instant import Instant, in_seconds
+from actors.portable import atan2, cos_sin, hypot
+from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best, squared_at
+from actors.robot.navigation.map_grid import bearing, cut, detour, free_goal, wavefront
+from actors.robot.navigation.ray_tracing import half_gaps
+from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
+from actors.robot_model import DriveParameters
+
+_PER_STEP: Final = 0.5
+"""Path and goal weigh bias · cell · ½ per cell of distance: dwa_planner.cpp of ROS Indigo."""
+_BEHIND: Final = 0.75 * math.pi
+"""From this angle on either side will do to turn to what lies behind, rad."""
+_BOUNDLESS: Final = np.empty((0, 3))
+_NOTHING: Final = np.zeros(4, np.bool_)
+"""Barred: none of the four directions."""
+
+
+class _Outlook(NamedTuple):
+    """What there is to choose by in one cycle."""
+
+    fields: Fields
+    goal: float
+    """How far the local goal is, cells."""
+    bearing: float
+    """Where the plan leads, rad, from the robot's heading."""
+    aside: float
+    """By how much it leads aside of the local goal, rad; 0 if something stands on it."""
+    ended: bool
+    """True if the local goal is where the plan ends."""
+
+
+class DiscLocalPlanner(BaseLocalPlanner):
+    """Follows one plan at a time."""
+
+    def __init__(
+        self, local: CostMap, radius: float, limits: DriveParameters, parameters: DwaParameters
+    ) -> None:
+        """`local` is kept up to date by whoever owns it; `radius`: of the body, m; `limits`: of the base."""
+        super().__init__(local, parameters)
+        p = parameters
+        self._max_speed = min(p.max_speed, limits.speed)
+        self._min_speed = max(p.min_speed, -limits.speed)
+        self._max_turn = min(p.max_turn, limits.turn_rate)
+        self._gain = min(p.acceleration, limits.acceleration) * in_seconds(p.period)
+        self._turn_deceleration = min(p.turn_acceleration, limits.turn_acceleration)
+        self._turn_gain = self._turn_deceleration * in_seconds(p.period)
+        self._weights = _weights(p, self._cell, radius, local.parameters.padding, limits)
+        self._alignment, self._front = (float(self._weights[name][0]) for name in ("alignment", "front"))
+        self._table: NDArray[np.float64] = np.multiply(
+            local.table, p.occdist_scale * self._cell, dtype=np.float64
+        )
+        self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
+        inscribed = local.inflation.inscribed / self._cell
+        self._limit = inscribed * inscribed
+        self._untrusted = np.zeros(local.squared.shape, np.uint8)
+        slowing = min(p.acceleration, limits.acceleration)
+        self._farthest = self._max_speed * (p.stop_buffer + 0.5 * self._max_speed / slowing) / self._cell
+        """At full speed the body covers so many cells until it has stopped."""
+        self._nearest = 0
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
+        super().follow(way)
+        self._nearest = 0
+
+    def reached(self, estimate: Pose, velocity: Twist) -> bool:
+        """True near the plan's end, however fast."""
+        end = self._way[-1] if self._way.size else (math.inf, math.inf)
+        return hypot(end[0] - estimate.x, end[1] - estimate.y) <= self._p.goal_tolerance
+
+    def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        cell, body = self._cell, self._body(here)
+        side = self._untrusted.shape[0]
+        self._nearest, ended, cells = cut(
+            self._way, self._nearest, self._motion(here, estimate), body, side, side / 2
+        )
+        outlook = self._outlook(instant, body, cells, ended) if cells.size else None
+        if outlook is None:
+            return NOWHERE
+        self._turning, fields = self._turns(outlook.bearing), outlook.fields
+        self._weigh(outlook)
+        too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
+        window, barred = self._window(velocity, too_near), self._oscillation.barred
+        if self._turning and self._p.spot_rate:
+            window[2:] = self._spot_turn(outlook.bearing, velocity.omega)
+            barred = _NOTHING
+        choice = best(
+            body,
+            window,
+            (self._p.speed_samples, self._p.turn_samples),
+            barred,
+            self._bounds(instant, body),
+            fields,
+            self._table,
+            self._weights,
+        )
+        if choice.score < 0.0:
+            return NOWHERE
+        speed = choice.speed * cell
+        self._oscillation.note(here, speed, choice.turn)
+        return Steering(Twist(speed, 0.0, choice.turn), True)
+
+    def _outlook(
+        self, instant: Instant, body: NDArray[np.float64], cells: NDArray[np.int32], ended: bool
+    ) -> _Outlook | None:
+        """What the plan's `cells` in the window lead to; None if that is out of reach.
+
+        `ended`: they end where the plan does.
+        """
+        squared, side = self._local.squared, self._untrusted.shape[0]
+        goal = free_goal(squared, self._limit, cells, self._p.goal_slack / self._cell if ended else -1.0)
+        to_goal = wavefront(squared, self._limit, np.array([goal], np.int32))
+        more = detour(to_goal, cells, body)
+        if more > self._p.detour / self._cell:
+            return None
+        if 0.0 < self._p.shortcut < -more * self._cell and cells.shape[0] > 1:
+            return self._outlook(instant, body, cells[: cells.shape[0] // 2], False)
+        nose = self._p.forward_point / self._cell
+        dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
+        front = _ahead(goal, dx, dy, nose, side)
+        fields = Fields(
+            squared,
+            wavefront(squared, self._limit, cells),
+            to_goal,
+            wavefront(squared, self._limit, np.array([front], np.int32)),
+            self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted,
+        )
+        leads = bearing(squared, self._limit, cells, body, nose)
+        aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
+        return _Outlook(fields, hypot(dx, dy), leads, aside, ended)
+
+    def _bounds(self, instant: Instant, body: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what moving things leave to this robot."""
+        local = self._local
+        if not local.arrivals.size:
+            return _BOUNDLESS
+        since = instant - local.parameters.moving_memory
+        room = math.sqrt(self._limit)
+        bounds: NDArray[np.float64] = half_gaps(
+            local.squared, local.arrivals, since, body, room, self._farthest
+        )
+        return bounds
+
+    def _window(self, velocity: Twist, too_near: bool) -> NDArray[np.float64]:
+        """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""
+        most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
+        least = self._min_speed if too_near else max(self._min_speed, 0.0)
+        speeds = reachable(velocity.vx, self._gain, min(least, most), most)
+        turns = reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
+        return np.array([speeds[0] / self._cell, speeds[1] / self._cell, *turns])
+
+    def _spot_turn(self, angle: float, turn: float) -> float:
+        """The rate at which it turns on the spot by `angle`, rad, while it turns at `turn`, rad/s.
+
+        What lies behind it is reached on the side that it turns to already.
+        """
+        side = turn if abs(angle) > _BEHIND and abs(turn) > self._p.least_turn / 2 else angle
+        most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_deceleration * abs(angle)))
+        wanted = math.copysign(max(most, self._p.least_turn), side)
+        return min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
+
+    def _weigh(self, outlook: _Outlook) -> None:
+        """Set the weights that change with where the local goal is."""
+        # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
+        near = outlook.goal <= self._p.forward_point / self._cell
+        self._weights["alignment"] = 0.0 if near else self._alignment
+        # behind a wall's end it would be drawn into the wall
+        self._weights["front"] = 0.0 if outlook.aside > self._p.front_angle else self._front
+        self._weights["goal_distance"] = outlook.goal if outlook.ended else math.inf
+
+    def _turns(self, angle: float) -> bool:
+        """True if it turns on the spot now: from too large an angle on until it is half of that."""
+        least = self._p.spot_angle * (0.5 if self._turning else 1.0)
+        return abs(angle) > least
+
+    def _body(self, here: Pose) -> NDArray[np.float64]:
+        """x and y in the window, cells, and heading, rad."""
+        corner = self._local.corner
+        return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
+
+    def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
+        """From the map frame to the window: see `cut`."""
+        turn = wrap(here.heading - estimate.heading)
+        c, s = cos_sin(turn)
+        x = here.x - (c * estimate.x - s * estimate.y)
+        y = here.y - (s * estimate.x + c * estimate.y)
+        corner, cell = self._local.corner, self._cell
+        return np.array([c, s, x - corner.column * cell, y - corner.row * cell, 1.0 / cell])
+
+
+def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) -> tuple[int, int]:
+    """The cell `nose` cells beyond the goal in the direction (dx, dy), or the window's last on the way."""
+    apart = hypot(dx, dy)
+    row, column = goal
+    if apart == 0.0:
+        return goal
+    for step in range(1, math.ceil(nose) + 1):
+        ahead = min(float(step), nose) / apart
+        next_row, next_column = math.floor(goal[0] + 0.5 + ahead * dy), math.floor(goal[1] + 0.5 + ahead * dx)
+        if not (0 <= next_row < side and 0 <= next_column < side):
+            break
+        row, column = next_row, next_column
+    return row, column
+
+
+def _weights(
+    p: DwaParameters, cell: float, radius: float, padding: float, limits: DriveParameters
+) -> NDArray[np.void]:
+    """The parameters in the units of the kernel."""
+    path, goal = p.path_bias * cell * _PER_STEP, p.goal_bias * cell * _PER_STEP
+    weights = np.zeros(1, WEIGHTS)
+    weights[["path", "alignment", "goal", "front"]] = (path, path, goal, goal)
+    weights["nose"] = p.forward_point / cell
+    weights["horizon"], weights["stop_buffer"] = p.sim_time, p.stop_buffer
+    weights["stride"], weights["turn_stride"] = p.granularity / cell, p.angular_granularity
+    weights["deceleration"] = min(p.acceleration, limits.acceleration) / cell
+    weights["radius"], weights["padding"] = radius / cell, padding / cell
+    weights["scaling_speed"] = p.scaling_speed / cell
+    weights["scaling_range"] = max(min(p.max_speed, limits.speed) - p.scaling_speed, cell) / cell
+    weights["scaling_factor"] = p.max_scaling_factor
+    weights["least_speed"], weights["least_turn"] = p.least_speed / cell, p.least_turn
+    weights["escape"] = p.escape / cell
+    return weights

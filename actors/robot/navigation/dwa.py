@@ -1,0 +1,311 @@
+"""Kernel of the dynamic window approach as ROS Indigo has it: which velocity within reach costs least.
+
+Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics & Automation Magazine
+4(1), 1997, as ros-planning/navigation computes it, branch indigo-devel: dwa_planner.cpp of dwa_local_planner,
+and {simple_trajectory_generator,map_grid_cost_function,obstacle_cost_function,costmap_model}.cpp of
+base_local_planner. Lengths are in cells of the window here, positions count from its south-west corner;
+speeds are in m/s and, with the turn rates, of 32 bits, as there: whether a trajectory has a step more depends
+on that.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.kernels import njit
+from actors.portable.compiled import cos_sin
+from actors.robot.navigation.ray_tracing import cost_below
+
+Floats = NDArray[np.float64]
+Steps = NDArray[np.int32]
+
+_ROUNDING: Final = 1e-3
+"""So near to a border of its cell, cells, a point that was not made step by step may be in another one."""
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def count_of(speed: float, turn: float, w: Any) -> int:
+    """How many points a trajectory has; `w`: of `dwa.CRITICS`, here as below."""
+    count = math.ceil(max(abs(speed) * w.horizon / w.stride, abs(turn) * w.horizon / w.turn_stride))
+    return int(count)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def start_of(pose: Floats) -> Floats:
+    """Cosine and sine of the heading with which all trajectories begin; `pose` as for `cheapest`."""
+    c, s = cos_sin(float(np.float32(pose[2])))
+    return np.array([c, s])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def foresee(
+    point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Steps, w: Any
+) -> bool:
+    """Write where a trajectory will end into `point`: x, y, cosine and sine; True if that can be relied on.
+
+    Not so near to a border of its cell, and not where centre or nose are off the window.
+    """
+    count = count_of(speed, turn, w)
+    step = w.horizon / count
+    ahead, steps = speed * step / w.cell, count - 1
+    end_c, end_s = cos_sin(steps * turn * step)
+    half_c, half_s = cos_sin(0.5 * turn * step)
+    right, up = float(steps), 0.0
+    if half_s != 0.0:
+        # the sum of exp(ikφ), k below n: (exp(inφ) - 1) / (exp(iφ) - 1);
+        # exp(iφ) - 1 = 2i sin(φ/2) exp(iφ/2)
+        right = 0.5 * (end_s * half_c - (end_c - 1.0) * half_s) / half_s
+        up = 0.5 * ((1.0 - end_c) * half_c - end_s * half_s) / half_s
+    c, s = start
+    point[0] = (pose[0] - pose[3]) / w.cell + ahead * (c * right - s * up)
+    point[1] = (pose[1] - pose[4]) / w.cell + ahead * (s * right + c * up)
+    point[2], point[3] = c * end_c - s * end_s, s * end_c + c * end_s
+    nose_x, nose_y = point[0] + w.nose * point[2], point[1] + w.nose * point[3]
+    clear = _is_clear(point[0]) and _is_clear(point[1]) and _is_clear(nose_x) and _is_clear(nose_y)
+    return bool(clear and _is_inside(point, path, w.nose))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_clear(place: float) -> bool:
+    """True away from the borders of cells."""
+    return abs(place - math.floor(place + 0.5)) > _ROUNDING
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_inside(point: Floats, path: Steps, nose: float) -> bool:
+    """True if centre and nose are in the window."""
+    x, y = point[0], point[1]
+    nose_x, nose_y = x + nose * point[2], y + nose * point[3]
+    rows, columns = path.shape
+    beside = 0.0 <= x < columns and 0.0 <= nose_x < columns
+    return bool(beside and 0.0 <= y < rows and 0.0 <= nose_y < rows)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def drive(
+    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Steps, goal: Steps, w: Any
+) -> int:
+    """Write a trajectory's points, each x, y, cosine and sine; how many they are.
+
+    0 if one or its nose is off the window, or if one cannot reach path or goal; then the points mean nothing
+    (MapGridCostFunction::scoreTrajectory).
+    """
+    count = count_of(speed, turn, w)
+    step = w.horizon / count
+    turned_c, turned_s = cos_sin(turn * step)
+    x, y, heading = np.float32(pose[0]), np.float32(pose[1]), np.float32(pose[2])
+    exact, c, s = float(heading), start[0], start[1]
+    for k in range(count):
+        # the heading's rounding, a millionth of a radian, to first order
+        off = float(heading) - exact
+        rounded_c, rounded_s = c - s * off, s + c * off
+        point = points[k]
+        point[0], point[1] = (float(x) - pose[3]) / w.cell, (float(y) - pose[4]) / w.cell
+        point[2], point[3] = rounded_c, rounded_s
+        if not _is_inside(point, path, w.nose):
+            return 0
+        row, column = int(point[1]), int(point[0])
+        if path[row, column] >= path.size or goal[row, column] >= goal.size:
+            return 0
+        x = np.float32(float(x) + speed * rounded_c * step)
+        y = np.float32(float(y) + speed * rounded_s * step)
+        heading = np.float32(float(heading) + turn * step)
+        exact += turn * step
+        c, s = c * turned_c - s * turned_s, s * turned_c + c * turned_s
+    return int(count)
+
+
+Singles = NDArray[np.float32]
+Costs = NDArray[np.uint8]
+Squares = NDArray[np.int16]
+INVALID: Final = -1.0
+"""Cost of a trajectory that must not be driven."""
+_NEARLY: Final = 1e-4
+"""So little less than the least speed still is that speed (SimpleTrajectoryGenerator::generateTrajectory)."""
+_BEYOND: Final = 2.7
+"""A marked cell is no part of an outline whose corners are by so many cells nearer: half a diagonal to the
+middle of the robot's cell, the same to that of a corner's, and the way a line of cells strays."""
+
+CRITICS = np.dtype(
+    [
+        ("obstacle", np.float64),
+        ("front", np.float64),
+        ("alignment", np.float64),
+        ("path", np.float64),
+        ("goal", np.float64),
+        ("nose", np.float64),
+        ("cell", np.float64),
+        ("horizon", np.float64),
+        ("stride", np.float64),
+        ("turn_stride", np.float64),
+        ("least_speed", np.float64),
+        ("least_turn", np.float64),
+        ("most_speed", np.float64),
+    ],
+    align=True,
+)
+"""The critics' scales, and what a trajectory is made with.
+
+`nose`: so far ahead of the centre the nose is, cells. `cell`: m. `horizon`: a trajectory takes so long, s;
+its points are `stride`, m, or `turn_stride`, rad, apart at most. It is at least as fast as `least_speed`,
+m/s, or turns at least as fast as `least_turn`, rad/s; `most_speed`, m/s, is the highest.
+"""
+
+
+class CheapestVelocity(NamedTuple):
+    """The cheapest trajectory."""
+
+    speed: float
+    """m/s."""
+    turn: float
+    """rad/s."""
+    cost: float
+    """INVALID if there is no valid one; then speed and turn are 0."""
+
+
+def example() -> tuple[Squares, Costs, Floats, NDArray[np.void]]:
+    """For fingerprints: squared distances of a window, costs by them, a body's outline, and critics."""
+    row, column = np.indices((40, 40))
+    squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
+    table = np.maximum(100 - np.arange(101), 0).astype(np.uint8)
+    table[0], table[1:5] = 254, 253
+    table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
+    numbers = (0.05, 1.2, 3.2, 3.2, 1.2, 3.3, 0.1, 3.0, 0.05, 0.1, 0.1, 0.4, 0.5)
+    corners = np.array([(2.0, 0.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0)])
+    return squared, table, corners, np.array([numbers], CRITICS)
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 40))
+    squared, table, corners, critics = example()
+    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
+    around = squared, np.abs(row - 25).astype(np.int32), steps, steps
+    speeds, turns, barred = samples(-0.1, 0.5, 7), samples(-1.0, 1.0, 8), np.zeros(4, np.bool_)
+    poses = [np.array([1.115, 2.52, heading, 0.5, 1.5]) for heading in (-3.0, 0.1, 1.4)]
+    chosen = [cheapest(pose, speeds, turns, barred, *around, table, corners, critics) for pose in poses]
+    return b"".join(part.tobytes() for part in (np.array(chosen), speeds, turns))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def samples(low: float, high: float, count: int) -> Singles:
+    """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
+
+    One value if both are equal (velocity_iterator.h of base_local_planner).
+    """
+    values = np.empty(count + 1, np.float32)
+    if low == high:
+        values[0] = low
+        return values[:1]
+    size, step, current = 0, (high - low) / (count - 1), low
+    for _ in range(count - 1):
+        following = current + step
+        values[size] = current
+        size += 1
+        if current < 0.0 < following:
+            values[size] = 0.0
+            size += 1
+        current = following
+    values[size] = high
+    return values[: size + 1]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
+    """True for none, one that is too slow or too fast, or that would be the other half of an oscillation."""
+    if speed == 0.0 and turn == 0.0:
+        return True
+    if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
+        return True
+    along = (speed > 0.0 and barred[0]) or (speed < 0.0 and barred[1])
+    across = (turn > 0.0 and barred[2]) or (turn < 0.0 and barred[3])
+    return bool(along or across or abs(speed) - _NEARLY > w.most_speed)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _collides(
+    points: Floats, count: int, far: float, squared: Squares, table: Costs, outline: Floats
+) -> bool:
+    """True if the body's outline meets a mark at some of the first `count` points: x, y, cosine and sine."""
+    for k in range(count):
+        x, y = points[k, 0], points[k, 1]
+        inside = far <= min(x, y) and max(x, y) < squared.shape[0] - far
+        if inside and squared[int(y), int(x)] > far * far:
+            continue
+        if cost_below(squared, table, x, y, points[k, 2], points[k, 3], outline) < 0:
+            return True
+    return False
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cost(obstacle: float, point: Floats, path: Steps, goal: Steps, front: Steps, w: Any) -> float:
+    """What the critics say together of a trajectory by its last point, summed in the original's order."""
+    x, y = point[0], point[1]
+    row, column = int(y), int(x)
+    ahead, beside = int(y + w.nose * point[3]), int(x + w.nose * point[2])
+    cost = w.obstacle * obstacle
+    cost += w.front * front[ahead, beside]
+    if w.alignment != 0.0:
+        cost += w.alignment * path[ahead, beside]
+    cost += w.path * path[row, column]
+    cost += w.goal * goal[row, column]
+    return float(cost)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cheapest(
+    pose: Floats,
+    speeds: Singles,
+    turns: Singles,
+    barred: NDArray[np.bool_],
+    squared: Squares,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
+    table: Costs,
+    outline: Floats,
+    critics: NDArray[np.void],
+) -> tuple[float, float, float]:
+    """The valid trajectory of the lowest cost; of several the first, speeds in the outer loop.
+
+    Given are the fields of `CheapestVelocity`. `pose`: x and y, m, and heading, rad, of the body; x and y, m,
+    of the window's corner. `speeds`, `turns`: tried are all pairs, m/s and rad/s. `barred`: (4,), True if
+    forward, backward, left turn, right turn must not be. `squared`: (rows, columns), squared distance to the
+    nearest marked cell, cells². `path`, `goal`, `front`: steps to the plan, to the local goal and to where
+    the nose is drawn to, as `wavefront` gives them. `table`: cost by squared distance. `outline`: (n, 2),
+    corners of the body in its frame, cells. `critics`: (1,) of CRITICS.
+    """
+    w = critics[0]
+    start = start_of(pose)
+    far = 0.0
+    for corner in range(outline.shape[0]):
+        far = max(
+            far, math.sqrt(outline[corner, 0] * outline[corner, 0] + outline[corner, 1] * outline[corner, 1])
+        )
+    far += _BEYOND
+    most = count_of(max(abs(speeds[0]), abs(speeds[-1])), max(abs(turns[0]), abs(turns[-1])), w)
+    points = np.empty((most + 1, 4))
+    best_speed, best_turn, lowest = 0.0, 0.0, INVALID
+    for speed_sample in speeds:
+        for turn_sample in turns:
+            speed, turn = float(speed_sample), float(turn_sample)
+            if _is_barred(speed, turn, barred, w):
+                continue
+            # the centre costs no more than the outline will: most trajectories need not be driven
+            if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, path, w):
+                centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
+                if _cost(centre, points[0], path, goal, front, w) >= lowest:
+                    continue
+            count = drive(points, pose, start, speed, turn, path, goal, w)
+            if count == 0:
+                continue
+            last = points[count - 1]
+            if _collides(points, count, far, squared, table, outline):
+                continue
+            below = cost_below(squared, table, last[0], last[1], last[2], last[3], outline)
+            cost = _cost(max(below, table[squared[int(last[1]), int(last[0])]]), last, path, goal, front, w)
+            if lowest < 0.0 or cost < lowest:
+                best_speed, best_turn, lowest = speed, turn, cost
+    return best_speed, best_turn, lowest

@@ -1,0 +1,361 @@
+"""Drives along a plan as dwa_local_planner of ROS Indigo: by `dwa` up to the goal, then it turns to its
+heading.
+
+As DWAPlannerROS::computeVelocityCommands (dwa_planner_ros.cpp), DWAPlanner (dwa_planner.cpp) and
+LatchedStopRotateController (base_local_planner/src/latched_stop_rotate_controller.cpp) of
+ros-planning/navigation, branch indigo-devel.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import STILL, Pose, Twist, wrap
+from actors.instant import Instant, in_seconds
+from actors.kernels import njit
+from actors.portable.compiled import cos_sin, hypot
+from actors.robot.navigation.cost_map import CostMap
+from actors.robot.navigation.dwa import (
+    CRITICS,
+    INVALID,
+    CheapestVelocity,
+    Costs,
+    Squares,
+    cheapest,
+    example,
+    samples,
+)
+from actors.robot.navigation.map_grid import wavefront
+from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
+from actors.robot_model import DriveParameters
+from deeco.knowledge import made
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int32]
+
+
+def _local_plan_fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
+    estimate, here = np.array([0.4, 0.8, 0.3]), np.array([0.9, 0.7, 0.6])
+    cells, goal, front, far = local_plan(way, estimate, here, np.array([-0.1, -0.3]), 0.05, 40, 0.325)
+    assert cells.size
+    return bytes(cells.tobytes() + goal.tobytes() + front.tobytes() + bytes([far]))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
+    """Indices of the first point of it and of the one after its last."""
+    first = 0
+    while first < way.shape[0]:
+        dx, dy = robot[0] - way[first, 0], robot[1] - way[first, 1]
+        if dx * dx + dy * dy <= reach * reach:
+            break
+        first += 1
+    last = first
+    while last < way.shape[0]:
+        dx, dy = robot[0] - way[last, 0], robot[1] - way[last, 1]
+        last += 1
+        if dx * dx + dy * dy > reach * reach:
+            break
+    return first, last
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Cells) -> int:
+    """Write the cells of the points, m, and of others between them if they are more than a cell apart.
+
+    From the first that is in the window to the last before one that is not; given is how many.
+    """
+    count = 0
+    for k in range(points.shape[0]):
+        steps = 1
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            if dx * dx + dy * dy > cell * cell:
+                steps = math.ceil(math.sqrt(dx * dx + dy * dy) / cell)
+        for step in range(1, steps + 1):
+            x, y = points[k, 0], points[k, 1]
+            if step < steps:
+                x = points[k - 1, 0] + step * (dx / steps)
+                y = points[k - 1, 1] + step * (dy / steps)
+            x, y = (x - corner[0]) / cell, (y - corner[1]) / cell
+            inside = 0.0 <= x < side and 0.0 <= y < side
+            if not inside and count > 0:
+                return count
+            if inside and count < cells.shape[0]:
+                cells[count, 0], cells[count, 1] = int(y), int(x)
+                count += 1
+    return count
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
+    """The points in the odometry frame."""
+    c, s = cos_sin(here[2] - estimate[2])
+    x = here[0] - (c * estimate[0] - s * estimate[1])
+    y = here[1] - (s * estimate[0] + c * estimate[1])
+    points = np.empty_like(way)
+    for k in range(way.shape[0]):
+        points[k, 0] = c * way[k, 0] - s * way[k, 1] + x
+        points[k, 1] = s * way[k, 0] + c * way[k, 1] + y
+    return points
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def local_plan(
+    way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
+) -> tuple[Cells, Cells, Cells, bool]:
+    """The part of `way` from its first point within half a window of the robot to the first one beyond.
+
+    Given are, as rows and columns: (k, 2) cells that it leads through, k = 0 where it is not in the window;
+    (1, 2) the last of them; (1, 2) the last one of a plan that ends farther away from the robot, where its
+    nose is drawn to; and whether its end is farther away than the nose is ahead. For k = 0 the rest is
+    meaningless.
+
+    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: x, y, m, and heading, rad, of the robot in the map
+    frame and in the odometry frame; `corner`: x and y, m, of the window's in the latter. `cell`: m. `side`:
+    of the window, cells. `nose`: so far ahead of the centre the nose is, m.
+    """
+    first, last = _part(way, estimate, side * cell / 2)
+    points = _moved(way[first:last], estimate, here)
+    room = math.ceil(nose / cell) + 2
+    for k in range(1, points.shape[0]):
+        room += 1 + math.ceil(hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) / cell)
+    cells = np.empty((min(room, side * side), 2), np.int32)
+    count = _cells(points, cell, corner, side, cells)
+    if count == 0:
+        return cells[:0], cells[:0], cells[:0], False
+    end_x, end_y = points[-1, 0], points[-1, 1]
+    apart = hypot(end_x - here[0], end_y - here[1])
+    east, north = (1.0, 0.0) if apart == 0.0 else ((end_x - here[0]) / apart, (end_y - here[1]) / apart)
+    points[-1, 0], points[-1, 1] = end_x + nose * east, end_y + nose * north
+    farther = np.empty_like(cells)
+    ahead = _cells(points, cell, corner, side, farther)
+    front = cells[count - 1 : count] if ahead == 0 else farther[ahead - 1 : ahead]
+    return cells[:count], cells[count - 1 : count].copy(), front.copy(), apart > nose
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def chosen(
+    way: Floats,
+    state: Floats,
+    nose: float,
+    counts: tuple[int, int],
+    barred: NDArray[np.bool_],
+    squared: Squares,
+    limit: float,
+    table: Costs,
+    outline: Floats,
+    critics: NDArray[np.void],
+    alignment: float,
+) -> tuple[float, float, float]:
+    """The fields of `CheapestVelocity`; there is no valid trajectory if nothing of `way` is in the window.
+
+    `state`, (12,): x, y, m, and heading, rad, of the robot in the map frame, then in the odometry frame; x
+    and y, m, of the window's corner in the latter; the least and the greatest speed, m/s, and turn rate,
+    rad/s, within reach. `nose`: so far ahead of the centre the nose is, m. `counts`: how many speeds and turn
+    rates are tried. `alignment`: weight of the critic of that name while the plan's end is farther away than
+    the nose; it is written to `critics`. All else as for `local_plan`, `wavefront` and `cheapest`.
+    """
+    cells, goal, front, far = local_plan(
+        way, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
+    )
+    if cells.shape[0] == 0:
+        return 0.0, 0.0, INVALID
+    # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
+    critics[0].alignment = alignment if far else 0.0
+    to_path = wavefront(squared, limit, cells)
+    to_goal = wavefront(squared, limit, goal)
+    to_front = wavefront(squared, limit, front)
+    window = state[8:12].astype(np.float32).astype(np.float64)  # rounded to what the original has
+    speeds = samples(window[0], window[1], counts[0])
+    turns = samples(window[2], window[3], counts[1])
+    found: tuple[float, float, float] = cheapest(
+        state[3:8], speeds, turns, barred, squared, to_path, to_goal, to_front, table, outline, critics
+    )
+    return found
+
+
+def _control_cycle_fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    squared, table, corners, critics = example()
+    way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
+    state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, -0.1, 0.5, -1.0, 1.0])
+    barred = np.zeros(4, np.bool_)
+    found = chosen(way, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
+    return np.array(found).tobytes()
+
+
+def fingerprint() -> bytes:
+    """Return the results of all kernels of this module for fixed inputs, concatenated."""
+    return b"".join(part() for part in (_local_plan_fingerprint, _control_cycle_fingerprint))
+
+
+_PER_STEP: Final = 0.5
+"""Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure)."""
+_GOAL_HEADING: Final = 0.0
+"""The chapter's robots ask for it at every goal, rad, map frame: driveRobot of CleanerRobot in
+d3scomp/deeco-adaptation-testbed sends the quaternion (0, 0, 0, 1)."""
+_ALL: Final = np.zeros(4, np.bool_)
+"""No direction is barred."""
+
+
+class DwaLocalPlanner(BaseLocalPlanner):
+    """The local planner of preset `chapter`."""
+
+    def __init__(self, local: CostMap, limits: DriveParameters, parameters: DwaParameters) -> None:
+        """`local` is kept up to date by whoever owns it; `limits`: of the base."""
+        super().__init__(local, parameters)
+        p = parameters
+        self._max_speed, self._max_turn = min(p.max_speed, limits.speed), min(p.max_turn, limits.turn_rate)
+        self._acceleration = min(p.acceleration, limits.acceleration)
+        self._turn_acceleration = min(p.turn_acceleration, limits.turn_acceleration)
+        self._critics = _critics(p, self._cell, self._max_speed)
+        self._alignment = float(self._critics["alignment"][0])
+        self._outline = local.outline / self._cell
+        inscribed = local.inflation.inscribed / self._cell
+        self._limit = inscribed * inscribed
+        self._end = 0.0, 0.0
+        """Of the plan, m, map frame."""
+        self._arrived = False
+        """It has been near enough to the plan's end since the plan was new."""
+
+    def begin(self) -> None:
+        """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
+        super().begin()
+        self._arrived = False
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame; nothing is barred at first."""
+        super().follow(way)
+        self._end = float(way[-1, 0]), float(way[-1, 1])
+        self._oscillation.forget()
+        self._arrived = False
+
+    def reached(self, estimate: Pose, velocity: Twist) -> bool:
+        """True if it has been near the plan's end, has the goal's heading, and stands."""
+        return (
+            self._near_end(estimate)
+            and abs(_astray(estimate)) <= self._p.heading_tolerance
+            and self._stands(velocity)
+        )
+
+    def _near_end(self, estimate: Pose) -> bool:
+        if self._way.size and not self._arrived:
+            x, y = self._end[0] - estimate.x, self._end[1] - estimate.y
+            self._arrived = x * x + y * y <= self._p.goal_tolerance * self._p.goal_tolerance
+        return self._arrived
+
+    def _stands(self, velocity: Twist) -> bool:
+        return abs(velocity.omega) <= self._p.stopped_turn and abs(velocity.vx) <= self._p.stopped_speed
+
+    def dynamic_window(
+        self, here: Pose, estimate: Pose, velocity: Twist, barred: NDArray[np.bool_]
+    ) -> CheapestVelocity:
+        """The choice among the velocities within reach, wherever the goal is; as for `steer`.
+
+        `barred`: (4,), True if forward, backward, left turn, right turn must not be.
+        """
+        return self._cheapest(here, estimate, self._window(velocity), barred)
+
+    def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        if self._near_end(estimate):
+            return self._finish(here, estimate, velocity)
+        choice = self.dynamic_window(here, estimate, velocity, self._oscillation.barred)
+        if choice.cost < 0.0:
+            return NOWHERE
+        self._oscillation.note(here, choice.speed, choice.turn)
+        return made(Steering, (made(Twist, (choice.speed, 0.0, choice.turn)), True))
+
+    def _cheapest(
+        self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: NDArray[np.bool_]
+    ) -> CheapestVelocity:
+        """Among velocities in `window`: least and greatest speed, m/s, and turn rate, rad/s."""
+        local, p, cell = self._local, self._p, self._cell
+        corner = local.corner
+        found: tuple[float, float, float] = chosen(
+            self._way,
+            np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
+            p.forward_point,
+            (p.speed_samples, p.turn_samples),
+            barred,
+            local.squared,
+            self._limit,
+            local.table,
+            self._outline,
+            self._critics,
+            self._alignment,
+        )
+        return made(CheapestVelocity, found)
+
+    def _window(self, velocity: Twist) -> tuple[float, float, float, float]:
+        """The least and greatest speed, m/s, and turn rate, rad/s, within reach.
+
+        As SimpleTrajectoryGenerator::initialise.
+        """
+        p, period = self._p, in_seconds(self._p.period)
+        gain, turn_gain = self._acceleration * period, self._turn_acceleration * period
+        vx, omega = float(np.float32(velocity.vx)), float(np.float32(velocity.omega))
+        return (
+            *reachable(vx, gain, p.min_speed, self._max_speed),
+            *reachable(omega, turn_gain, -self._max_turn, self._max_turn),
+        )
+
+    def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        """Near the goal: stand, then turn to its heading (computeVelocityCommandsStopRotate)."""
+        astray = _astray(estimate)
+        if abs(astray) <= self._p.heading_tolerance:
+            self._turning = False
+            return Steering(STILL, True)
+        if not self._turning and not self._stands(velocity):
+            return self._checked(here, estimate, self._slower(velocity))
+        self._turning = True
+        return self._checked(here, estimate, Twist(0.0, 0.0, self._turn(astray, velocity.omega)))
+
+    def _slower(self, velocity: Twist) -> Twist:
+        """As slow as the base can be a period later."""
+        period = in_seconds(self._p.period)
+        vx = max(0.0, abs(velocity.vx) - self._acceleration * period)
+        omega = max(0.0, abs(velocity.omega) - self._turn_acceleration * period)
+        return Twist(math.copysign(vx, velocity.vx), 0.0, math.copysign(omega, velocity.omega))
+
+    def _turn(self, astray: float, omega: float) -> float:
+        """How fast to turn by that angle, rad/s: so that it can be stopped at its end (rotateToGoal)."""
+        least, gain = self._p.least_turn, self._turn_acceleration * in_seconds(self._p.period)
+        wanted = min(self._max_turn, max(least, abs(astray)))
+        wanted = min(max(wanted, abs(omega) - gain), abs(omega) + gain)
+        wanted = min(math.sqrt(2.0 * self._turn_acceleration * abs(astray)), wanted)
+        return math.copysign(min(self._max_turn, max(least, wanted)), astray)
+
+    def _checked(self, here: Pose, estimate: Pose, twist: Twist) -> Steering:
+        """This velocity, if no critic refuses it; below both least speeds none looks (checkTrajectory)."""
+        self._oscillation.forget()
+        slow = abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn
+        if slow or twist == STILL:
+            return Steering(twist, True)
+        window = twist.vx, twist.vx, twist.omega, twist.omega
+        if self._cheapest(here, estimate, window, _ALL).cost < 0.0:
+            return NOWHERE
+        return Steering(twist, True)
+
+
+def _astray(estimate: Pose) -> float:
+    """From the heading to that of the goal, rad."""
+    return wrap(_GOAL_HEADING - estimate.heading)
+
+
+def _critics(p: DwaParameters, cell: float, most_speed: float) -> NDArray[np.void]:
+    """The parameters in the units of the kernel."""
+    path, goal = cell * p.path_bias * _PER_STEP, cell * p.goal_bias * _PER_STEP
+    critics = np.zeros(1, CRITICS)
+    critics[["path", "alignment", "goal", "front"]] = (path, path, goal, goal)
+    critics["obstacle"] = cell * p.occdist_scale
+    critics["nose"], critics["cell"] = p.forward_point / cell, cell
+    critics["horizon"], critics["stride"] = p.sim_time, p.granularity
+    critics["turn_stride"] = p.angular_granularity
+    critics["least_speed"], critics["least_turn"] = p.least_speed, p.least_turn
+    critics["most_speed"] = most_speed
+    return critics

@@ -1,0 +1,287 @@
+"""What a local planner is asked and says: so much is the same whatever it chooses by."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Final, Literal, NamedTuple
+
+import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from actors.geometry import STILL, Pose, Twist, wrap
+from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.portable import hypot
+from actors.robot.navigation.cost_map import CostMap
+from actors.settings import Interval, NotNegative, Positive, PositiveInterval, Settings
+
+_IDLE: Final = {
+    "indigo": (
+        *("min_speed", "stop_buffer", "scaling_speed", "max_scaling_factor"),
+        *("goal_slack", "detour", "shortcut", "spot_angle", "spot_rate", "front_angle", "escape"),
+    ),
+    "disc": ("heading_tolerance", "stopped_speed", "stopped_turn"),
+}
+"""By rules: parameters that they do not use."""
+_MOST_POINTS: Final = 10_000
+"""Of a trajectory; own choice: a hundred times what it has."""
+_Samples = Annotated[int, Meta(ge=2)]
+
+
+class DwaParameters(Settings, frozen=True):
+    """How the robot is driven along its plan; from d3scomp/ROSRemote, simulation/params, where not said.
+
+    Where that file says nothing, it is the default of ros-planning/navigation, dwa_local_planner.
+    """
+
+    rules: Literal["indigo", "disc"] = "indigo"
+    """"indigo": those of dwa_local_planner in ROS Indigo (`local_planner`). "disc": our own
+    (`disc_local_planner`)."""
+    period: PositiveInterval = seconds(0.2)
+    """So often a command is chosen (move_base controller_frequency 5 Hz); it holds until the next."""
+    max_speed: Positive = 0.5
+    """m/s (max_vel_x)."""
+    min_speed: Annotated[float, Meta(ge=-10)] = 0.0
+    """m/s (min_vel_x). Rules "disc": if below 0, a robot that is too near to something may back out so fast,
+    over cells that were seen free lately."""
+    least_speed: NotNegative = 0.1
+    """A command has at least this speed (min_trans_vel), m/s, ..."""
+    max_turn: Positive = 5.0
+    """rad/s (max_rot_vel)."""
+    least_turn: NotNegative = 0.4
+    """... or at least this turn rate (min_rot_vel), rad/s."""
+    acceleration: Positive = 1.0
+    """Within one period the speed changes so fast at most (acc_lim_x), m/s²; stopping is planned with it."""
+    turn_acceleration: Positive = 2.0
+    """The same of the turn rate (acc_lim_theta), rad/s²."""
+    speed_samples: _Samples = 15
+    """Speeds tried (vx_samples)."""
+    turn_samples: _Samples = 20
+    """Turn rates tried with each (vth_samples)."""
+    sim_time: Positive = 3.0
+    """A trajectory goes on with the same velocity for so long, s, ..."""
+    stop_buffer: NotNegative = 0.2
+    """Rules "disc": ... or until the robot could have braked, begun so much later, if that is longer, s
+    (stop_time_buffer). dwa_local_planner describes it as the time before a collision in which the robot must
+    have stopped, but does nothing with it since it predicts for a fixed time."""
+    granularity: Positive = 0.025
+    """Looked at is every so many metres of a trajectory (sim_granularity, default) ..."""
+    angular_granularity: Positive = 0.1
+    """... or every so many rad (angular_sim_granularity, default)."""
+    path_bias: NotNegative = 64.0
+    """Weight of the distance to the plan (path_distance_bias)."""
+    goal_bias: NotNegative = 24.0
+    """Weight of the distance to the local goal (goal_distance_bias)."""
+    occdist_scale: NotNegative = 0.5
+    """Weight of the cost below the body: at a trajectory's end (ObstacleCostFunction, indigo), or the highest
+    along it (disc)."""
+    forward_point: NotNegative = 0.325
+    """So far ahead of the centre is the nose, which is drawn to the plan and the goal too, m."""
+    scaling_speed: Positive = 0.25
+    """Rules "disc": above this speed the body counts as larger than it is, m/s, ..."""
+    max_scaling_factor: NotNegative = 0.2
+    """... by this share at the highest speed, in between by less. dwa_local_planner of Indigo computes that
+    and does not use it; Noetic's does."""
+    oscillation_distance: NotNegative = 0.05
+    """After a reversal the way back is barred until the robot is so far away, m (oscillation_reset_dist),"""
+    oscillation_angle: NotNegative = 0.2
+    """or has turned so far, rad (oscillation_reset_angle, default)."""
+    goal_tolerance: Positive = 0.15
+    """So near to the plan's end the goal is reached, m (xy_goal_tolerance)."""
+    heading_tolerance: NotNegative = 0.3
+    """Rules "indigo": ... once the robot has turned to the goal's heading, rad (yaw_goal_tolerance), ..."""
+    stopped_speed: NotNegative = 0.1
+    """... is no faster than this, m/s (trans_stopped_vel, default), ..."""
+    stopped_turn: NotNegative = 0.1
+    """... and turns no faster than this, rad/s (rot_stopped_vel, default)."""
+    goal_slack: NotNegative = 0.15
+    """Rules "disc": where the robot cannot stand at the plan's end, the nearest cell within so many metres is
+    the goal. Own choice against cells and poses that are a little off; dwa_local_planner has no trajectory
+    then."""
+    detour: NotNegative = 2.0
+    """Rules "disc": if the way to the local goal is longer than the plan by more than this, there is no
+    trajectory, m. Own choice, half the window: what has not been seen counts as free, so that waves find ways
+    behind walls, and dwa_local_planner turns on the spot before a door that is blocked."""
+    shortcut: NotNegative = 0.0
+    """Rules "disc": the local goal comes nearer along the plan until the plan is longer than the shortest way
+    to it by this at most, m; 0: it stays. Own choice: through a gap that the plan avoids, the shortest way
+    draws the robot back while the plan draws it on, and it stands between the two."""
+    spot_angle: NotNegative = 1.6
+    """Rules "disc": if the plan leads away at more than this angle and nothing stands there, the robot turns
+    on the spot until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
+    spot_rate: NotNegative = 0.0
+    """Rules "disc": on the spot it turns straight to where the plan leads, at this rate at most, rad/s; 0: as
+    the critics choose, who may turn it to and fro beside a wall's end. As Nav2's rotation shim
+    (rotate_to_heading_angular_vel 1.8)."""
+    front_angle: NotNegative = 3.2
+    """Rules "disc": if the plan leads aside of the local goal by more than this angle, as round a wall's end,
+    the nose is not drawn to the goal, rad; more than π: it always is, as in dwa_local_planner, where a robot
+    may turn to and fro for ever before such a wall. Own choice."""
+    escape: NotNegative = 0.035
+    """Rules "disc": a robot that is nearer to something than it may be, by so many metres at most, may still
+    drive such that the distance does not fall. Own choice: what the local map's padding adds to
+    dwa_local_planner's own limit, as what is marked may jump by a cell; it has no trajectory then, beside a
+    wall for ever."""
+    scan_patience: Interval = seconds(0.5)
+    """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finest = max(self.max_speed / self.granularity, self.max_turn / self.angular_granularity)
+        if self.sim_time * finest > _MOST_POINTS:
+            right = f"such that a trajectory has at most {_MOST_POINTS} points at the highest speeds"
+            raise self.wrong("sim_time", right)
+        self.check_unused(_IDLE[self.rules], f'dwa.rules is "{self.rules}"')
+
+
+_DISC: Final = DwaParameters(rules="disc", granularity=0.05)
+DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
+    {
+        "chapter": DwaParameters(),
+        "robust": replace(
+            _DISC,
+            min_speed=-0.1,
+            least_turn=0.2,
+            turn_acceleration=3.5,
+            sim_time=1.7,
+            path_bias=16.0,
+            spot_rate=1.8,
+            front_angle=0.8,
+            shortcut=1.5,
+            escape=1.0,
+        ),
+    }
+)
+"""`chapter`: the original's rules and numbers. `robust`: our own rules; trajectories are checked every
+0.05 m, as distances within cells are exact; own choices of the numbers, tried on the corridor map. The plan
+pulls less than the goal, so that the robot leaves it to pass what stands on it; it looks less far ahead (the
+default of sim_time in dwa_local_planner); it turns slower and changes that faster, for what turns at
+min_rot_vel cannot turn back within a period at the chapter's acceleration; it turns straight to plans behind
+it, and is not drawn through a wall's end; it gets away from what is too near, even backward."""
+
+
+class OscillationCritic:
+    """Remembers the directions that were commanded, and bars the reverse of them for a while."""
+
+    def __init__(self, distance: float, angle: float, least_speed: float) -> None:
+        """All is allowed again `distance`, m, or `angle`, rad, from where it was barred.
+
+        Turns count from `least_speed`, m/s, downward only.
+        """
+        self._distance = distance
+        self._angle = angle
+        self._least_speed = least_speed
+        self._last = [0, 0]  # sign of the last motion along, and of the last turn
+        self._barred = np.zeros(4, np.bool_)
+        self._where = Pose(0.0, 0.0, 0.0)
+
+    @property
+    def barred(self) -> NDArray[np.bool_]:
+        """(4,): True if forward, backward, left turn, right turn must not be commanded."""
+        return self._barred
+
+    def forget(self) -> None:
+        """Allow everything."""
+        self._last = [0, 0]
+        self._barred[:] = False
+
+    def note(self, here: Pose, speed: float, turn: float) -> None:
+        """`speed`, m/s, and `turn`, rad/s, are commanded at `here`, odometry frame."""
+        reversed_now = self._reverse(0, speed)
+        if abs(speed) <= self._least_speed:
+            reversed_now |= self._reverse(1, turn)
+        if reversed_now:
+            self._where = here
+        if self._barred.any() and self._away(here):
+            self.forget()
+
+    def _reverse(self, axis: int, value: float) -> bool:
+        """Note the sign of a motion; True if it was the other one before, which is barred from now on."""
+        sign = (value > 0) - (value < 0)
+        if sign == 0:
+            return False
+        turned = self._last[axis] == -sign
+        if turned:
+            self._barred[2 * axis + (1 if sign > 0 else 0)] = True
+        self._last[axis] = sign
+        return turned
+
+    def _away(self, here: Pose) -> bool:
+        gone = hypot(here.x - self._where.x, here.y - self._where.y)
+        return gone > self._distance or abs(wrap(here.heading - self._where.heading)) > self._angle
+
+
+class Steering(NamedTuple):
+    """What to command now."""
+
+    twist: Twist
+    valid: bool
+    """False without any valid trajectory, or without a plan or a scan to find one with; `twist` is STILL."""
+
+
+NOWHERE: Final = Steering(STILL, False)
+
+
+class BaseLocalPlanner(ABC):
+    """Follows one plan at a time."""
+
+    def __init__(self, local: CostMap, parameters: DwaParameters) -> None:
+        """`local` is kept up to date by whoever owns it."""
+        self._local = local
+        self._p = p = parameters
+        self._cell = local.parameters.cell
+        self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
+        self._way: NDArray[np.float64] = np.zeros((0, 2))
+        self._turning = False
+        self.steered: Instant | None = None
+        """When it chose last, with a fresh scan; None: never."""
+
+    @property
+    def local(self) -> CostMap:
+        """Its local cost map."""
+        return self._local
+
+    @property
+    def period(self) -> Duration:
+        """How often it is to be asked: so long a command holds."""
+        return self._p.period
+
+    def begin(self) -> None:
+        """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
+        self._way = np.zeros((0, 2))
+        self._oscillation.forget()
+        self._turning = False
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
+        self._way = way
+
+    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        """What to command from `instant` on, for a period; not valid without a fresh scan.
+
+        `here` and `estimate`: the body's pose at that instant, in the odometry frame, to which the local map
+        has been rolled, and in the map frame. `velocity`: the base's own.
+        """
+        if not self._local.age(instant) <= in_seconds(self._p.scan_patience):
+            return NOWHERE
+        self.steered = instant
+        return self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
+
+    @abstractmethod
+    def reached(self, estimate: Pose, velocity: Twist) -> bool:
+        """True once the robot is where its plan ends, as this local planner means it."""
+
+    @abstractmethod
+    def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        """One cycle; there is a plan."""
+
+
+def reachable(value: float, gain: float, low: float, high: float) -> tuple[float, float]:
+    """The dynamic window: what is within `gain` of `value` and within the limits; else the nearest limit."""
+    least, most = value - gain, value + gain
+    least = max(least, low)
+    least = min(least, high)
+    most = min(most, high)
+    most = max(most, low)
+    return least, most

@@ -1,1 +1,0 @@
-"""Who may use which key of the mesh: rules, credentials, TLS, and what the router is told."""

@@ -1,1 +1,0 @@
-"""Knowledge between nodes: how it travels, in which packets and fragments, and which replicas are kept."""

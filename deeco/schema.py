@@ -1,0 +1,162 @@
+"""The form in which roles travel: fields in their order, without names, and without the id.
+
+Nodes that know a role by the same fingerprint agree on its form, as nodes of one program do.
+"""
+
+from collections.abc import Container, Iterable
+from hashlib import blake2b
+from typing import Any, NamedTuple
+
+from deeco.errors import DeploymentError, ExecutionError
+from deeco.knowledge import Knowledge, is_role, made, published, roles_of
+from deeco.link import DEFAULTS, LinkParameters
+from deeco.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker
+
+__all__ = ["Junk", "Resolution", "RoleBook", "Unpacked", "fingerprint"]
+
+_ID = "id"
+
+
+class Unpacked(NamedTuple):
+    """What a book makes of packed roles."""
+
+    roles: tuple[Knowledge, ...]
+    unknown: int
+    """How many of the packed roles are not in the book."""
+
+
+class _Role:
+    """One role, compiled."""
+
+    def __init__(self, cls: type[Knowledge], limits: LinkParameters) -> None:
+        if not is_role(cls):
+            raise DeploymentError(f"{cls.__name__} cannot be published; its class should have @role")
+        self.cls = cls
+        names = tuple(name for name in published(cls) if name != _ID)
+        try:
+            forms = Compiler(limits, inside=(cls,)).fields(cls, names)
+            self._make = maker(cls, (_ID, *names))
+        except Unsound as unsound:
+            raise DeploymentError(f"role {cls.__name__} cannot be published: {unsound}") from None
+        depth = max((form.depth for form in forms), default=0)
+        if depth > limits.most_depth:
+            raise DeploymentError(
+                f"role {cls.__name__} cannot be published: it nests its types {depth} deep; "
+                f"at most {limits.most_depth} may be (LinkParameters.most_depth)"
+            )
+        self._names = names
+        self._values = getter(names)
+        self._pack = tuple(form.pack for form in forms)
+        self._unpack = tuple(form.unpack for form in forms)
+        fields = ",".join(f"{name}:{form.says}" for name, form in zip(names, forms, strict=True))
+        self.says = f"{cls.__qualname__}({fields})"
+        self.fingerprint = int.from_bytes(blake2b(self.says.encode(), digest_size=4).digest(), "little")
+
+    def pack(self, value: Knowledge) -> tuple[Any, ...]:
+        """The fields. Raises ExecutionError for a value that cannot travel."""
+        packed: list[Any] = []
+        try:
+            for pack, field in zip(self._pack, self._values(value), strict=True):
+                packed.append(pack(field))
+        except Unfit as unfit:
+            name = self._names[len(packed)]
+            raise ExecutionError(
+                f"{self.cls.__name__}.{name} of {value.id!r} cannot be published: {unfit}"
+            ) from None
+        return tuple(packed)
+
+    def unpack(self, component: str, packed: object) -> Knowledge:
+        """The role of a component. Raises Junk."""
+        if type(packed) is not tuple or len(packed) != len(self._names):
+            raise Junk
+        values = [unpack(field) for unpack, field in zip(self._unpack, packed, strict=True)]
+        made: Knowledge = self._make((component, *values))
+        return made
+
+
+class RoleBook:
+    """Packs and unpacks the roles that a node knows.
+
+    Raises DeploymentError for a role that has no form on the air, and for two that nobody could tell apart.
+    """
+
+    def __init__(self, roles: Iterable[type[Knowledge]], limits: LinkParameters = DEFAULTS) -> None:
+        self._by_fingerprint: dict[int, _Role] = {}
+        self._by_class: dict[type[Knowledge], _Role] = {}
+        self._played: dict[type[Knowledge], tuple[_Role, ...]] = {}
+        self._limits = limits
+        for cls in roles:
+            if cls not in self._by_class:
+                self._add(_Role(cls, limits))
+
+    def _add(self, role: _Role) -> None:
+        other = self._by_fingerprint.setdefault(role.fingerprint, role)
+        if other is not role:
+            raise DeploymentError(
+                f"{_place(role.cls)} and {_place(other.cls)} have the same fingerprint on the air, "
+                f"{role.fingerprint:08x}; one of them should have another name"
+            )
+        self._by_class[role.cls] = role
+
+    @property
+    def fingerprints(self) -> Container[int]:
+        """Of the roles in the book."""
+        return self._by_fingerprint
+
+    def pack(self, value: Knowledge) -> tuple[tuple[int, tuple[object, ...]], ...]:
+        """For each role that a component plays, its fingerprint and its packed fields.
+
+        Raises ExecutionError for a value that cannot travel, DeploymentError for a role not in the book.
+        """
+        kind = type(value)
+        played = self._played.get(kind)
+        if played is None:
+            played = self._played[kind] = self._roles_of(kind)
+        return tuple([(role.fingerprint, role.pack(value)) for role in played])
+
+    def _roles_of(self, kind: type[Knowledge]) -> tuple[_Role, ...]:
+        roles = roles_of(kind)
+        if missing := next((one for one in roles if one not in self._by_class), None):
+            raise DeploymentError(
+                f"{kind.__name__} plays {missing.__name__}, which the role book should have been given"
+            )
+        if len(roles) > self._limits.most_roles:
+            raise DeploymentError(
+                f"{kind.__name__} plays {len(roles)} roles; at most {self._limits.most_roles} may be "
+                "(LinkParameters.most_roles)"
+            )
+        return tuple(self._by_class[one] for one in roles)
+
+    def unpack(self, component: str, packed: tuple[tuple[int, tuple[object, ...]], ...]) -> Unpacked | None:
+        """The roles of a component that are in the book, in the order they came in; None if they are junk.
+
+        A role that comes twice is junk, and so is one that does not have its form to the letter.
+        """
+        found: dict[int, Knowledge] = {}
+        unknown = 0
+        try:
+            for key, fields in packed:
+                role = self._by_fingerprint.get(key)
+                if role is None:
+                    unknown += 1
+                elif key in found:
+                    return None
+                else:
+                    found[key] = role.unpack(component, fields)
+        except Junk:
+            return None
+        return made(Unpacked, (tuple(found.values()), unknown))
+
+
+def _place(cls: type) -> str:
+    return f"{cls.__module__}.{cls.__qualname__}"
+
+
+def fingerprint(role: type[Knowledge]) -> int:
+    """32 bits that name a role and the form of its fields, the same in every process.
+
+    They change with the role's qualified name (without its module), with its fields' names and order, and
+    with everything about their types that other nodes must agree on. Raises DeploymentError for a role that
+    has no form on the air.
+    """
+    return _Role(role, DEFAULTS).fingerprint

@@ -1,1 +1,0 @@
-"""Dask clusters: how they are reached, and files that start one."""

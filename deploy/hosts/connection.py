@@ -1,0 +1,155 @@
+"""Connection to a Dask cluster: TLS, and answers of its workers."""
+
+import logging
+import socket
+import ssl
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from distributed import CancelledError, Client, Future, Security, wait
+
+from actors.runtime.errors import AcrcError
+from deploy.hosts.address import PAGE, host_and_port, is_safe
+
+
+class ClusterError(AcrcError):
+    """A cluster that is not there, or not of use."""
+
+
+_KEYS: Final = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
+"""What has to be configured, by Dask's name for it below distributed.comm.tls."""
+
+
+def security(address: str, patience_s: float, named: str = "--on") -> Security:
+    """What a client presents at a tls:// address, tried once, so that a refusal has its reason.
+
+    `named`: the option or argument that gave the address. Raises ClusterError where something is not
+    configured, or one of the two does not take the other's certificate.
+    """
+    given = Security(require_encryption=True)
+    files = given.get_tls_config_for_role("client")
+    context = _context(given, files, address, named)
+    try:
+        with (
+            socket.create_connection(host_and_port(address), timeout=patience_s) as plain,
+            context.wrap_socket(plain) as encrypted,
+        ):
+            encrypted.recv(1)  # a scheduler speaks first; one that refuses says why
+    except ssl.SSLCertVerificationError as error:
+        raise ClusterError(
+            f"{named} {address}: the scheduler's certificate is not accepted: {error.verify_message}; must "
+            f"be signed by the ca-file {files['ca_file']}, and valid now ({PAGE})"
+        ) from None
+    except ssl.SSLError as error:
+        raise ClusterError(
+            f"{named} {address}: the scheduler does not accept the certificate {files['cert']}, or has "
+            f"no TLS: {(error.reason or 'connection closed').lower().replace('_', ' ')} ({PAGE})"
+        ) from None
+    except OSError as error:
+        raise ClusterError(
+            f"{named} {address}: no Dask scheduler answers there: {error.strerror or error}"
+        ) from None
+    return given
+
+
+def _context(given: Security, files: Mapping[str, str | None], address: str, named: str) -> ssl.SSLContext:
+    for name, key in _KEYS.items():
+        path = files[name]
+        where = f"distributed.comm.tls.{key} in Dask's configuration"
+        if not path:
+            raise ClusterError(f"{named} {address}: there is no {where}; must name a file in PEM ({PAGE})")
+        if not Path(path).is_file():
+            raise ClusterError(f"{named} {address}: {where} is {path}; must be a file in PEM ({PAGE})")
+    try:
+        context: ssl.SSLContext = given.get_connection_args("client")["ssl_context"]
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"{named} {address}: {', '.join(str(path) for path in files.values() if path)}: cannot be used "
+            f"as authority, certificate and its key: {error}"
+        ) from None
+    return context
+
+
+PATIENCE_S: Final = 10.0
+_LOOK_S: Final = 5.0
+"""So often whoever waits for a worker looks what keeps it."""
+
+
+def connect(address: str) -> Client:
+    """A client of the cluster, which has workers, and lets in nobody without a key.
+
+    `address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer. Raises ClusterError.
+    """
+    for name in ("distributed", "distributed.client"):  # what they say there is raised as well
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        given = security(address, PATIENCE_S) if address.startswith("tls://") else None
+        client = Client(address, timeout=PATIENCE_S, security=given)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ClusterError(f"--on {address}: no Dask scheduler answers there: {reason}") from None
+    try:
+        refuse_open(client, address)
+        if not client.nthreads():
+            raise ClusterError(
+                f"--on {address}: has no workers; must have one at least, such as by "
+                f"./acrc cluster join {address}"
+            )
+    except ClusterError:
+        client.close(timeout=PATIENCE_S)
+        raise
+    return client
+
+
+def refuse_open(client: Client, address: str) -> None:
+    """Raise ClusterError where somebody from outside could give the cluster work."""
+    about = client.scheduler_info(n_workers=-1)
+    for who in (str(about["address"]), *map(str, about["workers"])):
+        if not is_safe(who):
+            raise ClusterError(
+                f"--on {address}: listens at {who} without TLS, and runs whatever comes from "
+                f"whoever reaches it; must have TLS, or listen at 127.0.0.1 ({PAGE})"
+            )
+    if address.startswith("tcp://"):
+        sys.stderr.write(
+            f"acrc: --on {address}: has no TLS: whoever has an account on this computer can run "
+            f"code as you there\n"
+        )
+
+
+def machines(client: Client) -> list[str]:
+    """The address of one worker on each computer of the cluster, in order of their addresses."""
+    first: dict[str, str] = {}
+    for worker in sorted(map(str, client.nthreads())):
+        first.setdefault(host_and_port(worker)[0], worker)
+    return list(first.values())
+
+
+def answer(client: Client, address: str, worker: str, future: Future[Any]) -> Any:
+    """What the worker has to say to the task, as long as that takes; after a while whoever waits is told why.
+
+    Raises ClusterError where the worker has left or the scheduler is lost, and what the task raises.
+    """
+    told = False
+    try:
+        while not future.done():
+            try:
+                wait(future, timeout=_LOOK_S)
+            except TimeoutError:
+                why = _why(client, address, worker, future)
+                if not told:
+                    sys.stderr.write(f"acrc: --on {address}: waiting for the worker {worker}{why}\n")
+                told = True
+        return future.result()
+    except CancelledError:
+        raise ClusterError(f"--on {address}: the scheduler does not answer any more ({PAGE})") from None
+
+
+def _why(client: Client, address: str, worker: str, future: Future[Any]) -> str:
+    """What keeps the worker, in words; empty if nothing is known. Raises ClusterError if it has left."""
+    if worker not in client.nthreads():
+        raise ClusterError(f"--on {address}: the worker {worker} has left the cluster ({PAGE})")
+    others = {*client.processing([worker]).get(worker, ())} - {future.key}
+    return "; it is busy, as with another run or a campaign" if others else ""
