@@ -122,14 +122,20 @@ def ensemble(
     return tagged
 
 
+def ensemble_type(cls: type) -> EnsembleType | None:
+    """Return what the class of an ensemble says; None for any other class."""
+    found: EnsembleType | None = getattr(cls, _TAG, None)
+    return found
+
+
 def type_of(instance: object) -> EnsembleType:
-    """What the class of an ensemble says. Raises DefinitionError for an object that is none."""
-    described = getattr(type(instance), _TAG, None)
-    if not isinstance(described, EnsembleType):
+    """Return what the class of an ensemble says. Raises DefinitionError for an object that is none."""
+    found = ensemble_type(type(instance))
+    if found is None:
         raise DefinitionError(
             f"{instance!r} is no ensemble; it should be an instance of a class with @ensemble(...)"
         )
-    return described
+    return found
 
 
 def _described(

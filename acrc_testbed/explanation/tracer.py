@@ -26,7 +26,8 @@ from actors.robot.behaviour.ports import Behaviour, Decision, Goal, GoalOrder, V
 from actors.robot.core import RobotCore
 from actors.robot.introspection import as_json, decision, differences, goal_state, in_words
 from actors.runtime.core import Core, Inputs
-from deeco.explain.anatomy import ensemble_type, method_flow, methods
+from deeco.ensemble import ensemble_type
+from deeco.explain.anatomy import method_flow, methods
 from deeco.explain.dataflow import flow
 from deeco.knowledge import Knowledge, type_of
 from deeco.local import Commit

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from deeco.component import Fact, OnChange, Periodic, Process, has_fact, processes_of
-from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType
+from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
 from deeco.explain.dataflow import Flow, flow
 from deeco.instant import in_seconds
 from deeco.knowledge import Knowledge, is_component
@@ -45,12 +45,6 @@ class Method(NamedTuple):
     ports: tuple[tuple[str, Any], ...]
     local: tuple[str, ...]
     """The sides that may be the local one."""
-
-
-def ensemble_type(cls: type) -> EnsembleType | None:
-    """What the class of an ensemble says; None for any other class."""
-    found = (value for base in cls.__mro__ for value in vars(base).values())
-    return next((value for value in found if isinstance(value, EnsembleType)), None)
 
 
 def processes(cls: type[Knowledge]) -> tuple[ComponentPart, ...]:

@@ -39,7 +39,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return captured.err.removeprefix("deeco.explain: ").removesuffix("\n")
 
 
-def test_in_words_and_drawn_with_characters(capsys: pytest.CaptureFixture[str]) -> None:
+def test_text(capsys: pytest.CaptureFixture[str]) -> None:
     assert explained(capsys, *PAIR) == (EXPLAINED / "robot.txt").read_text()
 
 
@@ -59,7 +59,7 @@ def test_every_end_of_an_arrow_is_a_node_of_the_chart(capsys: pytest.CaptureFixt
 def test_an_ensemble_by_its_class_has_the_parameters_of_its_class(capsys: pytest.CaptureFixture[str]) -> None:
     text = explained(capsys, f"{HERE}:DestinationAdoption")
     assert "    parameters   max_distance: float = 3.0, backoff: Duration = 10 s\n" in text
-    assert "layer" not in text, "there is no component to draw"
+    assert "written by" not in text, "there is no component whose fields to list"
 
 
 def test_what_cannot_be_told_is_said(capsys: pytest.CaptureFixture[str]) -> None:
