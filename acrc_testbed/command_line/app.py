@@ -163,7 +163,15 @@ def _other(error: typer.TyperException, command: str, context: Any) -> str:
     return f"{command.removeprefix('acrc ')}: {error.format_message()}"
 
 
+_REMOVED_OPTIONS: Final = {
+    f"acrc view {option}": "acrc explain OUT ROBOT@SECONDS replays a robot and explains its decisions"
+    for option in ("--why", "--modules", "--trust", "--isolate", "--no-isolate")
+}
+
+
 def _unknown_option(error: faults.NoSuchOption, command: str, context: Any) -> str:
+    if right := _REMOVED_OPTIONS.get(f"{command} {error.option_name}"):
+        return f"{error.option_name}: is no option of {command} any more; {right}"
     near = error.possibilities or []
     right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
     return f"{error.option_name}: is no option of {command}; {right}"

@@ -27,7 +27,6 @@ from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
     from acrc_testbed.run_model.data import RunData
-    from acrc_testbed.view.command import ViewOptions
 
 _PAGES: Final = (".png", ".svg", ".html")
 _JUDGED_S: Final = 5.0
@@ -105,19 +104,6 @@ def view(
         list[str] | None,
         option("ID", "Show everything that this robot perceives; repeatable.  [default: the first eight]"),
     ] = None,
-    why: Annotated[
-        bool,
-        typer.Option("--why", help="Tell why robots decided what they did; replays them once more."),
-    ] = False,
-    modules: Modules = None,
-    trust: Trust = False,
-    isolate: Annotated[
-        bool | None,
-        typer.Option(
-            "--isolate/--no-isolate",
-            help="With --why: replay robots in a sandbox.  [default: where the machine can]",
-        ),
-    ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print how the run stands and the files as JSON; open nothing.")
     ] = False,
@@ -127,8 +113,8 @@ def view(
     The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
     it lacks something, such as the own view of a robot that was recorded lean.
 
-    Everything is read from recordings; only --why replays robots. With --png, --svg, --html or --movie:
-    floor, trails, places, meetings, radio and progress.
+    Everything is read from recordings; nothing is replayed. With --png, --svg, --html or --movie: floor,
+    trails, places, meetings, radio and progress.
     """
     folder, files = _folder_and_files(paths or ())
     out = folder or _newest()
@@ -136,8 +122,8 @@ def view(
     for wished, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
         if wished:
             files.setdefault(suffix, out / f"{name}{suffix}")
-    if beside and (".html" in files or movie or why):
-        raise OptionError("--beside: cannot be combined with --html, --movie or --why")
+    if beside and (".html" in files or movie):
+        raise OptionError("--beside: cannot be combined with --html or --movie")
     pages = list(files.values())
     if beside and pages:
         _answer_drawn(out, _draw_beside((out, *beside), pages), json=json)
@@ -150,11 +136,7 @@ def view(
         output_file("--save", save, ".rrd")
     if screenshot is not None:
         output_file("--screenshot", screenshot, ".png")
-    from acrc_testbed.view.command import ViewOptions
-    from actors.robot.behaviour.foreign import permit_of
-
-    chosen = ViewOptions(tuple(robot or ()), why, permit_of(modules, trust=trust), isolate)
-    _show((out, *(beside or ())), chosen, save=save, screenshot=screenshot, at=at)
+    _show((out, *(beside or ())), robot or (), save=save, screenshot=screenshot, at=at)
     if json:
         _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
 
@@ -192,7 +174,7 @@ def _newest() -> Path:
 
 def _show(
     folders: Sequence[Path],
-    options: "ViewOptions",
+    robots: Sequence[str],
     *,
     save: Path | None,
     screenshot: Path | None,
@@ -210,11 +192,11 @@ def _show(
     complete = True
     with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
-            complete = command.save(folders, options, save, say)
+            complete = command.save(folders, robots, save, say)
         if screenshot is not None:
-            complete &= command.picture(folders, options, screenshot, at, say)
+            complete &= command.picture(folders, robots, screenshot, at, say)
         if save is None and screenshot is None:
-            complete = command.show(folders, options, say)
+            complete = command.show(folders, robots, say)
     if not complete:
         raise AcrcError(f"{folders[0]}: the view lacks what is named above")
 

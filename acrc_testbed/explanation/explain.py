@@ -97,13 +97,6 @@ class Explainer:
         then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
         raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
 
-    def every(self, robot: str) -> Iterator[Explanation]:
-        """Every decision of a robot, in the order of the instants. Raises ExplanationError."""
-        for actor, trace in self._traces(robot):
-            chain = Chain(trace, Air(self._out, actor))
-            for made in decisions(trace):
-                yield _explanation(robot, in_seconds(made.instant), made, chain)
-
     def _traces(self, robot: str) -> list[tuple[str, CausalTrace]]:
         """Of the robot's processes, in the order in which they were started; made once."""
         if robot in self._made:

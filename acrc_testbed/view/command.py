@@ -5,11 +5,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.explanation.explain import Explainer, ExplanationError
 from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import Standing, drawn_until, standing
 from acrc_testbed.results.seal import elsewhere, where
@@ -23,10 +22,8 @@ from actors.observer.layout import Arrangement, Sheet
 from actors.observer.viewer import OpenViewer
 from actors.processes.launch import scratch_folder
 from actors.processes.signals import Interrupted
-from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import choose, warn
 from actors.runtime.recording import read_notes
 
 FILE_NAME: Final = "view.rrd"
@@ -46,41 +43,30 @@ def say_at_once(sentence: str) -> None:
     sys.stdout.flush()
 
 
-@dataclass(frozen=True)
-class ViewOptions:
-    """What to draw."""
+def save(folders: Sequence[Path], robots: Sequence[str], path: Path, say: Say) -> bool:
+    """Draw runs into a view file; return whether it has everything.
 
-    robots: Sequence[str] = ()
-    """Robots that are drawn in detail; empty: the first DETAILED."""
-    why: bool = False
-    """Explain the decisions of those robots, for which they are replayed."""
-    permit: Permit = INSTALLED
-    """Code that the replay may execute beside what is installed."""
-    isolate: bool | None = None
-    """Replay in a sandbox; None: where the machine can."""
-
-
-def save(folders: Sequence[Path], options: ViewOptions, path: Path, say: Say) -> bool:
-    """Draw runs into a view file; return whether it has everything, as all these functions do."""
+    `robots`, here and below: those drawn in detail; empty: the first DETAILED.
+    """
     began = time.monotonic()
-    return draw(_read(folders, say), path, options, None, say, began)
+    return draw(_read(folders, say), path, robots, None, say, began)
 
 
 def picture(
-    folders: Sequence[Path], options: ViewOptions, path: Path, second: float | None, say: Say
+    folders: Sequence[Path], robots: Sequence[str], path: Path, second: float | None, say: Say
 ) -> bool:
     """Draw runs, and take a picture of the window at an instant, s; None: in the middle of the runs."""
     began, runs = time.monotonic(), _read(folders, say)
     with scratch_folder() as folder:
         view = folder / FILE_NAME
-        complete = draw(runs, view, options, None, say, began)
+        complete = draw(runs, view, robots, None, say, began)
         shot = viewer.take(view, max(run.end for run in runs) / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
     return complete
 
 
-def show(folders: Sequence[Path], options: ViewOptions, say: Say) -> bool:
+def show(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
     """Draw runs into a view file and show it meanwhile; a single run that goes on is followed to its end.
 
     In a window if there is a display. Else it is served to a browser on this machine until Interrupted.
@@ -94,9 +80,9 @@ def show(folders: Sequence[Path], options: ViewOptions, say: Say) -> bool:
         if goes_on:
             complete = True
             with regular_file.replaced(path) as part:
-                follow(folders[0], part, options.robots, shown, say)
+                follow(folders[0], part, robots, shown, say)
         else:
-            complete = draw(runs, path, options, None if shown is None else shown.address, say, began)
+            complete = draw(runs, path, robots, None if shown is None else shown.address, say, began)
         _rest(shown, path, say)
     finally:
         viewer.end(shown)
@@ -106,7 +92,7 @@ def show(folders: Sequence[Path], options: ViewOptions, say: Say) -> bool:
 def draw(
     runs: Sequence[RunData],
     path: Path,
-    options: ViewOptions,
+    robots: Sequence[str],
     send_to: str | None,
     say: Say,
     began: float | None = None,
@@ -116,8 +102,8 @@ def draw(
     `began`: when the user began to wait, by the monotonic clock.
     """
     began = time.monotonic() if began is None else began
-    detailed = [looked_into(run.robots, options.robots) for run in runs]
-    arranged = [arrangement(run, each, reasons=options.why) for run, each in zip(runs, detailed, strict=True)]
+    detailed = [looked_into(run.robots, robots) for run in runs]
+    arranged = [arrangement(run, each) for run, each in zip(runs, detailed, strict=True)]
     if runs[1:]:  # all have the time of the longest, so that lanes and plots are aligned
         end = max(run.end for run in runs)
         arranged = [
@@ -136,11 +122,10 @@ def draw(
         sheet.flush()
         say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
         faults = []
-        for run, drawing, each in zip(runs, drawings, detailed, strict=True):
+        for run, drawing in zip(runs, drawings, strict=True):
             drawing.computed(run, last=True)
             sheet.flush()
             lacks = [*_missing(run), *drawing.lacks(run)]
-            lacks += _explain(run, drawing, each, options) if options.why else []
             faults += [f"{run.out.name}: {one}" if runs[1:] else one for one in lacks]
         lost = sheet.lost
     for fault in faults:
@@ -156,19 +141,6 @@ def _missing(run: RunData) -> list[str]:
     """Return where recordings are that were left on hosts."""
     left = elsewhere(run.out)
     return [where(run.out, left)] if left else []
-
-
-def _explain(run: RunData, drawing: RunDrawing, robots: Sequence[str], options: ViewOptions) -> list[str]:
-    """Draw why robots decided what they did; return what could not be explained."""
-    choice = choose(options.isolate)
-    warn(choice.warning)
-    faults, explainer = [], Explainer(run.out, permit=options.permit, isolate=choice.isolate)
-    for robot in robots:
-        try:
-            drawing.reasons(robot, list(explainer.every(robot)))
-        except ExplanationError as error:
-            faults.append(str(error))
-    return faults
 
 
 def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | None, say: Say) -> None:

@@ -2,23 +2,28 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from acrc_testbed.explanation.account import spells
 from acrc_testbed.explanation.episodes import STANDARD
-from acrc_testbed.explanation.explain import Explanation
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
-from acrc_testbed.run_model.introspection import NOT_RECORDED, ActivityChange, Floats, RobotInternals
+from acrc_testbed.run_model.introspection import (
+    NOT_RECORDED,
+    ActivityChange,
+    Floats,
+    RobotInternals,
+    StepCommit,
+)
 from acrc_testbed.run_model.places import PlaceTable
 from acrc_testbed.run_model.recorded import NO_FRAMES
 from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
 from actors.installation.usage import wrong_value
+from actors.introspection import DecisionRecord
 from actors.observer import layout, places, robots, words
 from actors.observer.canvas import FEW, Canvas
 from actors.observer.glyphs import FATES
@@ -91,6 +96,7 @@ class ProcessDrawing:
         until = inside.end if end is None else end
         if self._shown.detailed:
             _draw_perception(canvas, robot, inside)
+            words.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
             self._ages(inside, until)
         doings = [Occupation(one.second, one.activity, one.destination) for one in inside.activities]
         self._lane.do(doings, until)
@@ -137,6 +143,20 @@ class ProcessDrawing:
             known = np.isfinite(ages)
             words.draw_line(canvas, path, seconds[known], ages[known])
             self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
+
+
+def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequence[str]]:
+    """Return when a decision was made, the decision, and its recorded causes."""
+    made = change.commit
+    causes = [f"{decision.words}, by {made.by}"]
+    if made.peer:
+        causes.append(f"knowledge of {made.peer}, {made.age / 1e6:.1f} s old")
+    if (used := made.replica) is not None:
+        relayed = f", relayed {used.hops} times" if used.hops else ""
+        strength = "" if used.rssi_dbm is None else f", {used.rssi_dbm:.0f} dBm"
+        causes.append(f"its publication {used.publication}{relayed}{strength}")
+    causes += [f"{one.path}: {one.before} → {one.after}" for one in made.changed]
+    return change.second, causes
 
 
 def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None:
@@ -323,14 +343,6 @@ class RunDrawing:
         """Tell of the view itself: what it lacks, and why."""
         words.draw_events(self._canvas, "view", events)
 
-    def reasons(self, robot: str, explanations: Sequence[Explanation]) -> None:
-        """Why it decided what it did: each decision's causes, until the next one."""
-        told = [
-            (second, [(link.at_s, link.depth, link.says) for one in made for link in one.chain])
-            for second, made in groupby(explanations, lambda one: one.at_s)
-        ]
-        words.draw_reasons(self._canvas, robot, told)
-
     def _ensembles(self, since: float) -> None:
         """Draw who has learnt from whom, from an instant on, s."""
         words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
@@ -377,9 +389,9 @@ def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
     return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
 
 
-def arrangement(run: RunData, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
+def arrangement(run: RunData, detailed: Sequence[str]) -> layout.Arrangement:
     """What the window is to show of a run."""
-    return layout.Arrangement(run.grid, run.robots, detailed, run.end, run.description.has_truth, reasons)
+    return layout.Arrangement(run.grid, run.robots, detailed, run.end, run.description.has_truth)
 
 
 def _every(period: float, since: float, end: float) -> Floats:

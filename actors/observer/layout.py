@@ -46,8 +46,6 @@ class Arrangement:
     """s; None: the run goes on, and the window follows it."""
     true: bool = True
     """False: nobody knows where robots were, and what is drawn is what they held."""
-    reasons: bool = False
-    """Why robots decided what they did is told beside what they know."""
     root: str = ""
     """Below which everything lies, as in "/1", where several runs are shown beside one another ..."""
     name: str = ""
@@ -145,10 +143,8 @@ def _own(robot: str, what: Arrangement) -> rrb.Vertical:
         eye_controls=_eye(0.0, 0.0, _OWN_HEIGHT),
     )
     knowledge = rrb.TextDocumentView(origin=f"{what.root}/knowledge/{robot}", name=f"{robot}: knowledge")
-    below: Any = knowledge
-    if what.reasons:
-        why = rrb.TextDocumentView(origin=f"{what.root}/why/{robot}", name=f"{robot}: why")
-        below = rrb.Tabs(knowledge, why, active_tab=1)
+    decisions = rrb.TextDocumentView(origin=f"{what.root}/decisions/{robot}", name=f"{robot}: decisions")
+    below = rrb.Tabs(knowledge, decisions, active_tab=0)
     return rrb.Vertical(view, below, row_shares=[3, 2], name=robot)
 
 

@@ -122,21 +122,17 @@ def draw_knowledge(
     )
 
 
-def draw_reasons(
-    canvas: Canvas, robot: str, reasons: Sequence[tuple[float, Sequence[tuple[float, int, str]]]]
-) -> None:
-    """Why a robot decided something, from each instant on: instant, depth and words of each cause."""
-    texts = [_chain(links) for _, links in reasons]
+def draw_decisions(canvas: Canvas, robot: str, decisions: Sequence[tuple[float, Sequence[str]]]) -> None:
+    """A robot's last decision from each instant on: the decision, then its causes."""
+    texts = [
+        "\n".join((f"**{second:.3f} s** {_cell(made)}", "", *(f"- {_cell(one)}" for one in causes)))
+        for second, (made, *causes) in decisions
+    ]
     canvas.columns(
-        f"why/{robot}",
-        [second for second, _ in reasons],
+        f"decisions/{robot}",
+        [second for second, _ in decisions],
         rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts)),
     )
-
-
-def _chain(links: Sequence[tuple[float, int, str]]) -> str:
-    """In Markdown: causes stand below their effects, one step deeper; a list wraps, a table does not."""
-    return "\n".join(f"{'  ' * depth}- **{second:.3f} s** {_cell(says)}" for second, depth, says in links)
 
 
 def _cell(text: str) -> str:

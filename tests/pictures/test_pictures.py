@@ -143,7 +143,7 @@ def test_runs_too_short_to_judge_are_drawn_beside_one_another_with_a_warning(sho
     )
     refused = acrc(*words, "--html")
     assert refused.returncode == 2
-    assert refused.stderr == "acrc: --beside: cannot be combined with --html, --movie or --why\n"
+    assert refused.stderr == "acrc: --beside: cannot be combined with --html or --movie\n"
 
 
 def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunData) -> None:

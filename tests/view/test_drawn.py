@@ -13,16 +13,14 @@ from rerun.chunk import RrdReader
 
 from acrc_testbed.command_line import look
 from acrc_testbed.explanation.account import spells
-from acrc_testbed.explanation.explain import Explainer
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frames import by_outcome
-from acrc_testbed.view.command import ViewOptions, draw, place, save
+from acrc_testbed.view.command import draw, place, save
 from actors.observer import glyphs, viewer
 from actors.observer.layout import APPLICATION
 from actors.radio.medium.state import Outcome
-from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
 from tests.view.conftest import Rows, rows
 
@@ -45,7 +43,7 @@ class View(NamedTuple):
 def view(folder: Path, strict: None, tmp_path_factory: pytest.TempPathFactory) -> View:
     said: list[str] = []
     path = tmp_path_factory.mktemp("view") / "run.rrd"
-    assert save([folder], ViewOptions(why=True), path, said.append)
+    assert save([folder], (), path, said.append)
     assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
     return View(rows(path), said)
 
@@ -83,11 +81,13 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     assert "/legend/marks" in found and "/legend/copies" in found
     table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
     assert "| position |" in table and "| route |" in table
-    reasons = of(found, "/why/r2", "TextDocument:text")
-    assert [second for second, _ in reasons] == sorted(
-        {row.at_s for row in Explainer(folder, permit=INSTALLED, isolate=False).listed("r2")}
-    )
-    assert any("| takes over" in text[0] or "r2 takes over" in text[0] for _, text in reasons)
+    decisions = dict(of(found, "/decisions/r2", "TextDocument:text"))
+    made = [
+        one for inside in evidence.internals if inside.process.robot == "r2" for one in inside.decisions()
+    ]
+    assert sorted(decisions) == pytest.approx(sorted({change.second for change, _ in made})) and made
+    adopting = next(text[0] for text in decisions.values() if "takes over" in text[0])
+    assert "- knowledge of r1, " in adopting and " dBm\n- " in adopting and "- attempt: 0 → 1" in adopting
     assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
 
 
@@ -97,7 +97,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
     path = tmp_path / "run.rrd"
     for folders in ([lean], [lean, lean]):
         with pytest.raises(AcrcError, match="the view lacks what is named above"):
-            look._show(folders, ViewOptions(), save=path, screenshot=None, at=None)
+            look._show(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
         assert "r1: its introspection was not recorded; record the run with --record full" in told
         assert told.splitlines()[-1].endswith(" s, without what is named above")
@@ -108,7 +108,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
 
 def test_layout_and_chosen_robots(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    save([folder], ViewOptions(robots=("r2",)), path, lambda sentence: None)
+    save([folder], ("r2",), path, lambda sentence: None)
     (blueprint,) = RrdReader(str(path)).blueprints()
     assert blueprint.application_id == APPLICATION
     found = rows(path)
@@ -120,16 +120,16 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
     copytree(folder, tmp_path / "branch")
     said: list[str] = []
     path = tmp_path / "beside.rrd"
-    save((folder, tmp_path / "branch"), ViewOptions(), path, said.append)
+    save((folder, tmp_path / "branch"), (), path, said.append)
     assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
     one, both = view.rows, rows(path)
-    drawn_there = {entity for entity in one if entity != "/__properties" and not entity.startswith("/why/")}
+    drawn_there = {entity for entity in one if entity != "/__properties"}
     assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}
     for entity in ("/world/robots/r1", "/inside/r2/scan", "/r1", "/world/radio/losses"):
         whens = [[row.get("sim_time") for row in some] for some in (one[entity], both[f"/2{entity}"])]
         assert whens[0] == whens[1]
     with pytest.raises(AcrcError):
-        save((folder, tmp_path / "nowhere"), ViewOptions(), path, said.append)
+        save((folder, tmp_path / "nowhere"), (), path, said.append)
 
 
 def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
     held = evidence.estimated[:, 0]
     known = np.isfinite(run.trajectories["r1"].poses[:, 0])
     np.testing.assert_allclose(run.trajectories["r1"].poses[known], held[np.isfinite(held[:, 0])])
-    assert draw([run], tmp_path / "trial.rrd", ViewOptions(), None, lambda sentence: None)
+    assert draw([run], tmp_path / "trial.rrd", (), None, lambda sentence: None)
     found = rows(tmp_path / "trial.rrd")
     assert "/inside/r1/scan" in found and "/plots/error/r1" not in found
     assert "/plots/copies/heard" not in found
@@ -171,7 +171,7 @@ SHOWN = {
 @pytest.mark.nightly
 def test_the_viewer_shows_everything(folder: Path, tmp_path: Path) -> None:
     view = tmp_path / "view.rrd"
-    save([folder], ViewOptions(), view, lambda sentence: None)
+    save([folder], (), view, lambda sentence: None)
     try:
         shot = viewer.take(view, 20.0, 1200, 800)
     except viewer.ScreenshotError as error:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from acrc_testbed.recordings.topics import Standing, standing
 from acrc_testbed.run_model.data import RunDataError
 from acrc_testbed.run_model.simulated import RunReader, recorded_run
-from acrc_testbed.view.command import LiveView, ViewOptions, save
+from acrc_testbed.view.command import LiveView, save
 from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
@@ -53,7 +53,7 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
     growing: Growing, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(RunDrawing, "_deadlocks", lambda *_: None)  # known once a run has ended
-    save([folder], ViewOptions(), tmp_path / "whole.rrd", lambda sentence: None)
+    save([folder], (), tmp_path / "whole.rrd", lambda sentence: None)
     growing.grow(0.31)
     with RunReader(growing.out, internals=True) as reader:
         what = Arrangement(reader.description.grid, reader.robots, reader.robots)
