@@ -20,6 +20,7 @@ from acrc_testbed.results.clock_alignment import (
 )
 from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog, Tick
 from acrc_testbed.results.result import ClockReport
+from actors.messages import Heard, Received
 
 _STEADY_US: Final = 50_000
 """A clock that jumps by more against the count of steps is another one."""
@@ -107,7 +108,11 @@ def _shifts(log: RobotLog) -> dict[int, int]:
 
     The newest event of a message is not later than the step that brings it, and hardly earlier.
     """
-    lags = {moment.tick: log.ticks[moment.tick].instant - moment.instant for moment in log.newest}
+    lags = {
+        tick: log.ticks[tick].instant - max(event.instant for event in received.events)
+        for tick, received in log.of(Received)
+        if received.events
+    }
     runs: list[list[int]] = [[]]
     for tick, lag in lags.items():
         if _is_plausible(lag):
@@ -135,14 +140,16 @@ def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[StampedFrame]:
     found: dict[tuple[int, bytes], list[tuple[str, Stamp]]] = {}
     for log in trial.all_logs():
         robot = log.identity.id
-        for sent in log.sent:
+        for sent in log.sent_frames():
             seen = found.setdefault((log.identity.address, sent.data), [])
             seen.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
             if sent.sent is not None:
                 seen.append((robot, stamp(log, sent.sent, StampKind.SENT)))
-        for heard in log.heard:
-            seen = found.setdefault((heard.sender, heard.data), [])
-            seen.append((robot, stamp(log, heard.heard, StampKind.HEARD)))
+        for tick, received in log.of(Received):
+            for event in received.events:
+                if isinstance(event, Heard):
+                    seen = found.setdefault((event.sender, event.data), [])
+                    seen.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
     return [frame for seen in found.values() if (frame := _frame(seen)) is not None]
 
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
 
@@ -19,9 +19,7 @@ from actors.messages import (
     AccessFailure,
     Drive,
     Heard,
-    Outgoing,
     Overflow,
-    RadioEvent,
     Received,
     Refused,
     Senses,
@@ -45,7 +43,7 @@ from actors.runtime.recording import (
     read_recording,
 )
 from actors.runtime.replay_bus import topic_of
-from actors.topic import Message
+from actors.topic import Message, Topic
 from firmware_bridge.onboard.base_core import BaseReport
 
 FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
@@ -64,7 +62,7 @@ _LATEST_US: Final = 1 << 60
 
 
 class RobotIdentity(msgspec.Struct, frozen=True):
-    """What a robot's first record says of it, as far as it is needed here."""
+    """The part of a robot's set-up that is needed here, from its first record."""
 
     id: str
     epoch: int
@@ -74,14 +72,14 @@ class RobotIdentity(msgspec.Struct, frozen=True):
 
 
 class Tick(NamedTuple):
-    """The beginning of a step, as the robot was told."""
+    """Begin of a step by the robot's clock, µs."""
 
     step: int
     instant: int
 
 
 class Moment(NamedTuple):
-    """An instant by the robot's clock, and the number of the tick at which the robot said or heard it."""
+    """An instant by the robot's clock, and the number of the tick at which the robot reported it."""
 
     tick: int
     instant: int
@@ -94,138 +92,114 @@ class SentFrame:
     handed: Moment
     data: bytes
     sent: Moment | None = None
-    """When its transceiver said that it had left."""
+    """When the transceiver confirmed it."""
 
 
-class HeardFrame(NamedTuple):
-    """A frame that the robot's transceiver received."""
+class RecordedMessage(NamedTuple):
+    """A message of a robot, and the number of the tick that it answers or follows."""
 
-    heard: Moment
-    sender: int
-    data: bytes
-    rssi_dbm: float
+    tick: int
+    key: str
+    message: Message
+
+
+M = TypeVar("M", bound=Message)
 
 
 @dataclass
 class RobotLog:
-    """One recording, as far as it can be read."""
+    """Messages of one recording, as far as it can be read."""
 
     path: Path
     identity: RobotIdentity
     ticks: list[Tick] = field(default_factory=list)
-    drives: list[tuple[int, Drive]] = field(default_factory=list)
-    """With the number of the tick that each answers."""
-    sent: list[SentFrame] = field(default_factory=list)
-    heard: list[HeardFrame] = field(default_factory=list)
-    newest: list[Moment] = field(default_factory=list)
-    """The last event of each message from the transceiver."""
-    events: Counter[str] = field(default_factory=Counter)
-    """Events from the transceiver by their names in FRAME_OUTCOMES."""
-    frames_handed: int = 0
-    """Frames that its answers count."""
-    hashed_drives: int = 0
-    """Answers of which only the hash is known."""
-    hashed_transmits: int = 0
-    """Messages with frames of which only the hash is known."""
+    messages: list[RecordedMessage] = field(default_factory=list)
+    """Answers, frames handed over and radio events."""
+    hashed: Counter[type[Message]] = field(default_factory=Counter)
+    """Messages of which only the hash is known."""
     final: FinalNote | None = None
     failure: FailureNote | None = None
     damage: str | None = None
     """Why the rest of the file could not be read."""
 
+    def of(self, kind: type[M]) -> Iterator[tuple[int, M]]:
+        """Yield the messages of a type, each with its tick."""
+        return ((one.tick, one.message) for one in self.messages if isinstance(one.message, kind))
 
-def read_log(path: Path, identity: RobotIdentity, kept: Mapping[bytes, bytes]) -> RobotLog:
-    """Read a robot's recording up to its end, or as far as it makes sense.
+    def sent_frames(self) -> list[SentFrame]:
+        """Match the frames handed over with their confirmations."""
+        frames: list[SentFrame] = []
+        pending: dict[int, SentFrame] = {}
+        for tick, _, message in self.messages:
+            if isinstance(message, Transmit):
+                for outgoing in message.frames:
+                    pending[outgoing.tag] = SentFrame(Moment(tick, outgoing.instant), outgoing.data)
+                    frames.append(pending[outgoing.tag])
+            elif isinstance(message, Received):
+                for event in message.events:
+                    frame = None if isinstance(event, Heard) else pending.pop(event.tag, None)
+                    if frame is not None and isinstance(event, Sent):
+                        frame.sent = Moment(tick, event.instant)
+        return frames
 
-    `kept`: messages that others have recorded in full, by their sha256.
+
+_TOPICS: Final = (SENSES, RECEIVED, DRIVE, TRANSMIT)
+
+
+def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -> RobotLog:
+    """Read a robot's recording up to its end or the first damage.
+
+    `full`: messages that other processes have recorded in full, by their sha256.
     """
-    reader = _Reader(RobotLog(path, identity), kept)
+    log = RobotLog(path, identity)
+    topics = {topic.key(identity.id): topic for topic in _TOPICS}
     try:
         for item in Reading(path, strict=True):
-            reader.take(item)
+            if isinstance(item, Note):
+                _take_note(log, item)
+            elif item.key in topics:
+                _take_message(log, item, topics[item.key], full)
+            else:
+                topic_of(item.key)  # refuses keys of no topic
     except RecordingError as error:
-        reader.log.damage = str(error)
+        log.damage = str(error)
     except (AcrcError, ValueError) as error:
-        reader.log.damage = f"{path}: {error}"
-    return reader.log
+        log.damage = f"{path}: {error}"
+    return log
 
 
-class _Reader:
-    """Takes in a recording item by item."""
+def _take_note(log: RobotLog, note: Note) -> None:
+    if note.name == "final":
+        log.final = decoded(log.path, note.name, note.json, FinalNote)
+    elif note.name == "failure":
+        log.failure = decoded(log.path, note.name, note.json, FailureNote)
 
-    def __init__(self, log: RobotLog, kept: Mapping[bytes, bytes]) -> None:
-        self.log = log
-        self._kept = kept
-        self._under_way: dict[int, SentFrame] = {}
-        robot = log.identity.id
-        self._topics = {topic.key(robot): topic for topic in (SENSES, RECEIVED, DRIVE, TRANSMIT)}
 
-    def take(self, item: Entry | Note) -> None:
-        """Take in one item."""
-        if isinstance(item, Note):
-            if item.name == "final":
-                self.log.final = decoded(self.log.path, item.name, item.json, FinalNote)
-            elif item.name == "failure":
-                self.log.failure = decoded(self.log.path, item.name, item.json, FailureNote)
-        elif item.key in self._topics:
-            self._message(item)
-        else:
-            topic_of(item.key)  # another one of this project's, such as Ready
-
-    def _message(self, entry: Entry) -> None:
-        log = self.log
-        payload = entry.payload if entry.payload is not None else self._kept.get(entry.sha256)
-        topic = self._topics[entry.key]
-        if payload is None:
-            log.hashed_drives += topic.kind is Drive
-            log.hashed_transmits += topic.kind is Transmit
-            return
-        message: Message = decode(topic, entry.key, payload)  # type: ignore[arg-type]
-        if isinstance(message, Senses):
-            log.ticks.append(Tick(message.step, self._checked(message.instant)))
-        elif log.ticks:
-            self._within_step(message)
-        else:
-            raise RecordingError(f"{log.path}: a message on {entry.key} before the robot's first step")
-
-    def _within_step(self, message: Message) -> None:
-        log = self.log
-        match message:
-            case Drive():
-                log.drives.append((self._tick, message))
-                log.frames_handed += message.transmits
-            case Transmit():
-                for frame in message.frames:
-                    self._hand(frame)
-            case Received():
-                for event in message.events:
-                    self._event(event)
-                newest = max((event.instant for event in message.events), default=None)
-                log.newest += [] if newest is None else [Moment(self._tick, newest)]
-
-    @property
-    def _tick(self) -> int:
-        return len(self.log.ticks) - 1
-
-    def _checked(self, instant: int) -> int:
+def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[bytes, bytes]) -> None:
+    payload = entry.payload if entry.payload is not None else full.get(entry.sha256)
+    if payload is None:
+        log.hashed[topic.kind] += 1
+        return
+    message = decode(topic, entry.key, payload)
+    for instant in _instants(message):
         if abs(instant) > _LATEST_US:
-            raise RecordingError(f"{self.log.path}: damaged: an instant is {instant} µs, as no clock shows")
-        return instant
+            raise RecordingError(f"{log.path}: damaged: an instant is {instant} µs, as no clock shows")
+    if isinstance(message, Senses):
+        log.ticks.append(Tick(message.step, message.instant))
+    elif log.ticks:
+        log.messages.append(RecordedMessage(len(log.ticks) - 1, entry.key, message))
+    else:
+        raise RecordingError(f"{log.path}: a message on {entry.key} before the robot's first step")
 
-    def _hand(self, frame: Outgoing) -> None:
-        sent = SentFrame(Moment(self._tick, self._checked(frame.instant)), frame.data)
-        self.log.sent.append(sent)
-        self._under_way[frame.tag] = sent
 
-    def _event(self, event: RadioEvent) -> None:
-        log = self.log
-        log.events[FRAME_OUTCOMES[type(event)]] += 1
-        moment = Moment(self._tick, self._checked(event.instant))
-        if isinstance(event, Heard):
-            log.heard.append(HeardFrame(moment, event.sender, event.data, event.rssi_dbm))
-            return
-        frame = self._under_way.pop(event.tag, None)
-        if frame is not None and isinstance(event, Sent):
-            frame.sent = moment
+def _instants(message: Message) -> Iterator[int]:
+    match message:
+        case Senses():
+            yield message.instant
+        case Transmit():
+            yield from (frame.instant for frame in message.frames)
+        case Received():
+            yield from (event.instant for event in message.events)
 
 
 def large_messages(path: Path, least: int) -> dict[bytes, bytes]:
@@ -397,7 +371,13 @@ def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
 def _strangers(trial: FieldTrial) -> Iterator[str]:
     """Whose recordings are missing."""
     known = {log.identity.address for log in trial.all_logs()}
-    heard = Counter(frame.sender for log in trial.all_logs() for frame in log.heard)
+    heard = Counter(
+        event.sender
+        for log in trial.all_logs()
+        for _, received in log.of(Received)
+        for event in received.events
+        if isinstance(event, Heard)
+    )
     for sender in sorted(heard.keys() - known):
         yield (
             f"{heard[sender]} frames were heard of address {sender}, which is no robot's here: what it did "
@@ -414,13 +394,13 @@ def _said_of(log: RobotLog) -> Iterator[str]:
     elif log.final is None:
         until = f"at step {log.ticks[-1].step}" if log.ticks else "before its first step"
         yield f"{log.path}: cut short {until}, without a last record, as by switching off"
-    if log.hashed_drives:
+    if log.hashed[Drive]:
         yield (
-            f"{log.path}: {log.hashed_drives} answers are known by their hash only, and so what they say of "
+            f"{log.path}: {log.hashed[Drive]} answers are known by their hash only, and so what they say of "
             "places is not; the recording of the base or the world would hold them"
         )
-    if log.hashed_transmits:
+    if log.hashed[Transmit]:
         yield (
-            f"{log.path}: the frames of {log.hashed_transmits} messages are known by their hash only; the "
+            f"{log.path}: the frames of {log.hashed[Transmit]} messages are known by their hash only; the "
             "recording of the bridge or the radio would hold them"
         )

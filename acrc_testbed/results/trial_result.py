@@ -32,6 +32,7 @@ from acrc_testbed.results.result import (
     without_unknown,
 )
 from actors.instant import Duration, in_seconds, seconds
+from actors.messages import Drive, Received
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome, Referee, Verdict
@@ -77,7 +78,7 @@ def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
     words: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
     for robot, logs in trial.logs.items():
         for log in logs:
-            for tick, drive in log.drives:
+            for tick, drive in log.of(Drive):
                 said: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
                 words += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in said]
     words.sort(key=itemgetter(0))
@@ -130,7 +131,7 @@ def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKe
 
 
 def _route(log: RobotLog) -> tuple[PlaceKey, ...]:
-    said = [drive.route for _, drive in log.drives if drive.route is not None]
+    said = [drive.route for _, drive in log.of(Drive) if drive.route is not None]
     given = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
     return said[-1] if said else given
 
@@ -173,7 +174,7 @@ def _robot(
     clock: tuple[ClockReport, ...],
 ) -> RobotResult:
     logs, lateness = trial.logs[robot], trial.lateness_ms.get(robot)
-    drives = [drive for log in logs for _, drive in log.drives]
+    drives = [drive for log in logs for _, drive in log.of(Drive)]
     return without_unknown(
         RobotResult,
         **robot_places(told.places, robot, watched=told.contacts is not None),
@@ -189,10 +190,15 @@ def _robot(
 
 
 def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
-    frames = {"frames_handed": sum(log.frames_handed for log in logs)}
-    frames |= {name: sum(log.events[name] for log in logs) for name in FRAME_OUTCOMES.values()}
-    sent = (frame for log in logs for frame in log.sent if frame.sent is not None)
-    frames["bytes_sent"] = sum(octets(len(frame.data)) for frame in sent)
+    """Count frames by outcome, by the robot's own messages."""
+    frames = dict.fromkeys(("frames_handed", *FRAME_OUTCOMES.values(), "bytes_sent"), 0)
+    for log in logs:
+        frames["frames_handed"] += sum(drive.transmits for _, drive in log.of(Drive))
+        for _, received in log.of(Received):
+            for event in received.events:
+                frames[FRAME_OUTCOMES[type(event)]] += 1
+        confirmed = (frame for frame in log.sent_frames() if frame.sent is not None)
+        frames["bytes_sent"] += sum(octets(len(frame.data)) for frame in confirmed)
     return frames
 
 

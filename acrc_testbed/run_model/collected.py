@@ -21,7 +21,7 @@ from acrc_testbed.run_model.simulated import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import DRIVE, INTROSPECTION, RECEIVED, SENSES, Heard, Received
+from actors.messages import INTROSPECTION, RECEIVED, SENSES, Drive
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Note, read_recording
@@ -89,7 +89,7 @@ def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
             if not isinstance(item, Note) and item.payload is not None and topic_of(item.key) in topics:
                 model.extend(decode(topic_of(item.key), item.key, item.payload))
     last = max((tick.step for tick in log.ticks), default=-1)
-    return model.take(last, {drive.step: drive for _, drive in log.drives})
+    return model.take(last, {drive.step: drive for _, drive in log.of(Drive)})
 
 
 class _Times:
@@ -100,12 +100,13 @@ class _Times:
         begin = clocks.begin
         aligned = [clocks.instant(log, Moment(k, tick.instant)) - begin for k, tick in enumerate(log.ticks)]
         self.ticks: Floats = np.array(aligned, np.float64) / 1e6
+        self._shift = self.ticks - self._own / 1e6
 
     def seconds(self, instants: NDArray[np.int64]) -> Floats:
         """Convert instants; between two steps linearly."""
         if not len(self._own):
             return np.zeros(len(instants))
-        shift: Floats = np.interp(instants, self._own, self.ticks - self._own / 1e6)
+        shift: Floats = np.interp(instants, self._own, self._shift)
         return instants / 1e6 + shift
 
     def instant(self, instant: int) -> int:
@@ -124,13 +125,9 @@ class TimedMessage(NamedTuple):
 def _messages(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[TimedMessage]:
     """Yield the robots' messages with all instants by the trial's clock."""
     for log in trial.all_logs():
-        robot, own = log.identity.id, times[id(log)]
-        for tick, drive in log.drives:
-            yield TimedMessage(float(own.ticks[tick]), DRIVE.key(robot), with_instants(drive, own.instant))
-        for heard in log.heard:
-            instant = own.instant(heard.heard.instant)
-            event = Heard(instant, heard.sender, heard.rssi_dbm, 0, heard.data)
-            yield TimedMessage(instant / 1e6, RECEIVED.key(robot), Received(0, (event,)))
+        own = times[id(log)]
+        for tick, key, message in log.messages:
+            yield TimedMessage(float(own.ticks[tick]), key, with_instants(message, own.instant))
 
 
 def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[str, float, str]]:
@@ -148,7 +145,7 @@ def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
         for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):
             if path.is_file():
                 return load_map(path), ()
-    poses = [drive.pose[:2] for log in trial.all_logs() for _, drive in log.drives if drive.pose is not None]
+    poses = [drive.pose[:2] for log in trial.all_logs() for _, drive in log.of(Drive) if drive.pose]
     known = np.array(poses, np.float64).reshape(-1, 2)
     low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), np.ones(2))
     columns, rows = np.ceil((high - low + 2 * _MARGIN) / _CELL).astype(np.int64).tolist()
