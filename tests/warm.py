@@ -182,6 +182,7 @@ def _be_server(channel: socket.socket, words: Sequence[str], env: dict[str, str]
         signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.setsid()
+    atexit._clear()  # the starter's temporary folders are still in use
     with Path(os.devnull).open("r+b", buffering=0) as nothing:
         for stream in (0, 1):
             os.dup2(nothing.fileno(), stream)

@@ -1,19 +1,17 @@
-"""A behaviour that does nothing."""
+"""A strategy that does nothing: the baseline of `acrc bench swarm`, which has no name on the command line."""
 
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 
-NOTHING = Decision()
-
 
 class Idle:
-    """Cleans no place."""
+    """Visits no place."""
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Return an empty decision."""
-        return NOTHING
+        return Decision()
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Return the behaviour; entry `acrc_testbed.benchmarks.idle:behaviour`."""
+    """Return the behaviour."""
     return Idle()
