@@ -15,15 +15,16 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache as remembered
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
+F = TypeVar("F", bound=Callable[..., Any])
 _HERE: Final = Path(__file__).parent
-_COMPILED: Final = re.compile(r"import (?:\(\s*)?njit\b|(?:from|import) numba\b")
+_COMPILED: Final = re.compile(r"import (?:\(\s*)?(?:njit|kernel)\b|(?:from|import) numba\b")
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
 _TAUGHT: Final = "actors.portable.compiled"
 """What numba is taught for all kernels, whoever imports it."""
@@ -58,6 +59,11 @@ def njit(**options: Any) -> Any:
         return kernel
 
     return decorated
+
+
+def kernel(function: F) -> F:
+    """Compile a function with `njit`, cached; type checkers see the function as it is written."""
+    return cast(F, njit(cache=True)(function))
 
 
 def cache_folder() -> Path:

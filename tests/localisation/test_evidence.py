@@ -39,7 +39,7 @@ PLACES = pytest.mark.parametrize(
 
 
 def judged(points: NDArray[np.float64], pose: Pose = HERE, margin: float = 0.12) -> Judgement:
-    return judge(FIELD, points, BEAMS.mount, pose, margin)
+    return judge(FIELD.grid, points, BEAMS.mount, pose, margin)
 
 
 def to_wall(point: Point) -> float:
@@ -104,7 +104,7 @@ def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> No
     poses = np.random.default_rng([seed, 1]).uniform((-2.0, -2.0, -3.0), (10.0, 10.0, 3.0), (40, 3)).T
     table = worth(FIELD, 0.1)
     assert table == pytest.approx(np.exp(-0.5 * (np.linspace(0.0, 2.0, 256) / 0.1) ** 2))
-    found = explain(FIELD, points, BEAMS.mount, poses, table)
+    found = explain(FIELD.grid, points, BEAMS.mount, poses, table)
     for i, pose in enumerate(Pose(*column) for column in poses.T.tolist()):
         single = judged(points, pose)
         assert (found.agreeing[i], found.beyond[i]) == (single.agreeing, single.beyond)
@@ -124,10 +124,10 @@ def test_no_beam_passes_a_wall_from_the_true_pose_and_some_do_from_most_others(
             at = place(plan, rng)
             pose = Pose(at.x, at.y, rng.uniform(-math.pi, math.pi))
             points = ends(scan(plan, pose, crowd(plan, rng, others)))
-            found = judge(field, points, BEAMS.mount, pose, 0.12)
+            found = judge(field.grid, points, BEAMS.mount, pose, 0.12)
             assert found.beyond == 0
             strangers[others > 0] += found.strangers
-            wrong = explain(field, points, BEAMS.mount, field.poses(rng, 40), worth(field, 0.1))
+            wrong = explain(field.grid, points, BEAMS.mount, field.poses(rng, 40), worth(field, 0.1))
             passing.append(float((wrong.beyond > 0).mean()))
     assert strangers[0] == 0 < strangers[1]
     assert np.mean(passing) > 0.9
@@ -162,7 +162,7 @@ def test_a_pose_may_be_off_the_map(pose: Pose) -> None:
     points = ends(scan(ROOM, HERE))
     found = judged(points, pose)
     assert len(found.known) + found.strangers == len(points) >= found.agreeing + found.beyond
-    score = explain(FIELD, points, BEAMS.mount, np.array([pose]).T, worth(FIELD, 0.1)).score
+    score = explain(FIELD.grid, points, BEAMS.mount, np.array([pose]).T, worth(FIELD, 0.1)).score
     assert -2.0 <= score[0] <= 1.0
 
 

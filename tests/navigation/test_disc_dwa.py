@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best
+from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best
 from actors.robot.navigation.map_grid import wavefront
 from actors.robot.navigation.ray_tracing import squared_within
 
@@ -140,6 +141,12 @@ FREE = np.zeros(4, np.bool_)
 BOUNDLESS = np.empty((0, 3))
 
 
+class Choice(NamedTuple):
+    speed: float
+    turn: float
+    score: float
+
+
 class Scene:
     """A window with some marked cells, a plan to the east and a robot."""
 
@@ -170,10 +177,11 @@ class Scene:
         barred: NDArray[np.bool_] = FREE,
         trusted: int = 1,
         bounds: NDArray[np.float64] = BOUNDLESS,
-    ) -> VelocityChoice:
+    ) -> Choice:
         packed = np.array([tuple(weights[name] for name in WEIGHTS.names or ())], WEIGHTS)
         fields = self.fields(trusted=trusted)
-        return best(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
+        found = best(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
+        return Choice(*found)
 
 
 @settings(max_examples=60, deadline=None)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from acrc_testbed.benchmarks import navigation as original
+from actors.array_types import Singles
 from actors.robot.navigation.cost_map import Inflation
-from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, Singles, cheapest, samples
+from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, cheapest, samples
 from actors.robot.navigation.map_grid import wavefront
 from actors.robot.navigation.ray_tracing import outline, squared_within
 

@@ -104,13 +104,13 @@ def test_old_states_are_removed_but_for_the_one_before(package: Path) -> None:
 def test_every_module_with_kernels_and_what_it_calls_is_among_their_sources() -> None:
     folder = Path(str(kernels.__file__)).parent
     found = {str(source.relative_to(folder)) for source in kernels.kernel_sources()}
-    assert {"robot/local_planning/disc_dwa.py", "portable/compiled.py", "floor/raster.py"} <= found
+    assert {"robot/navigation/disc_dwa.py", "portable/compiled.py", "floor/raster.py"} <= found
     assert {"portable/elementary.py", "geometry.py"} <= found, "what kernels import"
     assert not {"runtime/shell.py", "robot/navigation/navigator.py"} & found, "nothing that calls kernels"
     for source in folder.rglob("*.py"):
         text = source.read_text()
         assert source == Path(str(kernels.__file__)) or "from numba import njit" not in text, source
-        if "njit(" in text:
+        if "@njit(" in text or "@kernel" in text:
             assert str(source.relative_to(folder)) in found
 
 

@@ -7,11 +7,10 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Annotated, Final, NamedTuple, Protocol, TypeAlias
 
-import numpy as np
 from msgspec import Meta
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import CERTAIN, Covariance, Door, Point, Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import Outgoing, RadioEvent
@@ -82,7 +81,7 @@ PACE: Final = 0.33
 class Plan:
     """One plan of navigation's, which makes a new one every second."""
 
-    way: NDArray[np.float64]
+    way: Floats
     """(n, 2), n ≥ 1: points from where the robot was to the goal, m, map frame; nobody's to change."""
 
     @cached_property

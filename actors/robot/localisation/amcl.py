@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import ORIGIN, Point, Pose, between, wrap
 from actors.portable import arrays
 from actors.portable.draws import normals
@@ -172,16 +172,16 @@ class Amcl:
         return self._tally.outcome()
 
     @property
-    def particles(self) -> NDArray[np.float64]:
+    def particles(self) -> Floats:
         """(n, 3): x, y, heading, m and rad, map frame, as of the last scan that counted; read-only."""
         return _read_only(self._poses[:, : self._count].T)
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Floats:
         """(n,): of the particles, their sum is 1; read-only, as of the last scan that counted."""
         return _read_only(self._weights[: self._count])
 
-    def _scatter(self, start: Pose | None, drift: float = 0.0) -> NDArray[np.float64]:
+    def _scatter(self, start: Pose | None, drift: float = 0.0) -> Floats:
         """(3, n): particles around the start, by so much wider, m and rad, or everywhere."""
         if start is None:
             return self._field.poses(self._generator, self._count)
@@ -232,7 +232,7 @@ class Amcl:
         if self._tally.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)
 
-    def _look(self, points: NDArray[np.float64], judged: Judgement, here: Pose) -> None:
+    def _look(self, points: Floats, judged: Judgement, here: Pose) -> None:
         """Where is the robot, if it has been in doubt from the start, or seems to be lost now?"""
         lost = self._lost.probability
         self._tally.lost += lost > _SEARCHED
@@ -294,14 +294,14 @@ class Amcl:
             before = after
         self._odometry = pose
 
-    def _judged(self, sweep: Sweep) -> tuple[NDArray[np.float64], Judgement]:
+    def _judged(self, sweep: Sweep) -> tuple[Floats, Judgement]:
         """The ends of the scan's beams, and how they look from where the robot should be."""
         parameters, tally, mount = self._parameters, self._tally, self._beams.mount
         pose = self._correction.compose(sweep.pose)
         points, masked = ends(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
         filtered = parameters.stranger_filter and self._together()
         judged = judge(
-            self._field, points, mount, pose, parameters.stranger_distance if filtered else math.inf
+            self._field.grid, points, mount, pose, parameters.stranger_distance if filtered else math.inf
         )
         tally.beams_masked += masked
         tally.beams_strange += judged.strangers
@@ -351,12 +351,12 @@ class Amcl:
         self._tally.injected += new
 
 
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    wrapped: NDArray[np.float64] = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+def _wrapped(angles: Floats) -> Floats:
+    wrapped: Floats = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
     return wrapped
 
 
-def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def _read_only(array: Floats) -> Floats:
     view = array.view()
     view.setflags(write=False)
     return view

@@ -9,10 +9,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.geometry import Covariance, Pose
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
@@ -28,7 +28,7 @@ _PASSING: Final = 2.0
 class Judgement(NamedTuple):
     """A scan seen from one pose."""
 
-    known: NDArray[np.float64]
+    known: Floats
     """(k, 2), m, body's frame: the ends that are not strangers."""
     strangers: int
     """So many end in the open, in sight: at what is not on the map."""
@@ -41,43 +41,17 @@ class Judgement(NamedTuple):
 class PoseFit(NamedTuple):
     """How well each of n poses explains a scan."""
 
-    score: NDArray[np.float64]
+    score: Floats
     """(n,), at most 1: the mean over the beams of 1 for an end at a wall, less with the distance, 0 for one
     that falls short, and minus 2 for one that passes a wall."""
-    agreeing: NDArray[np.int64]
-    beyond: NDArray[np.int64]
+    agreeing: Int64s
+    beyond: Int64s
     """(n,): beams, as in Judgement."""
 
 
-def judge(
-    field: LikelihoodField,
-    points: NDArray[np.float64],
-    mount: NDArray[np.float64],
-    pose: Pose,
-    stranger_distance: float,
-) -> Judgement:
-    """The scan with these ends, (b, 2), m, body's frame, seen from `pose`; `mount`: (2,), where beams begin.
-
-    Strangers are in sight, and farther than `stranger_distance`, m, from walls; inf: there are none.
-    """
-    known, strangers, agreeing, beyond = _judge(field.grid, points, mount, *pose, stranger_distance, AGREES)
-    return Judgement(known, strangers, agreeing, beyond)
-
-
-def worth(field: LikelihoodField, sigma: float) -> NDArray[np.float64]:
+def worth(field: LikelihoodField, sigma: float) -> Floats:
     """(256,): what a beam's end counts by the level of its cell; `sigma`, m: how exact the poses are."""
     return arrays.exp(-0.5 * np.square(field.distances / sigma))
-
-
-def explain(
-    field: LikelihoodField,
-    points: NDArray[np.float64],
-    mount: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    worth: NDArray[np.float64],
-) -> PoseFit:
-    """The scan with these ends seen from each of `poses`, (3, n); at least one end. See `judge`."""
-    return PoseFit(*_explain(field.grid, points, mount, poses, worth, AGREES))
 
 
 def _evidence_fingerprint() -> bytes:
@@ -85,33 +59,29 @@ def _evidence_fingerprint() -> bytes:
     field = specimen()
     angles, mount = np.arange(40.0), np.array([-0.1, 0.0])
     ends = 2.1 * np.column_stack((arrays.cos(angles), arrays.sin(angles)))
-    judged = judge(field, ends, mount, Pose(1.0, 2.0, 0.5), 0.12)
+    judged = judge(field.grid, ends, mount, Pose(1.0, 2.0, 0.5), 0.12)
     poses = np.linspace(-1.5, 3.0, 60, dtype=np.float64).reshape(3, 20)
-    explained = explain(field, ends, mount, poses, worth(field, 0.1))
+    explained = explain(field.grid, ends, mount, poses, worth(field, 0.1))
     return judged.known.tobytes() + bytes(judged[1:]) + b"".join(part.tobytes() for part in explained)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _judge(
-    grid: LevelGrid,
-    points: NDArray[np.float64],
-    mount: NDArray[np.float64],
-    x: float,
-    y: float,
-    heading: float,
-    stranger_distance: float,
-    agrees: float,
-) -> tuple[NDArray[np.float64], int, int, int]:
+@kernel
+def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_distance: float) -> Judgement:
+    """The scan with these ends, (b, 2), m, body's frame, seen from `pose`; `mount`: (2,), where beams begin.
+
+    Strangers are in sight, and farther than `stranger_distance`, m, from walls; inf: there are none.
+    """
     levels, frame, step = grid
     known = np.empty(points.shape)
     kept = strangers = agreeing = beyond = 0
+    x, y, heading = pose
     c, s = cos_sin(heading)
     eye_x, eye_y = placed(x, y, c, s, mount[0], mount[1])
     for i in range(points.shape[0]):
         end_x, end_y = placed(x, y, c, s, points[i, 0], points[i, 1])
         apart = step * level_at(levels, frame, end_x, end_y)
-        seen = sight(levels, frame, step, min(agrees, stranger_distance), eye_x, eye_y, end_x, end_y)
-        if apart <= agrees:
+        seen = sight(levels, frame, step, min(AGREES, stranger_distance), eye_x, eye_y, end_x, end_y)
+        if apart <= AGREES:
             agreeing += 1
         elif seen == BEYOND:
             beyond += 1
@@ -120,18 +90,12 @@ def _judge(
         else:
             known[kept, 0], known[kept, 1] = points[i, 0], points[i, 1]
             kept += 1
-    return known[:kept], strangers, agreeing, beyond
+    return Judgement(known[:kept], strangers, agreeing, beyond)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _explain(
-    grid: LevelGrid,
-    points: NDArray[np.float64],
-    mount: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    worth: NDArray[np.float64],
-    agrees: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+@kernel
+def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, worth: Floats) -> PoseFit:
+    """The scan with these ends seen from each of `poses`, (3, n); at least one end. See `judge`."""
     levels, frame, step = grid
     count, beams = poses.shape[1], points.shape[0]
     scores = np.empty(count)
@@ -143,7 +107,7 @@ def _explain(
         total = 0.0
         for k in range(beams):
             end_x, end_y = placed(x, y, c, s, points[k, 0], points[k, 1])
-            seen = sight(levels, frame, step, agrees, eye_x, eye_y, end_x, end_y)
+            seen = sight(levels, frame, step, AGREES, eye_x, eye_y, end_x, end_y)
             if seen == AGREEING:
                 agreeing[i] += 1
                 total += worth[level_at(levels, frame, end_x, end_y)]
@@ -151,7 +115,7 @@ def _explain(
                 beyond[i] += 1
                 total -= _PASSING
         scores[i] = total / beams
-    return scores, agreeing, beyond
+    return PoseFit(scores, agreeing, beyond)
 
 
 _SIGMA: Final = 0.025
@@ -175,9 +139,7 @@ class Confidence:
         self._variance = _SIGMA * _SIGMA * max(1.0, _TOGETHER / angle)
         self._anywhere = field.anywhere
 
-    def covariance(
-        self, points: NDArray[np.float64], pose: Pose, cloud: Covariance, lost: float
-    ) -> Covariance:
+    def covariance(self, points: Floats, pose: Pose, cloud: Covariance, lost: float) -> Covariance:
         """Of an estimate `pose` by particles with the covariance `cloud`, and a scan that was believed.
 
         `points`: (b, 2), m, body's frame, the ends of its beams. `lost`: probability that the robot is
@@ -196,7 +158,7 @@ class Confidence:
 
 def sharpened(
     field: LikelihoodField,
-    points: NDArray[np.float64],
+    points: Floats,
     pose: Pose,
     prior: Covariance,
     variance: float,
@@ -206,7 +168,7 @@ def sharpened(
     The variance counts by the square of the share of such beams, as the others pull the estimate, too.
     """
     before = np.array(prior).reshape(3, 3)
-    after = _sharpened(field.grid, points, *pose, before, variance, AGREES)
+    after = _sharpened(field.grid, points, *pose, before, variance)
     xx, xy, xh, _, yy, yh, _, _, hh = after.ravel().tolist()
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
@@ -220,17 +182,16 @@ def _confidence_fingerprint() -> bytes:
     return np.array(sharpened(field, ends, Pose(1.0, 1.2, 0.5), prior, 0.01)).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _sharpened(
     grid: LevelGrid,
-    points: NDArray[np.float64],
+    points: Floats,
     x: float,
     y: float,
     heading: float,
-    prior: NDArray[np.float64],
+    prior: Floats,
     variance: float,
-    agrees: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     levels, frame, step = grid
     after = prior.copy()
     slope, gain = np.empty(3), np.empty(3)
@@ -240,7 +201,7 @@ def _sharpened(
     count = 0
     for i in range(points.shape[0]):
         east, north = c * points[i, 0] - s * points[i, 1], s * points[i, 0] + c * points[i, 1]
-        if step * level_at(levels, frame, x + east, y + north) <= agrees:
+        if step * level_at(levels, frame, x + east, y + north) <= AGREES:
             near[count, 0], near[count, 1] = east, north
             count += 1
     crowding = points.shape[0] / max(count, 1)

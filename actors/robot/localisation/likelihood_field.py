@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets
 from actors.floor import raster
 from actors.floor.grid import OCCUPIED, OccupancyGrid, Shared
 from actors.geometry import Covariance
@@ -23,9 +23,9 @@ _RING: Final = 1
 class LevelGrid(NamedTuple):
     """What kernels need to know of a field; all of it read-only."""
 
-    levels: NDArray[np.uint8]
+    levels: Octets
     """(rows + 2, columns + 2): see `LikelihoodField`."""
-    frame: NDArray[np.float64]
+    frame: Floats
     """(3,): the same."""
     step: float
     """So many metres is a level."""
@@ -35,18 +35,18 @@ class LevelGrid(NamedTuple):
 class LikelihoodField:
     """Made once per map; never changes, so that all robots of a process share it."""
 
-    levels: NDArray[np.uint8]
+    levels: Octets
     """(rows + 2, columns + 2): distance from a cell's centre to that of the nearest wall's cell, in steps of
     `max_distance` / 255; 255 where it is farther. A ring lies around the map's own cells."""
-    frame: NDArray[np.float64]
+    frame: Floats
     """(3,): x and y of the south-west corner of `levels`, and the side of a cell, m."""
     max_distance: float
     """Distances end here, m."""
-    floor: NDArray[np.float64]
+    floor: Floats
     """(k, 2): the south-west corners of the free cells, m."""
 
     @property
-    def distances(self) -> NDArray[np.float64]:
+    def distances(self) -> Floats:
         """(256,): the distance that each level stands for, m."""
         return np.linspace(0.0, self.max_distance, LEVELS, dtype=np.float64)
 
@@ -65,12 +65,12 @@ class LikelihoodField:
         xx, xy, yy = scale * _shared(x, x), scale * _shared(x, y), scale * _shared(y, y)
         return (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, math.pi * math.pi / 3)
 
-    def poses(self, generator: Generator, count: int) -> NDArray[np.float64]:
+    def poses(self, generator: Generator, count: int) -> Floats:
         """Poses drawn evenly over the free floor and all headings: (3, count), x, y, heading."""
         draws = generator.random((3, count))
         corners = self.floor[generator.integers(len(self.floor), size=count)]
         side = self.frame[2]
-        drawn: NDArray[np.float64] = np.stack(
+        drawn: Floats = np.stack(
             (
                 corners[:, 0] + side * draws[0],
                 corners[:, 1] + side * draws[1],
@@ -80,7 +80,7 @@ class LikelihoodField:
         return drawn
 
 
-def _shared(x: NDArray[np.int64], y: NDArray[np.int64]) -> float:
+def _shared(x: Int64s, y: Int64s) -> float:
     """Covariance of two columns of whole numbers, whose sums are exact."""
     count, products = len(x), x * y
     of_x, of_y, of_both = (int(column.sum(dtype=np.int64)) for column in (x, y, products))

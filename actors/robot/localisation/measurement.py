@@ -11,8 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets
 from actors.geometry import Pose
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.compiled import cos, cos_sin, exp, hypot, sin
@@ -24,11 +25,11 @@ from actors.robot_model import RangeSensor, scan_angles
 class Cloud(NamedTuple):
     """Particles: the first `size` of what there is room for."""
 
-    poses: NDArray[np.float64]
+    poses: Floats
     """(3, capacity): x, y, heading, m and rad, map frame."""
-    weights: NDArray[np.float64]
+    weights: Floats
     """(capacity,)."""
-    directions: NDArray[np.float64]
+    directions: Floats
     """(2, capacity): cosine and sine of the headings."""
     size: int
 
@@ -37,9 +38,9 @@ class Readings(NamedTuple):
     """Where the beams of a scan end, and what the map makes of that."""
 
     grid: LevelGrid
-    ends: NDArray[np.float64]
+    ends: Floats
     """(b, 2), m, body's frame."""
-    worth: NDArray[np.float64]
+    worth: Floats
     """(256,): what a beam counts by the level of its end's cell."""
     agreeing: int
     """A particle agrees with a beam that ends, seen from it, in a level of at most this."""
@@ -56,7 +57,7 @@ class Measurement:
         self._table = p * p * p if parameters.weighting == "cubes" else arrays.log(p)
         self._agreeing = int(np.count_nonzero(field.distances < parameters.beam_skip_distance)) - 1
 
-    def weigh(self, ends: NDArray[np.float64], cloud: Cloud, *, together: bool) -> tuple[float, int]:
+    def weigh(self, ends: Floats, cloud: Cloud, *, together: bool) -> tuple[float, int]:
         """Weigh the particles by the ends, (b, 2), m, body's frame, of a scan's beams; gives the fit, and how
         many beams were skipped.
 
@@ -65,19 +66,17 @@ class Measurement:
         """
         parameters, readings = self._parameters, Readings(self._field.grid, ends, self._table, self._agreeing)
         if parameters.weighting == "cubes":
-            fit = weigh_by_cubes(readings, cloud)
-            return fit, 0
+            return weigh_by_cubes(readings, cloud), 0
         threshold = parameters.beam_skip_threshold if parameters.beam_skip and together else 0.0
-        fit, skipped = weigh_by_product(
+        return weigh_by_product(
             readings, cloud, threshold, parameters.beam_skip_error_threshold, parameters.sharpness
         )
-        return fit, skipped
 
 
-def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParameters) -> NDArray[np.float64]:
+def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParameters) -> Floats:
     """p of a beam's end by the level of its cell: (256,). `range_max` is the sensor's, m."""
     exponent = -0.5 * np.square(field.distances / parameters.sigma_hit)
-    hit: NDArray[np.float64] = parameters.z_hit * arrays.exp(exponent)
+    hit: Floats = parameters.z_hit * arrays.exp(exponent)
     return hit + parameters.z_rand / range_max
 
 
@@ -95,13 +94,12 @@ def _measurement_fingerprint() -> bytes:
     return cloud.weights.tobytes() + np.array(fits).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
     """Multiply the weights by 1 + Σp³ and make their sum 1; gives the fit. `readings.worth`: p³ by level.
 
     The fit is the share of the beams, seen from all particles, that they agree with; 0 without beams.
     """
-    fit: float
     sums, fit, _ = _sums(readings, _face(readings.grid.frame, cloud), cloud, 0.0)
     for i in range(cloud.size):
         cloud.weights[i] *= 1.0 + sums[i]
@@ -109,7 +107,7 @@ def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
     return fit
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def weigh_by_product(
     readings: Readings, cloud: Cloud, threshold: float, most: float, sharpness: float
 ) -> tuple[float, int]:
@@ -134,8 +132,8 @@ def weigh_by_product(
     return fit, skipped
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _face(frame: NDArray[np.float64], cloud: Cloud) -> NDArray[np.float64]:
+@kernel
+def _face(frame: Floats, cloud: Cloud) -> Floats:
     """The particles' positions in cells, (2, size); fills the cloud's directions."""
     poses, directions = cloud.poses, cloud.directions
     cells = np.empty((2, cloud.size))
@@ -147,14 +145,14 @@ def _face(frame: NDArray[np.float64], cloud: Cloud) -> NDArray[np.float64]:
     return cells
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _look_up(
-    levels: NDArray[np.uint8],
-    cells: NDArray[np.float64],
-    directions: NDArray[np.float64],
+    levels: Octets,
+    cells: Floats,
+    directions: Floats,
     forward: float,
     left: float,
-    seen: NDArray[np.uint8],
+    seen: Octets,
 ) -> None:
     """The level where one beam ends, seen from each particle; all in cells."""
     last_row, last_column = levels.shape[0] - 1.0, levels.shape[1] - 1.0
@@ -165,10 +163,8 @@ def _look_up(
         seen[i] = levels[int(row), int(column)]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _sums(
-    readings: Readings, cells: NDArray[np.float64], cloud: Cloud, threshold: float
-) -> tuple[NDArray[np.float64], float, int]:
+@kernel
+def _sums(readings: Readings, cells: Floats, cloud: Cloud, threshold: float) -> tuple[Floats, float, int]:
     """Each particle's sum of what the beams that are not skipped count, the fit, and how many are skipped."""
     count, ends, side = cloud.size, readings.ends, readings.grid.frame[2]
     sums = np.zeros(count)
@@ -191,7 +187,7 @@ def _sums(
     return sums, agreements / max((ends.shape[0] - skipped) * count, 1), skipped
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _normalise(cloud: Cloud) -> None:
     """Make the sum of the weights 1."""
     total = 0.0
@@ -216,25 +212,25 @@ def _line_of_sight_fingerprint() -> bytes:
     return bytes(sight(*grid, 0.3, 1.0, 1.0, x, y) for x, y in ends)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def placed(x: float, y: float, c: float, s: float, forward: float, left: float) -> tuple[float, float]:
     """Where in the map frame a point of the body's frame is, m; (x, y): the body's place, c and s: cosine and
     sine of its heading."""
     return x + c * forward - s * left, y + s * forward + c * left
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def level_at(levels: NDArray[np.uint8], frame: NDArray[np.float64], x: float, y: float) -> int:
+@kernel
+def level_at(levels: Octets, frame: Floats, x: float, y: float) -> int:
     """The level of the cell that holds a point, m; beyond the edge that of the ring around the map."""
     column = min(max((x - frame[0]) / frame[2], 0.0), levels.shape[1] - 1.0)
     row = min(max((y - frame[1]) / frame[2], 0.0), levels.shape[0] - 1.0)
     return int(levels[int(row), int(column)])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def sight(
-    levels: NDArray[np.uint8],
-    frame: NDArray[np.float64],
+    levels: Octets,
+    frame: Floats,
     step: float,
     margin: float,
     eye_x: float,
@@ -262,17 +258,14 @@ def sight(
     return SHORT
 
 
-_NO_ECHO: Final = NO_ECHO_MM
-
-
 class Beams(NamedTuple):
     """A choice of a sensor's rays."""
 
-    rays: NDArray[np.int64]
+    rays: Int64s
     """(b,): which of the scan."""
-    directions: NDArray[np.float64]
+    directions: Floats
     """(b, 2): unit vectors in the body's frame."""
-    mount: NDArray[np.float64]
+    mount: Floats
     """(2,): where they begin in the body's frame, m."""
     reach: float
     """The sensor's range_max, m: what is not nearer counts as no echo."""
@@ -281,7 +274,7 @@ class Beams(NamedTuple):
 class Ends(NamedTuple):
     """Where the beams of a scan end that have an echo and are to be believed."""
 
-    points: NDArray[np.float64]
+    points: Floats
     """(k, 2), m, body's frame."""
     masked: int
     """So many ended at a masked peer."""
@@ -302,16 +295,6 @@ def beams(sensor: RangeSensor, count: int) -> Beams:
     )
 
 
-def ends(
-    ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: NDArray[np.float64], radius: float
-) -> Ends:
-    """The ends of the beams with an echo, but for those within `radius`, m, of a peer.
-
-    `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: the robot's there, as far as known.
-    """
-    return Ends(*_ends(ranges_mm, *beams, *pose, peers, radius))
-
-
 def _beams_fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     angles = np.linspace(-3.0, 3.0, 30)
@@ -326,26 +309,21 @@ def _beams_fingerprint() -> bytes:
     return ends(ranges, chosen, Pose(1.0, 2.0, 0.5), peers, 0.9).points.tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _ends(
-    ranges_mm: NDArray[np.uint16],
-    rays: NDArray[np.int64],
-    directions: NDArray[np.float64],
-    mount: NDArray[np.float64],
-    reach: float,
-    x: float,
-    y: float,
-    heading: float,
-    peers: NDArray[np.float64],
-    radius: float,
-) -> tuple[NDArray[np.float64], int]:
+@kernel
+def ends(ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats, radius: float) -> Ends:
+    """The ends of the beams with an echo, but for those within `radius`, m, of a peer.
+
+    `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: the robot's there, as far as known.
+    """
+    rays, directions, mount, reach = beams
+    x, y, heading = pose
     points = np.empty((rays.size, 2))
     kept = masked = 0
     c, s = cos_sin(heading)
     for beam in range(rays.size):
         millimetres = ranges_mm[rays[beam]]
         length = 0.001 * millimetres
-        if millimetres == _NO_ECHO or length >= reach:
+        if millimetres == NO_ECHO_MM or length >= reach:
             continue
         forward = mount[0] + length * directions[beam, 0]
         left = mount[1] + length * directions[beam, 1]
@@ -354,11 +332,11 @@ def _ends(
         else:
             points[kept, 0], points[kept, 1] = forward, left
             kept += 1
-    return points[:kept], masked
+    return Ends(points[:kept], masked)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _near(points: NDArray[np.float64], x: float, y: float, radius: float) -> bool:
+@kernel
+def _near(points: Floats, x: float, y: float, radius: float) -> bool:
     for i in range(points.shape[0]):  # noqa: SIM110 - numba knows no any() of a generator
         if hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
             return True

@@ -9,10 +9,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import Pose, wrap
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import atan2, cos, hypot, sin
 from actors.robot.localisation.parameters import AmclParameters
@@ -68,12 +68,9 @@ def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
     return StepSpread(*map(math.sqrt, variances))
 
 
-def around(
-    pose: Pose, spread: tuple[float, float, float], normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def around(pose: Pose, spread: tuple[float, float, float], normals: Floats) -> Floats:
     """Poses about one, (3, n), by standard deviations, m, m, rad, and standard normal draws (3, n)."""
-    about: NDArray[np.float64] = np.array([pose]).T + np.array([spread]).T * normals
-    return about
+    return np.array([pose]).T + np.array([spread]).T * normals
 
 
 def parts_of(before: Pose, after: Pose, parameters: AmclParameters) -> int:
@@ -90,20 +87,6 @@ def _sharpness(turn: float) -> float:
     return min(abs(turn), abs(wrap(turn - math.pi)))
 
 
-def move(
-    poses: NDArray[np.float64],
-    count: int,
-    made: OdometryStep,
-    spread: StepSpread,
-    normals: NDArray[np.float64],
-) -> None:
-    """Move the first `count` of `poses`, (3, capacity), each by its own sample of a step.
-
-    `normals`: (3, ≥ count), standard normal. Headings end up in [−π, π].
-    """
-    _move(poses, count, *made, *spread, normals)
-
-
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     poses = np.linspace(-3.0, 3.0, 60, dtype=np.float64).reshape(3, 20)
@@ -112,22 +95,16 @@ def fingerprint() -> bytes:
     return poses.tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _move(
-    poses: NDArray[np.float64],
-    count: int,
-    turn: float,
-    way: float,
-    last_turn: float,
-    turn_spread: float,
-    way_spread: float,
-    last_turn_spread: float,
-    normals: NDArray[np.float64],
-) -> None:
+@kernel
+def move(poses: Floats, count: int, made: OdometryStep, spread: StepSpread, normals: Floats) -> None:
+    """Move the first `count` of `poses`, (3, capacity), each by its own sample of a step.
+
+    `normals`: (3, ≥ count), standard normal. Headings end up in [−π, π].
+    """
     for i in range(count):
-        bearing = poses[2, i] + turn + turn_spread * normals[0, i]
-        gone = way + way_spread * normals[1, i]
+        bearing = poses[2, i] + made.turn + spread.turn * normals[0, i]
+        gone = made.way + spread.way * normals[1, i]
         poses[0, i] += gone * cos(bearing)
         poses[1, i] += gone * sin(bearing)
-        heading = bearing + last_turn + last_turn_spread * normals[2, i]
+        heading = bearing + made.last_turn + spread.last_turn * normals[2, i]
         poses[2, i] = heading - 2 * math.pi * np.rint(heading / (2 * math.pi))

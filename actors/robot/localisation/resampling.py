@@ -11,10 +11,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.geometry import Covariance, Pose
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import atan2
 
@@ -30,11 +30,11 @@ _COORDINATE: Final = 1 << 24
 class Histogram(NamedTuple):
     """Which bins some particles are in; the bins are numbered in the order of their first particles."""
 
-    bin_of: NDArray[np.int64]
+    bin_of: Int64s
     """(n,): each particle's bin."""
-    keys: NDArray[np.int64]
+    keys: Int64s
     """(k,): each bin's column, row and heading in one number."""
-    table: NDArray[np.int64]
+    table: Int64s
     """(power of 2 ≥ 2k,): bins by the hash of their keys, or -1."""
 
 
@@ -48,16 +48,11 @@ class Cluster(NamedTuple):
     """Sum of the particles' weights, in 0 to 1."""
 
 
-def histogram(poses: NDArray[np.float64], count: int) -> Histogram:
-    """Of the first `count` particles of `poses`, (3, capacity), headings in [−π, π]."""
-    return Histogram(*_histogram(poses, count))
-
-
 def heaviest_cluster(
     found: Histogram,
-    poses: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    poses: Floats,
+    directions: Floats,
+    weights: Floats,
 ) -> Cluster:
     """The one with the highest weight, of equals the one with the first particle.
 
@@ -78,22 +73,21 @@ def _histogram_fingerprint() -> bytes:
     return found.bin_of.tobytes() + np.array((*pose, *covariance, weight)).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def key(x: float, y: float, heading: float) -> int:
     """The bin of a pose as one number; the heading lies in [−π, π]."""
     turn = math.floor((heading + math.pi) * (HEADINGS / (2 * math.pi))) % HEADINGS
-    joined: int = _join(math.floor(x / SIDE), math.floor(y / SIDE), turn)
-    return joined
+    return _join(math.floor(x / SIDE), math.floor(y / SIDE), turn)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _join(column: int, row: int, turn: int) -> int:
     half = _COORDINATE // 2
     return ((column + half) % _COORDINATE * _COORDINATE + (row + half) % _COORDINATE) * HEADINGS + turn
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def slot(table: NDArray[np.int64], keys: NDArray[np.int64], wanted: int) -> int:
+@kernel
+def slot(table: Int64s, keys: Int64s, wanted: int) -> int:
     """Where a bin stands in the table, or the empty slot where it would."""
     place = ((wanted * 0x9E3779B97F4A7C1) >> 20) & (table.size - 1)
     while table[place] != _EMPTY and keys[table[place]] != wanted:
@@ -101,10 +95,9 @@ def slot(table: NDArray[np.int64], keys: NDArray[np.int64], wanted: int) -> int:
     return place
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _histogram(
-    poses: NDArray[np.float64], count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+@kernel
+def histogram(poses: Floats, count: int) -> Histogram:
+    """Of the first `count` particles of `poses`, (3, capacity), headings in [−π, π]."""
     size = 2
     while size < 2 * count:
         size *= 2
@@ -120,11 +113,11 @@ def _histogram(
             table[place] = bins
             bins += 1
         bin_of[i] = table[place]
-    return bin_of, keys[:bins], table
+    return Histogram(bin_of, keys[:bins], table)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _connect(keys: NDArray[np.int64], table: NDArray[np.int64]) -> NDArray[np.int64]:
+@kernel
+def _connect(keys: Int64s, table: Int64s) -> Int64s:
     """Each bin's cluster, numbered in the order of their first bins."""
     cluster = np.full(keys.size, _EMPTY)
     waiting = np.empty(keys.size, np.int64)
@@ -151,14 +144,14 @@ def _connect(keys: NDArray[np.int64], table: NDArray[np.int64]) -> NDArray[np.in
     return cluster
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _heaviest(
-    bin_of: NDArray[np.int64],
-    keys: NDArray[np.int64],
-    table: NDArray[np.int64],
-    poses: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    bin_of: Int64s,
+    keys: Int64s,
+    table: Int64s,
+    poses: Floats,
+    directions: Floats,
+    weights: Floats,
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
     """Mean x, y, heading; weight; xx, xy, xh, yy, yh, hh of the covariance."""
     cluster = _connect(keys, table)
@@ -190,46 +183,11 @@ def _heaviest(
     return x, y, heading, weight, xx, xy, xh, yy, yh, hh
 
 
-def resample(
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    count: int,
-    found: Histogram,
-    uniforms: NDArray[np.float64],
-    injection: float,
-    least: int,
-    error: float,
-    quantile: float,
-    drawn: NDArray[np.float64],
-) -> tuple[int, int]:
-    """Fill `drawn`, (3, capacity), with particles; gives how many, and how many of them are new poses.
-
-    The first `count` of `poses`, (3, ·), are particles with `weights`; behind them stand new poses. Each draw
-    takes with a probability of `injection` the next new pose, else a particle by the weights. `found` has the
-    bins of all. `uniforms`: (most,) in [0, 1), one per draw. Drawing ends once there are `least` and
-    `kld_bound` of the bins that they are in.
-    """
-    n, new = _resample(
-        poses,
-        weights,
-        count,
-        found.bin_of,
-        found.keys.size,
-        uniforms,
-        injection,
-        least,
-        error,
-        quantile,
-        drawn,
-    )
-    return n, new
-
-
 def _resampling_fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     index = np.arange(60.0)
     poses = np.stack((np.sqrt(index), 0.1 * (index % 7), 3 * arrays.sin(index)))
-    weights: NDArray[np.float64] = (1 + index % 5) / 180
+    weights: Floats = (1 + index % 5) / 180
     uniforms = np.modf(index * 0.618)[0]
     drawn = np.zeros((3, 60))
     found = histogram(poses, 60)
@@ -239,7 +197,7 @@ def _resampling_fingerprint() -> bytes:
     return first + drawn.tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def kld_bound(bins: int, error: float, quantile: float) -> float:
     """So many particles keep the Kullback-Leibler distance below `error` (Fox 2003, equation 15).
 
@@ -253,8 +211,8 @@ def kld_bound(bins: int, error: float, quantile: float) -> float:
     return (bins - 1) / (2 * error) * (root * root * root)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _guide(weights: NDArray[np.float64], sums: NDArray[np.float64]) -> NDArray[np.int64]:
+@kernel
+def _guide(weights: Floats, sums: Floats) -> Int64s:
     """Where to begin to look for the particle of a draw; fills `sums` with those of the weights.
 
     Entry j is the first particle whose sum exceeds a share of j/n of the total (Chen and Asau 1974, "On
@@ -274,23 +232,30 @@ def _guide(weights: NDArray[np.float64], sums: NDArray[np.float64]) -> NDArray[n
     return guide
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _resample(
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
+@kernel
+def resample(
+    poses: Floats,
+    weights: Floats,
     count: int,
-    bin_of: NDArray[np.int64],
-    bins: int,
-    uniforms: NDArray[np.float64],
+    found: Histogram,
+    uniforms: Floats,
     injection: float,
     least: int,
     error: float,
     quantile: float,
-    drawn: NDArray[np.float64],
+    drawn: Floats,
 ) -> tuple[int, int]:
+    """Fill `drawn`, (3, capacity), with particles; gives how many, and how many of them are new poses.
+
+    The first `count` of `poses`, (3, ·), are particles with `weights`; behind them stand new poses. Each draw
+    takes with a probability of `injection` the next new pose, else a particle by the weights. `found` has the
+    bins of all. `uniforms`: (most,) in [0, 1), one per draw. Drawing ends once there are `least` and
+    `kld_bound` of the bins that they are in.
+    """
     sums = np.empty(count)
     guide = _guide(weights, sums)
-    hit = np.zeros(bins, np.bool_)
+    bin_of = found.bin_of
+    hit = np.zeros(found.keys.size, np.bool_)
     hits = n = new = 0
     enough = 0.0
     while n < uniforms.size and (n < least or n < enough):

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import PoseFit, explain, worth
@@ -124,7 +124,7 @@ class Search:
     def __init__(
         self,
         plan: LikelihoodField,
-        mount: NDArray[np.float64],
+        mount: Floats,
         generator: Generator,
         poses: int,
     ) -> None:
@@ -134,11 +134,11 @@ class Search:
         self._generator = generator
         self._poses = poses
         self._wide, self._narrow = worth(plan, _WIDE), worth(plan, _NARROW)
-        self._points: NDArray[np.float64] = np.empty((0, 2))
+        self._points: Floats = np.empty((0, 2))
         self._hypotheses: list[PoseHypothesis] = []
         self._estimate: float | None = None
 
-    def take(self, points: NDArray[np.float64], here: Pose, estimate: Pose) -> PoseHypothesis | None:
+    def take(self, points: Floats, here: Pose, estimate: Pose) -> PoseHypothesis | None:
         """One more scan; gives where the robot is once that is clear.
 
         `points`: (b, 2), m, body's frame, the ends of its beams, at least one. `here`: the odometry's pose
@@ -210,8 +210,8 @@ class Search:
         x, y, heading = tried[:, best].tolist()
         return Pose(x, y, wrap(heading)), float(score[best])
 
-    def _explained(self, poses: NDArray[np.float64], worth: NDArray[np.float64]) -> PoseFit:
-        return explain(self._plan, self._points, self._mount, poses, worth)
+    def _explained(self, poses: Floats, worth: Floats) -> PoseFit:
+        return explain(self._plan.grid, self._points, self._mount, poses, worth)
 
     def _found(self) -> PoseHypothesis | None:
         """The hypothesis to believe, if there is one."""

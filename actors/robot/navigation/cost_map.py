@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
+from actors.array_types import Floats, Int16s, Int64s, Octets
 from actors.floor.grid import Cell
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
@@ -49,7 +50,7 @@ class Inflation:
     scaling: float
     """How fast the cost falls between the two, 1/m (cost_scaling_factor)."""
 
-    def costs(self, distance: ArrayLike) -> NDArray[np.uint8]:
+    def costs(self, distance: ArrayLike) -> Octets:
         """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
         away = np.asarray(distance, dtype=np.float64)
         beyond = np.maximum(away - self.inscribed, 0.0)
@@ -62,7 +63,7 @@ class Inflation:
         """How many cells of side `cell`, m, away something still costs, or touches, at most."""
         return math.ceil(max(self.radius, self.inscribed) / cell - 1e-9)
 
-    def table(self, cell: float) -> NDArray[np.uint8]:
+    def table(self, cell: float) -> Octets:
         """Cost by squared distance in cells of side `cell`, m: ((reach + 1)² + 1,), read-only, 0 at its end.
 
         The distance is that between the centres of two cells.
@@ -157,10 +158,10 @@ def room_needed(radius: float, parameters: CostMapParameters) -> float:
 class _Eye:
     """What the kernels need to know about the sensor; lengths in cells."""
 
-    rays: NDArray[np.float64]
-    fan: NDArray[np.float64]
-    limits: NDArray[np.float64]
-    stamp_limits: NDArray[np.float64]
+    rays: Floats
+    fan: Floats
+    limits: Floats
+    stamp_limits: Floats
     """The same, but for how far it is remembered what is free."""
 
 
@@ -202,13 +203,11 @@ class CostMap:
         self._eye = _eye(sensor, p)
         self._half = round(p.size / p.cell / 2)
         side = 2 * self._half
-        self._marks: NDArray[np.uint8] = np.zeros((side, side), np.uint8)
-        self._stamps: NDArray[np.int64] = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
-        self.arrivals: NDArray[np.int64] = np.full(
-            (side, side) if p.moving_memory else (0, 0), _NEVER, np.int64
-        )
+        self._marks: Octets = np.zeros((side, side), np.uint8)
+        self._stamps: Int64s = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
+        self.arrivals: Int64s = np.full((side, side) if p.moving_memory else (0, 0), _NEVER, np.int64)
         """When a cell that counted as seen free was last marked; empty where `moving_memory` is 0."""
-        self._squared: NDArray[np.int16] | None = None
+        self._squared: Int16s | None = None
         self._taken: Instant | None = None
         self.corner = Cell(-self._half, -self._half)
         """Row and column, counted from the odometry frame's origin, of the window's south-west cell."""
@@ -219,7 +218,7 @@ class CostMap:
         return len(self._marks)
 
     @property
-    def squared(self) -> NDArray[np.int16]:
+    def squared(self) -> Int16s:
         """Squared distance from each cell to the nearest marked one, cells²: (rows, columns), capped."""
         if self._squared is None:
             self._squared = squared_within(self._marks, self.inflation.reach(self.parameters.cell))
@@ -245,7 +244,7 @@ class CostMap:
         self._squared = None
         self._taken = instant
 
-    def restore(self, instant: Instant, corner: Cell, marks: NDArray[np.uint8]) -> None:
+    def restore(self, instant: Instant, corner: Cell, marks: Octets) -> None:
         """Hold what another held at `instant`: `marks`, (rows, columns), 0 or 1; `corner`: of its window."""
         self.corner, self._marks, self._squared, self._taken = corner, marks, None, instant
 
@@ -265,11 +264,11 @@ class CostMap:
         self._marks[inner, inner] = kept
         self._squared = None
 
-    def marked(self) -> NDArray[np.int64]:
+    def marked(self) -> Int64s:
         """Indices of the marked cells, row by row, the southernmost row first: (k,)."""
         return np.flatnonzero(self._marks.view(np.bool_))
 
-    def marks(self) -> NDArray[np.float64]:
+    def marks(self) -> Floats:
         """Centres of the marked cells: (k, 2), m, odometry frame, from south to north, west to east."""
         rows, columns = np.nonzero(self._marks)
         cell = self.parameters.cell
@@ -298,12 +297,12 @@ class CostMap:
                 return False
         return True
 
-    def costs(self) -> NDArray[np.uint8]:
+    def costs(self) -> Octets:
         """The cost of each cell: (rows, columns), row 0 the southernmost."""
-        costs: NDArray[np.uint8] = self.table[self.squared]
+        costs: Octets = self.table[self.squared]
         return costs
 
-    def trusted(self, instant: Instant) -> NDArray[np.uint8]:
+    def trusted(self, instant: Instant) -> Octets:
         """1 in each cell that was seen free lately, or that the body stood on: (rows, columns).
 
         Where `free_memory` is 0 there are no such cells.

@@ -12,13 +12,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Flags, Floats, Int16s, Int32s, Octets
+from actors.kernels import kernel
 from actors.portable.compiled import cos, cos_sin, sin
 from actors.robot.navigation.map_grid import steps_at
-
-Floats = NDArray[np.float64]
-Squares = NDArray[np.int16]
-Steps = NDArray[np.int32]
 
 INVALID: Final = -1.0
 """Score of a trajectory that must not be driven."""
@@ -71,52 +68,16 @@ can be away from it.
 class Fields(NamedTuple):
     """What the critics know of the window's cells; each is (rows, columns)."""
 
-    squared: Squares
+    squared: Int16s
     """Squared distance to the nearest marked cell, cells²."""
-    path: Steps
+    path: Int32s
     """Steps to the plan; rows · columns and more where it is out of reach."""
-    goal: Steps
+    goal: Int32s
     """Steps to the local goal, the same."""
-    front: Steps
+    front: Int32s
     """Steps to where the nose is drawn to, the same."""
-    trusted: NDArray[np.uint8]
+    trusted: Octets
     """1 where the robot may back out over."""
-
-
-class VelocityChoice(NamedTuple):
-    """The best trajectory."""
-
-    speed: float
-    """cells/s."""
-    turn: float
-    """rad/s."""
-    score: float
-    """INVALID if there is no valid one; then speed and turn are 0."""
-
-
-def best(
-    pose: Floats,
-    window: Floats,
-    counts: tuple[int, int],
-    barred: NDArray[np.bool_],
-    bounds: Floats,
-    fields: Fields,
-    table: Floats,
-    weights: NDArray[np.void],
-) -> VelocityChoice:
-    """The valid trajectory with the lowest score; of several the first.
-
-    `pose`: x and y, cells, heading, rad. `window`: lowest and highest speed, cells/s, and turn rate, rad/s;
-    `counts`, each ≥ 2: so many of both are tried, from the lowest on, speeds in the outer loop. `barred`:
-    (4,), True if forward, backward, left turn, right turn must not be. `bounds`: (k, 3), a unit
-    vector and the distance, cells, that the body may cover along it until it has stopped. `table`: weighted
-    cost by squared distance, as far as that goes. `weights`: (1,) of WEIGHTS.
-    """
-    speed: float
-    turn: float
-    score: float
-    speed, turn, score = _best(pose, window, *counts, barred, bounds, *fields, table, weights)
-    return VelocityChoice(speed, turn, score)
 
 
 def fingerprint() -> bytes:
@@ -159,16 +120,16 @@ def fingerprint() -> bytes:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _known(trusted: NDArray[np.uint8], x: float, y: float) -> bool:
+@kernel
+def _known(trusted: Octets, x: float, y: float) -> bool:
     """True if the cell around a point is trusted."""
     row, column = math.floor(y), math.floor(x)
     inside = 0 <= row < trusted.shape[0] and 0 <= column < trusted.shape[1]
     return inside and trusted[row, column] != 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _stern_known(trusted: NDArray[np.uint8], x: float, y: float, c: float, s: float, radius: float) -> bool:
+@kernel
+def _stern_known(trusted: Octets, x: float, y: float, c: float, s: float, radius: float) -> bool:
     """True if the floor below the stern of a body at (x, y) with its heading's cosine and sine is trusted."""
     for side in (-1, 0, 1):
         along = _FLANK_COSINE if side else 1.0
@@ -178,7 +139,7 @@ def _stern_known(trusted: NDArray[np.uint8], x: float, y: float, c: float, s: fl
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _limit(speed: float, w: Any) -> float:
     """The squared distance that a cell has to exceed at that speed, cells²."""
     growth = max(0.0, abs(speed) - w.scaling_speed) / w.scaling_range * w.scaling_factor
@@ -186,8 +147,8 @@ def _limit(speed: float, w: Any) -> float:
     return float(reach * reach)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def squared_at(squared: Squares, x: float, y: float) -> float:
+@kernel
+def squared_at(squared: Int16s, x: float, y: float) -> float:
     """Squared distance from a point to the centre of the nearest marked cell, cells².
 
     The point is at least half a cell, and less than all but half a cell, from the window's corner both ways.
@@ -204,7 +165,7 @@ def squared_at(squared: Squares, x: float, y: float) -> float:
     return float(below + up * (above - below) - right * (1.0 - right) - up * (1.0 - up))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _driven(
     x: float,
     y: float,
@@ -212,12 +173,12 @@ def _driven(
     s: float,
     speed: float,
     turn: float,
-    squared: Squares,
-    trusted: NDArray[np.uint8],
+    fields: Fields,
     fleeing: bool,
     w: Any,
 ) -> tuple[float, float, float, float, float]:
     """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine at its end."""
+    squared = fields.squared
     time = max(w.horizon, abs(speed) / w.deceleration + w.stop_buffer)
     count = max(1, math.ceil(max(abs(speed) * time / w.stride, abs(turn) * time / w.turn_stride)))
     if speed == 0.0:
@@ -241,7 +202,7 @@ def _driven(
         c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
         if x < 0.5 or y < 0.5 or x >= squared.shape[1] - 0.5 or y >= squared.shape[0] - 0.5:
             return INVALID, x, y, c, s
-        if speed < 0.0 and not _stern_known(trusted, x, y, c, s, w.radius):
+        if speed < 0.0 and not _stern_known(fields.trusted, x, y, c, s, w.radius):
             return INVALID, x, y, c, s
         here = squared_at(squared, x, y)
         if here <= limit and here < before:
@@ -251,16 +212,14 @@ def _driven(
     return least, x, y, c, s
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _score(
     least: float,
     x: float,
     y: float,
     c: float,
     s: float,
-    path: Steps,
-    goal: Steps,
-    front: Steps,
+    fields: Fields,
     table: Floats,
     too_near: bool,
     w: Any,
@@ -270,13 +229,14 @@ def _score(
     `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
     whatever leads away is better.
     """
-    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(goal, x, y), path.size)
+    path = fields.path
+    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(fields.goal, x, y), path.size)
     if max(to_path, to_goal) == path.size and not too_near:
         return INVALID
     row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
     if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
         return INVALID
-    nose_to_path, nose_to_front = float(path[row, column]), float(front[row, column])
+    nose_to_path, nose_to_front = float(path[row, column]), float(fields.front[row, column])
     if nose_to_path >= path.size:
         nose_to_path = to_path + _DIAGONAL * w.nose
     if nose_to_front >= path.size:
@@ -292,8 +252,8 @@ def _score(
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
+@kernel
+def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
     """True for a motion that is too slow, or that would be the other half of an oscillation."""
     if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
         return True
@@ -301,7 +261,7 @@ def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> 
     return along or (turn > 0.0 and barred[2]) or (turn < 0.0 and barred[3])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
     """Return True if a body that brakes `stop_buffer` from now on stays within all bounds."""
     if bounds.shape[0] == 0 or speed == 0.0:
@@ -318,7 +278,7 @@ def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float,
     return within
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _samples(low: float, high: float, count: int) -> Floats:
     """`count` values evenly from `low` to `high`, and 0 if it lies between two; one value if both are equal.
 
@@ -338,41 +298,43 @@ def _samples(low: float, high: float, count: int) -> Floats:
     return values[:size]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _best(
+@kernel
+def best(
     pose: Floats,
     window: Floats,
-    speed_count: int,
-    turn_count: int,
-    barred: NDArray[np.bool_],
+    counts: tuple[int, int],
+    barred: Flags,
     bounds: Floats,
-    squared: Squares,
-    path: Steps,
-    goal: Steps,
-    front: Steps,
-    trusted: NDArray[np.uint8],
+    fields: Fields,
     table: Floats,
     weights: NDArray[np.void],
 ) -> tuple[float, float, float]:
+    """The speed, cells/s, turn rate, rad/s, and score of the valid trajectory with the lowest score.
+
+    Of several the first; 0, 0 and INVALID if there is none. `pose`: x and y, cells, heading, rad. `window`:
+    lowest and highest speed, cells/s, and turn rate, rad/s; `counts`, each ≥ 2: so many of both are tried,
+    from the lowest on, speeds in the outer loop. `barred`: (4,), True if forward, backward, left turn, right
+    turn must not be. `bounds`: (k, 3), a unit vector and the distance, cells, that the body may cover along
+    it until it has stopped. `table`: weighted cost by squared distance, as far as that goes. `weights`: (1,)
+    of WEIGHTS.
+    """
     w = weights[0]
     c, s = cos_sin(pose[2])
-    least_allowed, start = _limit(0.0, w), squared_at(squared, pose[0], pose[1])
+    least_allowed, start = _limit(0.0, w), squared_at(fields.squared, pose[0], pose[1])
     nearest = max(w.radius + w.padding - w.escape, 0.0)
     fleeing = nearest * nearest <= start <= least_allowed
-    speeds = _samples(window[0], window[1], speed_count)
-    turns = _samples(window[2], window[3], turn_count)
+    speeds = _samples(window[0], window[1], counts[0])
+    turns = _samples(window[2], window[3], counts[1])
     best_speed, best_turn, lowest = 0.0, 0.0, INVALID
     for speed in speeds:
         for turn in turns:
             if _is_barred(speed, turn, barred, w) or not _stops_within(bounds, speed, turn, c, s, w):
                 continue
-            least, x, y, end_c, end_s = _driven(
-                pose[0], pose[1], c, s, speed, turn, squared, trusted, fleeing, w
-            )
+            least, x, y, end_c, end_s = _driven(pose[0], pose[1], c, s, speed, turn, fields, fleeing, w)
             if least < 0.0:
                 continue
-            too_near = fleeing and squared_at(squared, x, y) <= least_allowed
-            score = _score(least, x, y, end_c, end_s, path, goal, front, table, too_near, w)
+            too_near = fleeing and squared_at(fields.squared, x, y) <= least_allowed
+            score = _score(least, x, y, end_c, end_s, fields, table, too_near, w)
             if score >= 0.0 and (lowest < 0.0 or score < lowest):
                 best_speed, best_turn, lowest = speed, turn, score
     return best_speed, best_turn, lowest

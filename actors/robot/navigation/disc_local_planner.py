@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int32s
 from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
 from actors.portable import atan2, cos_sin, hypot
@@ -56,9 +57,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         self._turn_gain = self._turn_deceleration * in_seconds(p.period)
         self._weights = _weights(p, self._cell, radius, local.parameters.padding, limits)
         self._alignment, self._front = (float(self._weights[name][0]) for name in ("alignment", "front"))
-        self._table: NDArray[np.float64] = np.multiply(
-            local.table, p.occdist_scale * self._cell, dtype=np.float64
-        )
+        self._table: Floats = np.multiply(local.table, p.occdist_scale * self._cell, dtype=np.float64)
         self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
         inscribed = local.inflation.inscribed / self._cell
         self._limit = inscribed * inscribed
@@ -68,7 +67,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         """At full speed the body covers so many cells until it has stopped."""
         self._nearest = 0
 
-    def follow(self, way: NDArray[np.float64]) -> None:
+    def follow(self, way: Floats) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
         super().follow(way)
         self._nearest = 0
@@ -79,7 +78,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return hypot(end[0] - estimate.x, end[1] - estimate.y) <= self._p.goal_tolerance
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        cell, body = self._cell, self._body(here)
+        body = self._body(here)
         side = self._untrusted.shape[0]
         self._nearest, ended, cells = cut(
             self._way, self._nearest, self._motion(here, estimate), body, side, side / 2
@@ -94,7 +93,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         if self._turning and self._p.spot_rate:
             window[2:] = self._spot_turn(outlook.bearing, velocity.omega)
             barred = _NOTHING
-        choice = best(
+        speed, turn, score = best(
             body,
             window,
             (self._p.speed_samples, self._p.turn_samples),
@@ -104,15 +103,13 @@ class DiscLocalPlanner(BaseLocalPlanner):
             self._table,
             self._weights,
         )
-        if choice.score < 0.0:
+        if score < 0.0:
             return NOWHERE
-        speed = choice.speed * cell
-        self._oscillation.note(here, speed, choice.turn)
-        return Steering(Twist(speed, 0.0, choice.turn), True)
+        speed *= self._cell
+        self._oscillation.note(here, speed, turn)
+        return Steering(Twist(speed, 0.0, turn), True)
 
-    def _outlook(
-        self, instant: Instant, body: NDArray[np.float64], cells: NDArray[np.int32], ended: bool
-    ) -> _Outlook | None:
+    def _outlook(self, instant: Instant, body: Floats, cells: Int32s, ended: bool) -> _Outlook | None:
         """What the plan's `cells` in the window lead to; None if that is out of reach.
 
         `ended`: they end where the plan does.
@@ -139,19 +136,16 @@ class DiscLocalPlanner(BaseLocalPlanner):
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
         return _Outlook(fields, hypot(dx, dy), leads, aside, ended)
 
-    def _bounds(self, instant: Instant, body: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _bounds(self, instant: Instant, body: Floats) -> Floats:
         """Return what moving things leave to this robot."""
         local = self._local
         if not local.arrivals.size:
             return _BOUNDLESS
         since = instant - local.parameters.moving_memory
         room = math.sqrt(self._limit)
-        bounds: NDArray[np.float64] = half_gaps(
-            local.squared, local.arrivals, since, body, room, self._farthest
-        )
-        return bounds
+        return half_gaps(local.squared, local.arrivals, since, body, room, self._farthest)
 
-    def _window(self, velocity: Twist, too_near: bool) -> NDArray[np.float64]:
+    def _window(self, velocity: Twist, too_near: bool) -> Floats:
         """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""
         most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
         least = self._min_speed if too_near else max(self._min_speed, 0.0)
@@ -183,12 +177,12 @@ class DiscLocalPlanner(BaseLocalPlanner):
         least = self._p.spot_angle * (0.5 if self._turning else 1.0)
         return abs(angle) > least
 
-    def _body(self, here: Pose) -> NDArray[np.float64]:
+    def _body(self, here: Pose) -> Floats:
         """x and y in the window, cells, and heading, rad."""
         corner = self._local.corner
         return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
 
-    def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
+    def _motion(self, here: Pose, estimate: Pose) -> Floats:
         """From the map frame to the window: see `cut`."""
         turn = wrap(here.heading - estimate.heading)
         c, s = cos_sin(turn)

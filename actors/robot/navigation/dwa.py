@@ -14,34 +14,32 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Flags, Floats, Int16s, Int32s, Octets, Singles
+from actors.kernels import kernel
 from actors.portable.compiled import cos_sin
 from actors.robot.navigation.ray_tracing import cost_below
-
-Floats = NDArray[np.float64]
-Steps = NDArray[np.int32]
 
 _ROUNDING: Final = 1e-3
 """So near to a border of its cell, cells, a point that was not made step by step may be in another one."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def count_of(speed: float, turn: float, w: Any) -> int:
     """How many points a trajectory has; `w`: of `dwa.CRITICS`, here as below."""
     count = math.ceil(max(abs(speed) * w.horizon / w.stride, abs(turn) * w.horizon / w.turn_stride))
     return int(count)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def start_of(pose: Floats) -> Floats:
     """Cosine and sine of the heading with which all trajectories begin; `pose` as for `cheapest`."""
     c, s = cos_sin(float(np.float32(pose[2])))
     return np.array([c, s])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def foresee(
-    point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Steps, w: Any
+    point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, w: Any
 ) -> bool:
     """Write where a trajectory will end into `point`: x, y, cosine and sine; True if that can be relied on.
 
@@ -67,14 +65,14 @@ def foresee(
     return bool(clear and _is_inside(point, path, w.nose))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _is_clear(place: float) -> bool:
     """True away from the borders of cells."""
     return abs(place - math.floor(place + 0.5)) > _ROUNDING
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_inside(point: Floats, path: Steps, nose: float) -> bool:
+@kernel
+def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
     """True if centre and nose are in the window."""
     x, y = point[0], point[1]
     nose_x, nose_y = x + nose * point[2], y + nose * point[3]
@@ -83,9 +81,9 @@ def _is_inside(point: Floats, path: Steps, nose: float) -> bool:
     return bool(beside and 0.0 <= y < rows and 0.0 <= nose_y < rows)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def drive(
-    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Steps, goal: Steps, w: Any
+    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, goal: Int32s, w: Any
 ) -> int:
     """Write a trajectory's points, each x, y, cosine and sine; how many they are.
 
@@ -117,9 +115,6 @@ def drive(
     return int(count)
 
 
-Singles = NDArray[np.float32]
-Costs = NDArray[np.uint8]
-Squares = NDArray[np.int16]
 INVALID: Final = -1.0
 """Cost of a trajectory that must not be driven."""
 _NEARLY: Final = 1e-4
@@ -165,7 +160,7 @@ class CheapestVelocity(NamedTuple):
     """INVALID if there is no valid one; then speed and turn are 0."""
 
 
-def example() -> tuple[Squares, Costs, Floats, NDArray[np.void]]:
+def example() -> tuple[Int16s, Octets, Floats, NDArray[np.void]]:
     """For fingerprints: squared distances of a window, costs by them, a body's outline, and critics."""
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
@@ -189,7 +184,7 @@ def fingerprint() -> bytes:
     return b"".join(part.tobytes() for part in (np.array(chosen), speeds, turns))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def samples(low: float, high: float, count: int) -> Singles:
     """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
 
@@ -212,8 +207,8 @@ def samples(low: float, high: float, count: int) -> Singles:
     return values[: size + 1]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> bool:
+@kernel
+def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
     """True for none, one that is too slow or too fast, or that would be the other half of an oscillation."""
     if speed == 0.0 and turn == 0.0:
         return True
@@ -224,9 +219,9 @@ def _is_barred(speed: float, turn: float, barred: NDArray[np.bool_], w: Any) -> 
     return bool(along or across or abs(speed) - _NEARLY > w.most_speed)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _collides(
-    points: Floats, count: int, far: float, squared: Squares, table: Costs, outline: Floats
+    points: Floats, count: int, far: float, squared: Int16s, table: Octets, outline: Floats
 ) -> bool:
     """True if the body's outline meets a mark at some of the first `count` points: x, y, cosine and sine."""
     for k in range(count):
@@ -239,8 +234,8 @@ def _collides(
     return False
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _cost(obstacle: float, point: Floats, path: Steps, goal: Steps, front: Steps, w: Any) -> float:
+@kernel
+def _cost(obstacle: float, point: Floats, path: Int32s, goal: Int32s, front: Int32s, w: Any) -> float:
     """What the critics say together of a trajectory by its last point, summed in the original's order."""
     x, y = point[0], point[1]
     row, column = int(y), int(x)
@@ -254,17 +249,17 @@ def _cost(obstacle: float, point: Floats, path: Steps, goal: Steps, front: Steps
     return float(cost)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def cheapest(
     pose: Floats,
     speeds: Singles,
     turns: Singles,
-    barred: NDArray[np.bool_],
-    squared: Squares,
-    path: Steps,
-    goal: Steps,
-    front: Steps,
-    table: Costs,
+    barred: Flags,
+    squared: Int16s,
+    path: Int32s,
+    goal: Int32s,
+    front: Int32s,
+    table: Octets,
     outline: Floats,
     critics: NDArray[np.void],
 ) -> tuple[float, float, float]:

@@ -12,17 +12,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int16s, Int32s, Octets
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Instant, in_seconds
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable.compiled import cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.dwa import (
     CRITICS,
     INVALID,
     CheapestVelocity,
-    Costs,
-    Squares,
     cheapest,
     example,
     samples,
@@ -31,9 +30,6 @@ from actors.robot.navigation.map_grid import wavefront
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
 from deeco.knowledge import made
-
-Floats = NDArray[np.float64]
-Cells = NDArray[np.int32]
 
 
 def _local_plan_fingerprint() -> bytes:
@@ -45,7 +41,7 @@ def _local_plan_fingerprint() -> bytes:
     return bytes(cells.tobytes() + goal.tobytes() + front.tobytes() + bytes([far]))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
     """Indices of the first point of it and of the one after its last."""
     first = 0
@@ -63,8 +59,8 @@ def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
     return first, last
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Cells) -> int:
+@kernel
+def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s) -> int:
     """Write the cells of the points, m, and of others between them if they are more than a cell apart.
 
     From the first that is in the window to the last before one that is not; given is how many.
@@ -91,7 +87,7 @@ def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Cells)
     return count
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
     """The points in the odometry frame."""
     c, s = cos_sin(here[2] - estimate[2])
@@ -104,10 +100,10 @@ def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
     return points
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def local_plan(
     way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
-) -> tuple[Cells, Cells, Cells, bool]:
+) -> tuple[Int32s, Int32s, Int32s, bool]:
     """The part of `way` from its first point within half a window of the robot to the first one beyond.
 
     Given are, as rows and columns: (k, 2) cells that it leads through, k = 0 where it is not in the window;
@@ -138,16 +134,16 @@ def local_plan(
     return cells[:count], cells[count - 1 : count].copy(), front.copy(), apart > nose
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def chosen(
     way: Floats,
     state: Floats,
     nose: float,
     counts: tuple[int, int],
-    barred: NDArray[np.bool_],
-    squared: Squares,
+    barred: Flags,
+    squared: Int16s,
     limit: float,
-    table: Costs,
+    table: Octets,
     outline: Floats,
     critics: NDArray[np.void],
     alignment: float,
@@ -173,10 +169,9 @@ def chosen(
     window = state[8:12].astype(np.float32).astype(np.float64)  # rounded to what the original has
     speeds = samples(window[0], window[1], counts[0])
     turns = samples(window[2], window[3], counts[1])
-    found: tuple[float, float, float] = cheapest(
+    return cheapest(
         state[3:8], speeds, turns, barred, squared, to_path, to_goal, to_front, table, outline, critics
     )
-    return found
 
 
 def _control_cycle_fingerprint() -> bytes:
@@ -228,7 +223,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         super().begin()
         self._arrived = False
 
-    def follow(self, way: NDArray[np.float64]) -> None:
+    def follow(self, way: Floats) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame; nothing is barred at first."""
         super().follow(way)
         self._end = float(way[-1, 0]), float(way[-1, 1])
@@ -252,9 +247,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
     def _stands(self, velocity: Twist) -> bool:
         return abs(velocity.omega) <= self._p.stopped_turn and abs(velocity.vx) <= self._p.stopped_speed
 
-    def dynamic_window(
-        self, here: Pose, estimate: Pose, velocity: Twist, barred: NDArray[np.bool_]
-    ) -> CheapestVelocity:
+    def dynamic_window(self, here: Pose, estimate: Pose, velocity: Twist, barred: Flags) -> CheapestVelocity:
         """The choice among the velocities within reach, wherever the goal is; as for `steer`.
 
         `barred`: (4,), True if forward, backward, left turn, right turn must not be.
@@ -271,12 +264,12 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return made(Steering, (made(Twist, (choice.speed, 0.0, choice.turn)), True))
 
     def _cheapest(
-        self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: NDArray[np.bool_]
+        self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: Flags
     ) -> CheapestVelocity:
         """Among velocities in `window`: least and greatest speed, m/s, and turn rate, rad/s."""
         local, p, cell = self._local, self._p, self._cell
         corner = local.corner
-        found: tuple[float, float, float] = chosen(
+        found = chosen(
             self._way,
             np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
             p.forward_point,

@@ -7,66 +7,10 @@ starts in to their four neighbours, and on through cells that the robot's centre
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats, Int16s, Int32s
+from actors.kernels import kernel
 from actors.portable.compiled import atan2, cos, hypot, sin
-
-Floats = NDArray[np.float64]
-Squares = NDArray[np.int16]
-Steps = NDArray[np.int32]
-Cells = NDArray[np.int32]
-
-
-def cut(
-    way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
-) -> tuple[int, bool, Cells]:
-    """Where `way` is nearest to the body, whether it ends in the window, and the cells it leads through.
-
-    `way`: (n, 2), n ≥ 1, m. `first`: index of the nearest point the last time; only points within half of
-    `reach` along the way from it on are looked at. `motion`: cosine and sine of the angle from the way's
-    frame to the window's, shift of x and y, m, and cells per m. `body`: x and y in the window, cells. `side`:
-    of the window, cells. `reach`: so far from the body the way is cut, cells.
-
-    Given are the index, whether the way was not cut, and (k, 2) rows and columns from the nearest point on,
-    without gaps (MapGrid::adjustPlanResolution); k = 0 where the way is not near.
-    """
-    nearest: int
-    ended: bool
-    cells: Cells
-    nearest, ended, cells = _cut(way, first, motion, body, side, reach)
-    return nearest, ended, cells
-
-
-def detour(steps: Steps, cells: Cells, body: Floats) -> int:
-    """How many more steps it is to the goal of `steps` from where the body is than through `cells`.
-
-    `steps`: of `wavefront`. `cells`: (k, 2), k ≥ 1. `body`: x and y, cells. 0 where the body is out of reach.
-    """
-    more: int = _detour(steps, cells, body)
-    return more
-
-
-def bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: float) -> float:
-    """At which angle from the body's heading it sees the first of `cells` that is `ahead`, or the last; rad.
-
-    0 where the centre cannot be in one of the cells before it. `squared`, `limit`: as for `wavefront`.
-    `cells`: (k, 2), k ≥ 1. `body`: x and y, cells, and heading, rad. `ahead`: cells.
-    """
-    angle: float = _bearing(squared, limit, cells, body, ahead)
-    return angle
-
-
-def free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
-    """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
-
-    With `slack` < 0 the last of `cells` in which it can be, otherwise the nearest cell within `slack`, cells.
-    If there is none it stays the last. `squared`, `limit`: as for `wavefront`; `cells`: (k, 2), k ≥ 1.
-    """
-    row: int
-    column: int
-    row, column = _free_goal(squared, limit, cells, slack)
-    return row, column
 
 
 def fingerprint() -> bytes:
@@ -79,13 +23,13 @@ def fingerprint() -> bytes:
     nearest, ended, cells = cut(way, 0, motion, body, 40, 20.0)
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
-    steps: Steps = wavefront(squared, 4.5, cells)
+    steps = wavefront(squared, 4.5, cells)
     told = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
     return repr(told).encode() + cells.tobytes() + steps.tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _ringed(squared: Squares, limit: float, far: int) -> Cells:
+@kernel
+def _ringed(squared: Int16s, limit: float, far: np.int32) -> Int32s:
     """`far` where the wave may come to, -1 where it may not, and a ring of 0, which is not entered, around.
 
     The ring saves asking where the window ends.
@@ -101,8 +45,8 @@ def _ringed(squared: Squares, limit: float, far: int) -> Cells:
     return known
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
+@kernel
+def wavefront(squared: Int16s, limit: float, starts: Int32s) -> Int32s:
     """Steps from each cell to the nearest of `starts`: (rows, columns).
 
     rows · columns in a cell that the wave meets but may not enter, one more where it does not come to.
@@ -134,12 +78,11 @@ def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
                 queued += one
             elif known[near] == barred:
                 known[near] = met
-    distances: Steps = _distances(known, rows, columns, far)
-    return distances
+    return _distances(known, rows, columns, far)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _distances(known: Cells, rows: int, columns: int, far: int) -> Steps:
+@kernel
+def _distances(known: Int32s, rows: int, columns: int, far: np.int32) -> Int32s:
     """What is within the ring; `far` where the wave may not come to, one less if it has met that."""
     width = columns + 2
     distances = np.empty((rows, columns), np.int32)
@@ -151,7 +94,7 @@ def _distances(known: Cells, rows: int, columns: int, far: int) -> Steps:
     return distances
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
     """Index of the nearest point to (x, y), from `first` on and within `along` of it along the way."""
     nearest, least = first, math.inf
@@ -167,10 +110,20 @@ def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
     return nearest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _cut(
+@kernel
+def cut(
     way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
-) -> tuple[int, bool, Cells]:
+) -> tuple[int, bool, Int32s]:
+    """Where `way` is nearest to the body, whether it ends in the window, and the cells it leads through.
+
+    `way`: (n, 2), n ≥ 1, m. `first`: index of the nearest point the last time; only points within half of
+    `reach` along the way from it on are looked at. `motion`: cosine and sine of the angle from the way's
+    frame to the window's, shift of x and y, m, and cells per m. `body`: x and y in the window, cells. `side`:
+    of the window, cells. `reach`: so far from the body the way is cut, cells.
+
+    Given are the index, whether the way was not cut, and (k, 2) rows and columns from the nearest point on,
+    without gaps (MapGrid::adjustPlanResolution); k = 0 where the way is not near.
+    """
     c, s, scale = motion[0], motion[1], motion[4]
     # where the body is in the way's frame
     dx, dy = body[0] / scale - motion[2], body[1] / scale - motion[3]
@@ -196,8 +149,8 @@ def _cut(
     return nearest, True, cells[:count].copy()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def steps_at(steps: Steps, x: float, y: float) -> int:
+@kernel
+def steps_at(steps: Int32s, x: float, y: float) -> int:
     """Steps of the cell around a point; of the best of the three others near it if that is out of reach.
 
     The point itself may be farther from what is marked than the centre of its cell. It lies at least half a
@@ -211,8 +164,12 @@ def steps_at(steps: Steps, x: float, y: float) -> int:
     return int(min(steps[row, column], steps[row, after], steps[over, column], steps[over, after]))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _detour(steps: Steps, cells: Cells, body: Floats) -> int:
+@kernel
+def detour(steps: Int32s, cells: Int32s, body: Floats) -> int:
+    """How many more steps it is to the goal of `steps` from where the body is than through `cells`.
+
+    `steps`: of `wavefront`. `cells`: (k, 2), k ≥ 1. `body`: x and y, cells. 0 where the body is out of reach.
+    """
     here = steps_at(steps, body[0], body[1])
     if here >= steps.size:
         return 0
@@ -222,8 +179,13 @@ def _detour(steps: Steps, cells: Cells, body: Floats) -> int:
     return int(here - planned)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: float) -> float:
+@kernel
+def bearing(squared: Int16s, limit: float, cells: Int32s, body: Floats, ahead: float) -> float:
+    """At which angle from the body's heading it sees the first of `cells` that is `ahead`, or the last; rad.
+
+    0 where the centre cannot be in one of the cells before it. `squared`, `limit`: as for `wavefront`.
+    `cells`: (k, 2), k ≥ 1. `body`: x and y, cells, and heading, rad. `ahead`: cells.
+    """
     dx, dy = 0.0, 0.0
     for k in range(cells.shape[0]):
         if squared[cells[k, 0], cells[k, 1]] <= limit:
@@ -235,8 +197,13 @@ def _bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: 
     return float(angle - math.tau * math.floor((angle + math.pi) / math.tau))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
+@kernel
+def free_goal(squared: Int16s, limit: float, cells: Int32s, slack: float) -> tuple[int, int]:
+    """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
+
+    With `slack` < 0 the last of `cells` in which it can be, otherwise the nearest cell within `slack`, cells.
+    If there is none it stays the last. `squared`, `limit`: as for `wavefront`; `cells`: (k, 2), k ≥ 1.
+    """
     last_row, last_column = cells[-1, 0], cells[-1, 1]
     if squared[last_row, last_column] > limit:
         return last_row, last_column

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Indices, Octets, Singles
 from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, Shared
 from actors.geometry import Point
 from actors.robot.navigation import ray_tracing
@@ -31,7 +32,7 @@ class GlobalCosts:
 
     plan: OccupancyGrid
     inflation: Inflation
-    costs: NDArray[np.uint8]
+    costs: Octets
     """(rows, columns), read-only: of a step through each cell, as `navfn_potential.wave` takes it."""
 
 
@@ -58,31 +59,29 @@ def _global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParame
     return GlobalCosts(plan, inflation, costs)
 
 
-def static_costs(plan: OccupancyGrid, inflation: Inflation) -> NDArray[np.uint8]:
+def static_costs(plan: OccupancyGrid, inflation: Inflation) -> Octets:
     """costmap_2d's costs of the floor plan alone: (rows, columns), 254 in a wall, 255 in unknown space."""
     costs = _inflated(plan.cells == OCCUPIED, inflation, plan.resolution)
     costs[(plan.cells == UNKNOWN) & (costs < INSCRIBED)] = _NO_INFORMATION
     return costs
 
 
-def _inflated(marked: NDArray[np.bool_ | np.uint8], inflation: Inflation, cell: float) -> NDArray[np.uint8]:
+def _inflated(marked: NDArray[np.bool_ | np.uint8], inflation: Inflation, cell: float) -> Octets:
     """Costs around marked cells of side `cell`, m."""
     squared = squared_within(marked.astype(np.uint8), inflation.reach(cell))
-    costs: NDArray[np.uint8] = inflation.table(cell)[squared]
+    costs: Octets = inflation.table(cell)[squared]
     return costs
 
 
-def _cell_costs(costs: NDArray[np.uint8], parameters: PlanningParameters) -> NDArray[np.uint8]:
+def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
     """What a step through a cell costs that has these costs on the cost map."""
     weighed = np.minimum(np.floor(parameters.neutral + parameters.factor * np.arange(256.0)), HIGHEST)
     weighed[INSCRIBED:] = IMPASSABLE
-    table: NDArray[np.uint8] = weighed.astype(np.uint8)
+    table: Octets = weighed.astype(np.uint8)
     return table[costs]
 
 
-def occupied(
-    ground: GlobalCosts, marks: NDArray[np.float64], parameters: PlanningParameters
-) -> NDArray[np.uint8]:
+def occupied(ground: GlobalCosts, marks: Floats, parameters: PlanningParameters) -> Octets:
     """The costs with more things on the floor than its plan shows; the very same without any.
 
     `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
@@ -108,12 +107,10 @@ class NavfnPlanner:
         self._ground = ground
         self._p = parameters
         self._asked: tuple[Cell, Point] | None = None
-        self._answer: NDArray[np.float64] | None = None
+        self._answer: Floats | None = None
         """To that, without marks: a way follows from the robot's cell and the goal."""
 
-    def path(
-        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64] | None:
+    def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
 
         (n, 2), n ≥ 2, m in the map frame: from the robot's cell, half a cell from point to point, beside what
@@ -128,7 +125,7 @@ class NavfnPlanner:
             self._asked, self._answer = asked, self._way(self._ground.costs, *asked)
         return self._answer
 
-    def _way(self, costs: NDArray[np.uint8], first: Cell, goal: Point) -> NDArray[np.float64] | None:
+    def _way(self, costs: Octets, first: Cell, goal: Point) -> Floats | None:
         plan, last = self._ground.plan, self._ground.plan.cell(goal)
         if not (0 < first.row < plan.rows - 1 and 0 < first.column < plan.columns - 1):
             return None
@@ -143,7 +140,7 @@ class NavfnPlanner:
         points = way_down(field, *last, self._p.neutral)[::-1, ::-1] * plan.resolution
         return np.vstack((np.array(plan.origin) + points, np.array(end)))
 
-    def _nearest(self, field: NDArray[np.float32], goal: Point) -> tuple[Point, Cell] | None:
+    def _nearest(self, field: Singles, goal: Point) -> tuple[Point, Cell] | None:
         """The point nearest to the goal in a cell that was reached, and the cell; None without one.
 
         Of the points that are a whole number of cells away from the goal less the tolerance, along both axes.
@@ -161,7 +158,7 @@ class NavfnPlanner:
 
 def _raster(
     middle: float, tolerance: float, origin: float, cell: float, count: int
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+) -> tuple[Floats, Indices]:
     """Places a cell apart from `middle` less `tolerance`, up to as far beyond it, along one axis of a map.
 
     And in which of its `count` cells each is: those outside are left out.

@@ -7,8 +7,8 @@ from typing import Annotated, Final, Protocol
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
@@ -224,7 +224,7 @@ class LocalObstacles(Protocol):
     def clear(self, beyond: float) -> None:
         """Forget what is marked outside of a square of side `beyond`, m, round the robot."""
 
-    def marks(self) -> NDArray[np.float64]:
+    def marks(self) -> Floats:
         """(k, 2): the centres of marked cells, m, odometry frame."""
 
     def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
@@ -244,7 +244,7 @@ class LocalPlanner(Protocol):
     def begin(self) -> None:
         """Forget what was on the way to another goal."""
 
-    def follow(self, way: NDArray[np.float64]) -> None:
+    def follow(self, way: Floats) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
@@ -455,7 +455,7 @@ class Navigator:
             if now.instant - pursuit.had_plan > self._p.planner_patience:
                 pursuit.gives_up(AbortReason.NO_PLAN)
 
-    def _strangers(self, here: Pose, estimate: Pose) -> NDArray[np.float64] | None:
+    def _strangers(self, here: Pose, estimate: Pose) -> Floats | None:
         """What the local map shows, in the map frame, if planning is to know of it."""
         if not self._p.mark_robots:
             return None

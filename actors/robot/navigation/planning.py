@@ -9,8 +9,8 @@ from typing import Final, Literal, Protocol
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Indices, Int32s, Octets
 from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.floor.raster import squared_distance
@@ -86,9 +86,7 @@ PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
 class GlobalPlanner(Protocol):
     """What finds ways."""
 
-    def path(
-        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64] | None:
+    def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         """The way from `start` to `goal`, or to a point near it; None without one.
 
         (n, 2), n ≥ 1, m in the map frame. `marks`: (k, 2), m, map frame: what else is in the way.
@@ -102,9 +100,9 @@ class Ground:
 
     grid: OccupancyGrid
     """The planning grid; FREE where the body's centre may be."""
-    clearance: NDArray[np.float64]
+    clearance: Floats
     """(rows, columns): at least so far is the nearest wall, m."""
-    costs: NDArray[np.int32]
+    costs: Int32s
     """(rows, columns), > 0; 0 where the body's centre may not be."""
     radius: float
     """Of the body, m."""
@@ -153,9 +151,7 @@ def _factor(parameters: PlanningParameters, resolution: float) -> int:
     return max(1, math.ceil(parameters.cell / resolution - 1e-9))
 
 
-def _wide_enough(
-    plan: OccupancyGrid, reach: float, factor: int, narrowest: float
-) -> NDArray[np.bool_] | np.bool_:
+def _wide_enough(plan: OccupancyGrid, reach: float, factor: int, narrowest: float) -> Flags | np.bool_:
     """Return which planning cells lie in no gap between walls that is narrower than `narrowest`, m.
 
     A cell beside a wall is near the middle of a wide gap; a cell in a narrow gap is not. The middle of a gap
@@ -170,20 +166,18 @@ def _wide_enough(
     middle[:-1, :-1] |= square
     middle[1:, 1:] |= square
     away = cell * np.sqrt(squared_distance(middle))
-    open_floor: NDArray[np.bool_] = _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
+    open_floor: Flags = _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
     return open_floor
 
 
-def _costs(distance: NDArray[np.float64], radius: float, parameters: PlanningParameters) -> NDArray[np.int32]:
+def _costs(distance: Floats, radius: float, parameters: PlanningParameters) -> Int32s:
     """What a cell costs so far from what it must not touch, m."""
     inflation = Inflation(radius, parameters.inflation_radius, parameters.scaling)
     cost_map = np.minimum(inflation.costs(distance), INSCRIBED - 1)
     return parameters.neutral + np.rint(parameters.factor * cost_map).astype(np.int32)
 
 
-def occupied(
-    ground: Ground, marks: NDArray[np.float64], parameters: PlanningParameters = _GRID
-) -> NDArray[np.int32]:
+def occupied(ground: Ground, marks: Floats, parameters: PlanningParameters = _GRID) -> Int32s:
     """The ground's costs with more things on it than the floor plan shows; the very same without any.
 
     `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
@@ -202,9 +196,7 @@ def occupied(
     return costs
 
 
-def strangers(
-    grid: OccupancyGrid, clearance: NDArray[np.float64], marks: NDArray[np.float64], wall: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def strangers(grid: OccupancyGrid, clearance: Floats, marks: Floats, wall: float) -> tuple[Indices, Indices]:
     """Rows and columns of the cells with marks on the map that are not nearer than `wall`, m, to its walls.
 
     `clearance`: (rows, columns), m. `marks`: (k, 2), m, map frame.
@@ -217,8 +209,8 @@ def strangers(
 
 
 def around(
-    shape: tuple[int, ...], row: NDArray[np.intp], column: NDArray[np.intp], reach: int
-) -> tuple[tuple[slice, slice], NDArray[np.uint8]]:
+    shape: tuple[int, ...], row: Indices, column: Indices, reach: int
+) -> tuple[tuple[slice, slice], Octets]:
     """The part of a grid of `shape` within `reach` cells of some cells; and what is there: 1, elsewhere 0."""
     bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
     top, right = min(int(row.max()) + reach + 1, shape[0]), min(int(column.max()) + reach + 1, shape[1])
@@ -227,12 +219,12 @@ def around(
     return (slice(bottom, top), slice(left, right)), marked
 
 
-def _coarse(fine: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
+def _coarse(fine: Floats, factor: int) -> Floats:
     """The least value of each block of factor × factor cells; beyond the north and east edges all is 0."""
     rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
     padded = np.zeros((rows * factor, columns * factor))
     padded[: fine.shape[0], : fine.shape[1]] = fine
-    least: NDArray[np.float64] = padded.reshape(rows, factor, columns, factor).min(axis=(1, 3))
+    least: Floats = padded.reshape(rows, factor, columns, factor).min(axis=(1, 3))
     return least
 
 
@@ -245,13 +237,11 @@ class Planner:
         self._ground = ground
         self._parameters = parameters
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
-        self._fields: OrderedDict[Cell, NDArray[np.int32]] = OrderedDict()
+        self._fields: OrderedDict[Cell, Int32s] = OrderedDict()
         in_memory = int(parameters.cached_mb * 1e6) // ground.costs.nbytes
         self._room = max(1, min(parameters.cached, in_memory))
 
-    def path(
-        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64] | None:
+    def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
 
         (n, 2), n ≥ 1, m in the map frame: centres of neighbouring cells, but for the last point, which is
@@ -275,7 +265,7 @@ class Planner:
             way[-1] = goal
         return way
 
-    def _around(self, costs: NDArray[np.int32], start: Cell) -> NDArray[np.bool_]:
+    def _around(self, costs: Int32s, start: Cell) -> Flags:
         """The floor that is connected to the start."""
         if costs is not self._ground.costs:
             return raster.flood(costs > 0, *start)
@@ -283,10 +273,10 @@ class Planner:
             self._region = raster.flood(costs > 0, *start)
         return self._region
 
-    def _nearest(self, admitted: NDArray[np.bool_], point: Point) -> Cell | None:
+    def _nearest(self, admitted: Flags, point: Point) -> Cell | None:
         return nearest_cell(self._ground.grid, admitted, point, self._parameters.tolerance)
 
-    def _field(self, goal: Cell) -> NDArray[np.int32]:
+    def _field(self, goal: Cell) -> Int32s:
         """The potential of the goal, new or kept."""
         field = self._fields.get(goal)
         if field is None:

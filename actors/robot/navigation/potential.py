@@ -11,31 +11,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats, Int32s, Octets, Singles
+from actors.kernels import kernel
 
 UNREACHABLE: Final = np.iinfo(np.int32).max
 """The potential of a cell from which no way leads to the goal."""
 STRAIGHT: Final = 5
 DIAGONAL: Final = 7
 """7/5 is within 1 % of √2."""
-
-
-def potential(costs: NDArray[np.int32], goal_row: int, goal_column: int) -> NDArray[np.int32]:
-    """Cost of the cheapest way from every cell to the goal cell: (rows, columns), UNREACHABLE without one.
-
-    `costs`: (rows, columns), > 0 of a passable cell, 0 of one that is not.
-    """
-    field: NDArray[np.int32] = _potential(costs, goal_row, goal_column, int(costs.max()))
-    return field
-
-
-def descent(costs: NDArray[np.int32], field: NDArray[np.int32], row: int, column: int) -> NDArray[np.int32]:
-    """The cells from (row, column) to the goal, steepest way down the potential: (n, 2) rows and columns.
-
-    The start's potential must not be UNREACHABLE.
-    """
-    cells: NDArray[np.int32] = _descent(costs, field, row, column)
-    return cells
 
 
 def _potential_fingerprint() -> bytes:
@@ -48,8 +31,8 @@ def _potential_fingerprint() -> bytes:
     return field.tobytes() + descent(costs, field, 9, 26).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_step(costs: NDArray[np.int32], row: int, column: int, down: int, right: int) -> bool:
+@kernel
+def _is_step(costs: Int32s, row: int, column: int, down: int, right: int) -> bool:
     """True if the step from a passable cell ends on the grid, on a passable cell, and cuts no corner."""
     r, c = row + down, column + right
     if r < 0 or c < 0 or r >= costs.shape[0] or c >= costs.shape[1] or costs[r, c] == 0:
@@ -57,15 +40,19 @@ def _is_step(costs: NDArray[np.int32], row: int, column: int, down: int, right: 
     return down == 0 or right == 0 or (costs[row, c] > 0 and costs[r, column] > 0)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _potential(costs: NDArray[np.int32], goal_row: int, goal_column: int, highest: int) -> NDArray[np.int32]:
+@kernel
+def potential(costs: Int32s, goal_row: int, goal_column: int) -> Int32s:
+    """Cost of the cheapest way from every cell to the goal cell: (rows, columns), UNREACHABLE without one.
+
+    `costs`: (rows, columns), > 0 of a passable cell, 0 of one that is not.
+    """
     rows, columns = costs.shape
     field = np.full((rows, columns), UNREACHABLE, np.int32)
     known = field.ravel()
     if costs[goal_row, goal_column] == 0:
         return field
     # a cell waits in at most one bucket, a doubly linked list, so that a cheaper way can move it to another
-    buckets = np.full(2 * DIAGONAL * highest + 1, -1, np.int32)
+    buckets = np.full(2 * DIAGONAL * costs.max() + 1, -1, np.int32)
     after = np.full(rows * columns, -1, np.int32)
     before = np.full(rows * columns, -1, np.int32)
     known[goal_row * columns + goal_column] = 0
@@ -98,10 +85,8 @@ def _potential(costs: NDArray[np.int32], goal_row: int, goal_column: int, highes
     return field
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _link(
-    buckets: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32], cell: int, slot: int
-) -> None:
+@kernel
+def _link(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int) -> None:
     """Put a cell into a bucket."""
     head = buckets[slot]
     after[cell] = head
@@ -111,10 +96,8 @@ def _link(
     buckets[slot] = cell
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _unlink(
-    buckets: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32], cell: int, slot: int
-) -> None:
+@kernel
+def _unlink(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int) -> None:
     """Take a waiting cell out of its bucket."""
     if before[cell] >= 0:
         after[before[cell]] = after[cell]
@@ -124,8 +107,12 @@ def _unlink(
         before[after[cell]] = before[cell]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _descent(costs: NDArray[np.int32], field: NDArray[np.int32], row: int, column: int) -> NDArray[np.int32]:
+@kernel
+def descent(costs: Int32s, field: Int32s, row: int, column: int) -> Int32s:
+    """The cells from (row, column) to the goal, steepest way down the potential: (n, 2) rows and columns.
+
+    The start's potential must not be UNREACHABLE.
+    """
     cells = np.empty((costs.size, 2), np.int32)
     count = 0
     while True:
@@ -159,9 +146,7 @@ _STEP: Final = 0.5
 """Length of a step down, cells (pathStep)."""
 
 
-def wave(
-    costs: NDArray[np.uint8], root: tuple[int, int], neutral: int, until: tuple[int, int] | None = None
-) -> NDArray[np.float32]:
+def wave(costs: Octets, root: tuple[int, int], neutral: int, until: tuple[int, int] | None = None) -> Singles:
     """The potential of the cells, 0 at `root` (row, column): (rows, columns), UNREACHED where no wave came.
 
     `costs`: (rows, columns), of a step through each cell; IMPASSABLE or more all along the edge, where the
@@ -172,11 +157,10 @@ def wave(
     assert 0 < root[0] < rows - 1 and 0 < root[1] < columns - 1
     last = -1 if until is None else until[0] * columns + until[1]
     start = root[0] * columns + root[1]
-    field: NDArray[np.float32] = _wave(costs.ravel(), columns, start, last, 2.0 * neutral)
-    return field.reshape(costs.shape)
+    return _wave(costs.ravel(), columns, start, last, 2.0 * neutral).reshape(costs.shape)
 
 
-def way_down(field: NDArray[np.float32], row: int, column: int, neutral: int) -> NDArray[np.float64]:
+def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
     """The steepest way from a cell that was reached to the potential's root: (n, 2), rows and columns.
 
     They are in cells: a point in the middle of a cell has that cell's numbers. From one to the next it is
@@ -184,10 +168,7 @@ def way_down(field: NDArray[np.float32], row: int, column: int, neutral: int) ->
     """
     columns = field.shape[1]
     most = 64 + int(4 * field[row, column] / neutral)
-    points: NDArray[np.float64] = _way_down(
-        field.ravel(), columns, row * columns + column, float(neutral), most
-    )
-    return points
+    return _way_down(field.ravel(), columns, row * columns + column, float(neutral), most)
 
 
 def _navfn_potential_fingerprint() -> bytes:
@@ -203,7 +184,7 @@ def _navfn_potential_fingerprint() -> bytes:
     return field.tobytes() + way.tobytes() + wave(costs, (10, 4), 50, (12, 28)).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _front(
     left: np.float32, right: np.float32, down: np.float32, up: np.float32, cost: np.float32
 ) -> np.float32:
@@ -217,13 +198,13 @@ def _front(
     return np.float32(lower + (cost if apart >= cost else np.float32(cost * share)))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _wake(
     near: np.uint64,
     potential: np.float32,
     here: np.float32,
-    aside: NDArray[np.float32],
-    entrance: NDArray[np.uint8],
+    aside: Singles,
+    entrance: Octets,
     block: NDArray[np.uint32],
     count: np.uint64,
 ) -> np.uint64:
@@ -238,8 +219,8 @@ def _wake(
     return count + np.uint64(wakes)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _asides() -> NDArray[np.float32]:
+@kernel
+def _asides() -> Singles:
     """By how much a potential must be higher than a neighbour's to be looked at again, by the cell's cost."""
     aside = np.full(256, np.inf, np.float32)
     for cost in range(IMPASSABLE):
@@ -247,8 +228,8 @@ def _asides() -> NDArray[np.float32]:
     return aside
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _wave(costs: NDArray[np.uint8], columns: int, root: int, last: int, rise: float) -> NDArray[np.float32]:
+@kernel
+def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Singles:
     # cells are counted without a sign: with one, each access asks whether it counts from the end
     field = np.full(costs.size, UNREACHED, np.float32)
     entrance, aside = costs.copy(), _asides()
@@ -290,8 +271,8 @@ def _wave(costs: NDArray[np.uint8], columns: int, root: int, last: int, rise: fl
     return field
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_reached_around(field: NDArray[np.float32], columns: int, cell: int) -> bool:
+@kernel
+def _is_reached_around(field: Singles, columns: int, cell: int) -> bool:
     """True if the cell and the eight around it have been reached."""
     for line in (cell - columns, cell, cell + columns):
         if max(field[line - 1], field[line], field[line + 1]) >= UNREACHED:
@@ -299,8 +280,8 @@ def _is_reached_around(field: NDArray[np.float32], columns: int, cell: int) -> b
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _lowest_beside(field: NDArray[np.float32], columns: int, cell: int) -> int:
+@kernel
+def _lowest_beside(field: Singles, columns: int, cell: int) -> int:
     """The cell with the lowest potential of the nine; whole numbers decide, as in the original."""
     lowest, best = np.floor(field[cell]), cell
     for line in (cell - columns, cell, cell + columns):
@@ -310,8 +291,8 @@ def _lowest_beside(field: NDArray[np.float32], columns: int, cell: int) -> int:
     return best
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _slope(field: NDArray[np.float32], columns: int, cell: int) -> tuple[float, float]:
+@kernel
+def _slope(field: Singles, columns: int, cell: int) -> tuple[float, float]:
     """Direction, right and up, in which the potential falls at a reached cell: of length 1, or 0."""
     here, right, up = np.float64(field[cell]), 0.0, 0.0
     if field[cell - 1] < UNREACHED:
@@ -328,10 +309,8 @@ def _slope(field: NDArray[np.float32], columns: int, cell: int) -> tuple[float, 
     return 0.0, 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _interpolated(
-    field: NDArray[np.float32], columns: int, cell: int, right: float, up: float
-) -> tuple[float, float]:
+@kernel
+def _interpolated(field: Singles, columns: int, cell: int, right: float, up: float) -> tuple[float, float]:
     """The slope beside the cell, from those of it and of its neighbours right and up."""
     a, b = _slope(field, columns, cell), _slope(field, columns, cell + 1)
     c, d = _slope(field, columns, cell + columns), _slope(field, columns, cell + columns + 1)
@@ -340,16 +319,14 @@ def _interpolated(
     return x, y
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _rounded(value: float) -> int:
     """The nearest whole number, of two the one farther from 0."""
     return int(value + 0.5) if value >= 0 else -int(0.5 - value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _way_down(
-    field: NDArray[np.float32], columns: int, cell: int, neutral: float, most: int
-) -> NDArray[np.float64]:
+@kernel
+def _way_down(field: Singles, columns: int, cell: int, neutral: float, most: int) -> Floats:
     # after `most` points, of which that many are enough, from cell to cell: each lower than the one before
     points = np.empty((2 * most, 2))
     right, up = 0.0, 0.0

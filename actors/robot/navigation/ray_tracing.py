@@ -11,17 +11,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int16s, Int64s, Octets
 from actors.floor.raster import bearing_to, half_width, window
 from actors.geometry import distance_to_border
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable import cos_sin as portable_cos_sin
 from actors.portable.compiled import cos_sin, hypot
 from actors.settings import ParameterError
-
-Floats = NDArray[np.float64]
-Marks = NDArray[np.uint8]
 
 HALF_DIAGONAL: Final = math.sqrt(0.5)
 _ENDED: Final = 2
@@ -46,7 +44,7 @@ def _ray_tracing_fingerprint() -> bytes:
     return bytes(marks) + bytes(stamps) + bytes(arrivals)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _free_stretch(range_mm: int, limits: Floats) -> tuple[float, float]:
     """From where to where a ray shows that nothing is there, cells; from inf if nowhere."""
     if range_mm == NO_ECHO_MM:
@@ -54,7 +52,7 @@ def _free_stretch(range_mm: int, limits: Floats) -> tuple[float, float]:
     return 0.0, min(range_mm * limits[0], limits[2])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
     """Where a ray from the origin along (dx, dy) enters and leaves the unit square around (x, y).
 
@@ -72,7 +70,7 @@ def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
     return enter, leave
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _passed(
     x: float,
     y: float,
@@ -101,7 +99,7 @@ def _passed(
     return False
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -> None:
     """Write `value` into the cells whose centres are within `radius` of the body's."""
     for row in range(max(int(body[1] - radius), 0), min(int(body[1] + radius) + 1, cells.shape[0])):
@@ -110,9 +108,9 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
                 cells[row, column] = value
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def take_in(
-    marks: Marks,
+    marks: Octets,
     ranges_mm: NDArray[np.uint16],
     rays: Floats,
     fan: Floats,
@@ -148,9 +146,9 @@ def take_in(
     _write_below(marks, 0, body, body[2] - HALF_DIAGONAL)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def stamp(
-    stamps: NDArray[np.int64],
+    stamps: Int64s,
     instant: int,
     ranges_mm: NDArray[np.uint16],
     rays: Floats,
@@ -192,13 +190,13 @@ def stamp(
                 row += north
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def note_arrivals(
-    arrivals: NDArray[np.int64],
+    arrivals: Int64s,
     instant: int,
-    marks: Marks,
-    before: Marks,
-    stamps: NDArray[np.int64],
+    marks: Octets,
+    before: Octets,
+    stamps: Int64s,
     oldest: int,
 ) -> None:
     """Write `instant` into every cell that is marked, was not so `before`, and has a stamp from `oldest` on.
@@ -211,8 +209,6 @@ def note_arrivals(
                 arrivals[row, column] = instant
 
 
-Costs = NDArray[np.uint8]
-Squares = NDArray[np.int16]
 CORNERS: Final = 16
 """makeFootprintFromRadius."""
 _NEARLY_ZERO: Final = {4: (1.0, 1.0), 8: (-1.0, 1.0), 12: (-1.0, -1.0)}
@@ -254,9 +250,9 @@ def _footprint_fingerprint() -> bytes:
     return corners.tobytes() + np.array(below).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def cost_below(
-    squared: Squares, table: Costs, x: float, y: float, c: float, s: float, corners: Floats
+    squared: Int16s, table: Octets, x: float, y: float, c: float, s: float, corners: Floats
 ) -> int:
     """The highest cost below the outline of a body at (x, y), with its heading's cosine and sine.
 
@@ -284,8 +280,8 @@ def cost_below(
     return highest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _along(squared: Squares, table: Costs, column: int, row: int, last_column: int, last_row: int) -> int:
+@kernel
+def _along(squared: Int16s, table: Octets, column: int, row: int, last_column: int, last_row: int) -> int:
     """The highest cost along a line of cells, -1 if one is marked.
 
     Bresenham, "Algorithm for computer control of a digital plotter", IBM Systems Journal 4(1), 1965; half of
@@ -315,16 +311,6 @@ MOST_REACH: Final = 126
 """Cells; 2 (reach + 1)² must fit into int16."""
 
 
-def squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
-    """Squared distance from every cell to the nearest marked one, cells², at most (reach + 1)²; exact.
-
-    `marks`: (rows, columns), 0 where nothing is marked; the result has that shape. `reach`: 1 to MOST_REACH.
-    """
-    assert 1 <= reach <= MOST_REACH
-    squared: NDArray[np.int16] = _squared_within(marks, reach)
-    return squared
-
-
 def check_reach(what: str, reach: float, cell: float) -> None:
     """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
     if reach > MOST_REACH * cell:
@@ -336,12 +322,12 @@ def _cell_distance_fingerprint() -> bytes:
     row, column = np.indices((40, 30))
     marks = ((row * 7 + column * column * 3) % 61 == 0).astype(np.uint8)
     squared, arrivals = squared_within(marks, 9), (column * 7 % 5).astype(np.int64)
-    gaps: NDArray[np.float64] = half_gaps(squared, arrivals, 3, np.array([17.6, 16.4, 0.0]), 1.5, 4.0)
+    gaps = half_gaps(squared, arrivals, 3, np.array([17.6, 16.4, 0.0]), 1.5, 4.0)
     return squared.tobytes() + gaps.tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _along_columns(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
+@kernel
+def _along_columns(marks: Octets, reach: int) -> Int16s:
     """How many rows each cell is from the nearest marked one of its column, at most reach + 1."""
     away = np.empty(marks.shape, np.int16)
     far, one, zero = np.int16(reach + 1), np.int16(1), np.int16(0)
@@ -362,8 +348,13 @@ def _along_columns(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
     return away
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
+@kernel
+def squared_within(marks: Octets, reach: int) -> Int16s:
+    """Squared distance from every cell to the nearest marked one, cells², at most (reach + 1)²; exact.
+
+    `marks`: (rows, columns), 0 where nothing is marked; the result has that shape. `reach`: 1 to MOST_REACH.
+    """
+    assert 1 <= reach <= MOST_REACH
     rows, columns = marks.shape
     away = _along_columns(marks, reach)
     # one row with as many columns on both sides as a cell looks at: nothing is marked in them
@@ -382,15 +373,15 @@ def _squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
     return squared
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def half_gaps(
-    squared: NDArray[np.int16],
-    arrivals: NDArray[np.int64],
+    squared: Int16s,
+    arrivals: Int64s,
     since: int,
-    body: NDArray[np.float64],
+    body: Floats,
     room: float,
     farthest: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return half of the gap to each moving mark where that is below `farthest`.
 
     (k, 3): the unit vector to the mark, and that half. The other half is left to what moves: two robots by

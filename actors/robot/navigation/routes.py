@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Indices, Int32s
 from actors.floor import raster
 from actors.floor.doors import Regions, regions
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
@@ -33,7 +33,7 @@ class Routes:
         self._ground = ground
         self._factor = max(1, int(ground.reach / (ground.grid.resolution * math.sqrt(2.0))))
         self._grid, self._costs = _coarse(ground, self._factor)
-        self._fields: OrderedDict[Cell, NDArray[np.int32]] = OrderedDict()
+        self._fields: OrderedDict[Cell, Int32s] = OrderedDict()
         self._doors_between = lru_cache(_PAIRS)(self._find_doors)
 
     def length(self, start: Point, goal: Point) -> float | None:
@@ -80,7 +80,7 @@ class Routes:
     def _cell(self, point: Point) -> Cell | None:
         return nearest_cell(self._grid, self._costs > 0, point, _TOLERANCE)
 
-    def _field(self, goal: Cell) -> NDArray[np.int32]:
+    def _field(self, goal: Cell) -> Int32s:
         field = self._fields.get(goal)
         if field is not None:
             self._fields.move_to_end(goal)
@@ -107,9 +107,9 @@ class Routes:
         return tuple(doors)
 
     @cached_property
-    def _coarse_labels(self) -> NDArray[np.int32]:
+    def _coarse_labels(self) -> Int32s:
         """(rows, columns) of the large cells; a cell with a door in it is one of that door."""
-        labels: NDArray[np.int32] = _blocks(self.regions.labels, self._factor).max(axis=(1, 3))
+        labels: Int32s = _blocks(self.regions.labels, self._factor).max(axis=(1, 3))
         return labels
 
 
@@ -121,7 +121,7 @@ def routes(ground: Ground) -> Routes:
     return _ROUTES.get(ground, lambda: Routes(ground))
 
 
-def _blocks(fine: NDArray[np.int32], factor: int) -> NDArray[np.int32]:
+def _blocks(fine: Int32s, factor: int) -> Int32s:
     """(rows, factor, columns, factor), with 0 beyond the north and east edges."""
     rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
     padded = np.zeros((rows * factor, columns * factor), np.int32)
@@ -129,7 +129,7 @@ def _blocks(fine: NDArray[np.int32], factor: int) -> NDArray[np.int32]:
     return padded.reshape(rows, factor, columns, factor)
 
 
-def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, NDArray[np.int32]]:
+def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, Int32s]:
     """The ground on larger cells, passable where one of their cells is; and costs of 1 there.
 
     No wall vanishes: where the body's centre cannot be is everywhere wider than two large cells' diagonals.
@@ -143,13 +143,13 @@ def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, NDArray[np.int3
 class _Tiles(NamedTuple):
     """Rectangles that make up the floor where points are drawn, without overlaps."""
 
-    ladder: NDArray[np.float64]
+    ladder: Floats
     """(n,): surface of the tiles up to and with each, m²."""
-    row: NDArray[np.intp]
-    column: NDArray[np.intp]
+    row: Indices
+    column: Indices
     """(n,): where each lies between the cuts."""
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Floats
+    y: Floats
     """Cuts along each axis, at the edges of cells and areas, m."""
 
 
@@ -234,7 +234,7 @@ class ReachableFloor:
         return _Tiles(ladder, row, column, x, y)
 
     @property
-    def _admitted(self) -> NDArray[np.bool_]:
+    def _admitted(self) -> Flags:
         """Cells that the robot gets to and of which every point is far enough from walls.
 
         A robot may stand where planning, which keeps a margin, would not let it.
@@ -243,10 +243,10 @@ class ReachableFloor:
         half_diagonal = grid.resolution * math.sqrt(0.5)
         begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any, where nothing is free
         region = raster.flood(grid.free, *begin)
-        admitted: NDArray[np.bool_] = region & (ground.clearance >= self._radius + half_diagonal)
+        admitted: Flags = region & (ground.clearance >= self._radius + half_diagonal)
         return admitted
 
-    def _inside(self, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _inside(self, east: Floats, north: Floats) -> Flags:
         """(len(north), len(east)): whether points lie in an area."""
         inside = np.full((north.size, east.size), not self._areas)
         for area in self._areas:
@@ -255,13 +255,13 @@ class ReachableFloor:
         return inside
 
 
-def _cuts(origin: float, resolution: float, count: int, edges: Sequence[float]) -> NDArray[np.float64]:
+def _cuts(origin: float, resolution: float, count: int, edges: Sequence[float]) -> Floats:
     """The edges of all cells along one axis, and of the areas as far as they lie on the map."""
     cells = origin + np.arange(count + 1) * resolution
-    cuts: NDArray[np.float64] = np.unique(np.concatenate([cells, np.clip(edges, cells[0], cells[-1])]))
+    cuts: Floats = np.unique(np.concatenate([cells, np.clip(edges, cells[0], cells[-1])]))
     return cuts
 
 
-def _cells(middles: NDArray[np.float64], origin: float, resolution: float, count: int) -> NDArray[np.intp]:
+def _cells(middles: Floats, origin: float, resolution: float, count: int) -> Indices:
     """In which cell along one axis each tile lies."""
     return np.clip(((middles - origin) / resolution).astype(np.intp), 0, count - 1)

@@ -8,8 +8,8 @@ from typing import Annotated, Final, Literal, NamedTuple
 import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import hypot
@@ -177,7 +177,7 @@ class OscillationCritic:
         self._where = Pose(0.0, 0.0, 0.0)
 
     @property
-    def barred(self) -> NDArray[np.bool_]:
+    def barred(self) -> Flags:
         """(4,): True if forward, backward, left turn, right turn must not be commanded."""
         return self._barred
 
@@ -232,7 +232,7 @@ class BaseLocalPlanner(ABC):
         self._p = p = parameters
         self._cell = local.parameters.cell
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
-        self._way: NDArray[np.float64] = np.zeros((0, 2))
+        self._way: Floats = np.zeros((0, 2))
         self._turning = False
         self.steered: Instant | None = None
         """When it chose last, with a fresh scan; None: never."""
@@ -253,7 +253,7 @@ class BaseLocalPlanner(ABC):
         self._oscillation.forget()
         self._turning = False
 
-    def follow(self, way: NDArray[np.float64]) -> None:
+    def follow(self, way: Floats) -> None:
         """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
         self._way = way
 
