@@ -1,114 +1,36 @@
-"""Execution of a campaign: pool of local processes, resumption, and tables of results."""
+"""Execution of a campaign: order of trials, resumption, progress, and tables of results."""
 
 import csv
 import io
-import os
 import shlex
-import shutil
-import signal
-import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import msgspec
 
 from acrc_testbed.experiments.store import Pending, Store
 from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.trial_pool import Pool, trial_pool
 from acrc_testbed.experiments.trial_record import (
-    ORDER,
-    TRIAL,
     CheckRecord,
-    TrialOrder,
     TrialOutcome,
     TrialRecord,
     compared,
     keep,
     keep_bytes,
     order_of,
-    outcome_in,
     received,
 )
 from acrc_testbed.results.outcome import means
-from actors.processes.kernels import compile_kernels
-from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
-from actors.processes.robot_logs import last_line
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from deploy.scenario.tables import inline
-
-
-class Pool(Protocol):
-    """Executor of trials, each in a process of its own. A handle is hashable, as a future is."""
-
-    @property
-    def slots(self) -> int:
-        """Number of trials that can run at once; may change."""
-
-    def submit(self, order: TrialOrder) -> Any:
-        """Start a trial, and return its handle."""
-
-    def wait(self, handles: Sequence[Any], timeout_s: float) -> dict[Any, TrialOutcome]:
-        """Wait until one of these trials has completed; return the outcomes of all that have."""
-
-
-class LocalPool:
-    """Processes of this computer, each in a folder that says nothing of the campaign."""
-
-    def __init__(self, launched: Launcher, folder: Path, options: "CampaignOptions") -> None:
-        """`folder`: for files of running trials."""
-        self._launched = launched
-        self._folder = folder
-        self._patience_s = options.patience_s
-        self._running: dict[int, tuple[Child, Path, float]] = {}
-        self.slots = options.jobs or os.cpu_count() or 1
-
-    def submit(self, order: TrialOrder) -> int:
-        """Fork a process; its id is the handle."""
-        folder = Path(tempfile.mkdtemp(prefix="", dir=self._folder))
-        (folder / ORDER).write_bytes(msgspec.json.encode(order))
-        child = self._launched.start(Program("trial", TRIAL, (str(folder),), folder / "trial.log", None))
-        self._running[child.pid] = (child, folder, time.monotonic())
-        return child.pid
-
-    def wait(self, handles: Sequence[int], timeout_s: float) -> dict[int, TrialOutcome]:
-        """Return what has completed; kill what takes too long."""
-        self._launched.wait(timeout_s)
-        ended = {}
-        for pid in handles:
-            child, folder, began = self._running[pid]
-            last = last_line(child.program.log)
-            cause = f"its process ended with exit code {child.exit_code} without a result" + (
-                f"; the last that it said: {last}" if last else ""
-            )
-            if child.exit_code is None:
-                if time.monotonic() - began <= self._patience_s:
-                    continue
-                cause = f"took longer than {self._patience_s:g} s"
-                child.send(signal.SIGKILL)
-            del self._running[pid]
-            ended[pid] = outcome_in(folder, cause)
-            shutil.rmtree(folder, ignore_errors=True)
-        return ended
-
-
-@contextmanager
-def _pool(store: Store, options: "CampaignOptions") -> Iterator[Pool]:
-    if options.on is not None:
-        from acrc_testbed.experiments.dask_pool import DaskPool
-
-        with DaskPool(store.commit, options.on, options.jobs, options.patience_s) as cluster:
-            yield cluster
-        return
-    compile_kernels(quiet=True)
-    with scratch_folder() as folder, launcher("forkserver") as launched:
-        yield LocalPool(launched, folder, options)
-
 
 _Kind = tuple[str, tuple[tuple[str, object], ...], bool]
 
@@ -194,7 +116,8 @@ def carry_out(
     dies, or takes too long, is kept as a failure. `enough`: asked at the beginning and after each trial; once
     it says so no further trial begins.
     """
-    with signals_as_interrupts(), _pool(store, options) as pool:
+    opened = trial_pool(options.jobs, options.patience_s, options.on, store.commit)
+    with signals_as_interrupts(), opened as pool:
         return _Campaign(store, options, pool, follow, enough).run()
 
 
@@ -211,7 +134,7 @@ class _Campaign:
         self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
         self._modules = options.modules
-        self._running: dict[Any, tuple[Pending, float]] = {}
+        self._running: dict[Future[TrialOutcome], tuple[Pending, float]] = {}
         self._follow = follow
         self._asked_enough = enough
         self._trials = deque(store.pending())
@@ -253,11 +176,11 @@ class _Campaign:
                 regular_file.write(self._store.log(trial, check=check), b"")
                 order = order_of(self._store.study, trial, self._modules, repeated=check)
                 self._running[self._pool.submit(order)] = (pending, time.monotonic())
-            ended = self._pool.wait(list(self._running), _LOOK_S)
-            for handle, outcome in ended.items():
-                pending, began = self._running.pop(handle)
+            ended, _ = wait(self._running, _LOOK_S, FIRST_COMPLETED)
+            for future in ended:
+                pending, began = self._running.pop(future)
                 self._time.learn(pending, time.monotonic() - began)
-                self._note(pending, outcome)
+                self._note(pending, self._pool.outcome(future))
             if ended:
                 self._ask()
             self._follow(self._progress())

@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.dask_pool import checked
+from acrc_testbed.experiments.trial_pool import checked
 from acrc_testbed.experiments.trial_record import MOST_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
 from deploy.hosts.address import check, is_safe
