@@ -1,6 +1,7 @@
 """Parameters of the accounting, intervals of steps, and what each robot's last records say of its goals."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.results.outcome import navigation_report
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import Route, RunData, Trajectory
 from acrc_testbed.run_model.recorded import adaptation, final_outcomes
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GivenGoal
@@ -212,3 +213,48 @@ def standing(
     for begin in np.flatnonzero(stays).tolist():
         stood[begin : begin + window] = True
     return stood
+
+
+class ObservedActivity:
+    """One robot's activity as observed from outside, part by part: driving, standing or idle.
+
+    A robot stands if it stays within `still` for `pause_s` although it intends to visit places; an idle one
+    intends to visit none.
+    """
+
+    def __init__(self, robot: str, *, has_places: bool = True) -> None:
+        """`has_places`: it intends to visit places before its first route."""
+        self._robot, self._has_places = robot, has_places
+        self._activity = ""
+        self._is_active = True
+        """False: it is frozen or off."""
+        self._window: deque[tuple[float, float, float]] = deque()
+        """Instants, s, and positions, m, of the last `pause_s` in which it was active."""
+
+    def extend(self, track: Trajectory, routes: Iterable[Route]) -> Iterator[tuple[float, str]]:
+        """Yield each change of activity, and since when, s."""
+        for route in routes:
+            if route.robot == self._robot:
+                self._has_places = bool(route.places)
+        states = deque(track.states)
+        for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
+            while states and states[0][0] <= second:
+                self._is_active, self._activity = not states.popleft()[1], ""
+                self._window.clear()
+            if not self._is_active or np.isnan(x):
+                continue
+            begin, stays = self._stays(second, x, y)
+            activity = "driving" if not stays else "standing" if self._has_places else "idle"
+            if activity != self._activity:
+                self._activity = activity
+                yield begin if stays else second, activity
+
+    def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
+        """Return since when it is observed, s, and whether it has stayed there for `pause_s`."""
+        window = self._window
+        window.append((second, x, y))
+        while len(window) > 1 and second - window[1][0] >= STANDARD.pause_s:
+            window.popleft()
+        begin, *there = window[0]
+        near = all(np.hypot(one - there[0], other - there[1]) <= STANDARD.still for _, one, other in window)
+        return begin, near and second - begin >= STANDARD.pause_s

@@ -1,15 +1,14 @@
 """One run on one canvas, whole or part by part, finished or going on."""
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from acrc_testbed.explanation.account import spells
-from acrc_testbed.explanation.episodes import STANDARD
+from acrc_testbed.explanation.episodes import ObservedActivity
 from acrc_testbed.explanation.time_spent import Cause
-from acrc_testbed.run_model.data import Route, RunData, Trajectory
+from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
 from acrc_testbed.run_model.introspection import (
@@ -177,51 +176,6 @@ _LASTING: Final = 10.0
 """So long an exchange shows in the graph of ensembles."""
 
 
-class SeenActivity:
-    """A robot's activity as seen from outside, part by part.
-
-    It stands as the accounting has it, which is known only `pause_s` later.
-    """
-
-    def __init__(self, robot: str) -> None:
-        self._robot = robot
-        self._state = ""
-        self._holds = True
-        """It intends to visit places."""
-        self._lately: deque[tuple[float, float, float]] = deque()
-        """When, s, and where, m, it was in the last `pause_s`, while it was active."""
-        self._acts = True
-        """False: it is frozen or off."""
-
-    def extend(self, track: Trajectory, routes: Iterable[Route]) -> Iterator[Occupation]:
-        """Yield each change of activity: driving, standing or idle."""
-        for route in routes:
-            if route.robot == self._robot:
-                self._holds = bool(route.places)
-        acts = deque(track.states)
-        for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
-            while acts and acts[0][0] <= second:
-                self._acts, self._state = not acts.popleft()[1], ""
-                self._lately.clear()
-            if not self._acts or np.isnan(x):
-                continue
-            begin, stays = self._stays(second, x, y)
-            state = "driving" if not stays else "standing" if self._holds else "idle"
-            if state != self._state:
-                self._state = state
-                yield Occupation(begin if stays else second, state)
-
-    def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
-        """Return since when it is observed, s, and whether it has stayed there for `pause_s`."""
-        lately = self._lately
-        lately.append((second, x, y))
-        while len(lately) > 1 and second - lately[1][0] >= STANDARD.pause_s:
-            lately.popleft()
-        begin, *there = lately[0]
-        near = all(np.hypot(one - there[0], other - there[1]) <= STANDARD.still for _, one, other in lately)
-        return begin, near and second - begin >= STANDARD.pause_s
-
-
 class RunDrawing:
     """One run on one canvas, or one piece of it after another."""
 
@@ -237,7 +191,7 @@ class RunDrawing:
         """By actor."""
         self._recorded: set[str] = set()
         """Robots whose introspection is recorded."""
-        self._outside = {robot: SeenActivity(robot) for robot in run.robots}
+        self._outside = {robot: ObservedActivity(robot) for robot in run.robots}
         self._places = PlaceTable()
         self._plots = Plots(canvas, true=run.description.has_truth)
         self._event_texts = RunEventTexts()
@@ -304,7 +258,7 @@ class RunDrawing:
             if inside.is_recorded:
                 self._inside(inside, end)
         for robot, activity in self._outside.items():
-            changes = list(activity.extend(run.trajectories[robot], run.routes))
+            changes = [Occupation(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
             if robot not in self._recorded:
                 self._lanes[robot].do(changes, run.end)
         self._ensembles(run.since)

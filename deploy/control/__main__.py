@@ -1,60 +1,50 @@
-"""The map page as a program: `python -m deploy.control SETUP --router ENDPOINT …`."""
+"""The map page as a program: `python -m deploy.control RUN ADDRESS`."""
 
 import asyncio
 import os
 import sys
-from argparse import Namespace
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from actors.floor.map_file import load_map
 from actors.radio.radio_model import RadioProgram
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.rules import client_config
 from actors.runtime.linux import die_with_parent, leave_in_order
-from actors.runtime.process_setup import ArgumentParser, read_setup
+from actors.runtime.process_setup import SETUP, ArgumentParser, read_setup
 from actors.runtime.zenoh_bus import open_mesh
 from actors.world.program import load_setup
 from deploy.control.scene import Scene
 from deploy.control.server import LISTENS, ControlServer, RunLink
 
 LOOK_S: Final = 0.05
-"""Between two looks at what the run has said: 20 pictures a second."""
+"""Between two polls of the run's messages: 20 pictures a second."""
 _FAREWELL_S: Final = 0.5
-
-
-def parse(argv: Sequence[str]) -> Namespace:
-    """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
-    parser.add_argument("setup", type=Path, help="the world's set-up, its setup.json")
-    parser.add_argument("--router", required=True, help="endpoint of the router")
-    for name, words in (
-        ("radio", "the radio's set-up, its setup.json"), ("address", "file for the page's address"),
-        ("observer", "credentials of who looks on"), ("operator", "credentials of who gives orders"),
-    ):  # fmt: skip
-        parser.add_argument(f"--{name}", required=True, type=Path, help=words)
-    return parser.parse_args(argv)
 
 
 def main(argv: Sequence[str]) -> int:
     """Serve until the run is over; the exit code."""
     leave_in_order()
     die_with_parent(os.getppid())
+    parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
+    parser.add_argument("run", type=Path, help="folder of the run, whose world has begun")
+    parser.add_argument("address", type=Path, help="file for the page's address")
     try:
-        options = parse(argv)
-        told = load_setup(options.setup)
-        setup = told.actor.located(options.setup.parent)
-        radio = read_setup(options.radio, RadioProgram, "a radio").actor
-        addresses = {address: robot for robot, address in radio.robots}
-        scene = Scene(setup, load_map(setup.map), told.process.speed or 0.0, addresses)
-        observer = client_config(options.observer, options.router, onlooker=True)
-        operator = client_config(options.operator, options.router)
+        options = parser.parse_args(argv)
+        world = options.run / "world"
+        setup = load_setup(world / SETUP)
+        radio = read_setup(options.run / "radio" / SETUP, RadioProgram, "a radio").actor
+        speed = setup.process.speed or 0.0
+        scene = Scene(setup.actor.located(world), speed, {address: robot for robot, address in radio.robots})
+        router = unix_endpoint(world / "router.sock")
+        observer = client_config(world / "observer.credentials", router, onlooker=True)
+        operator = client_config(world / "operator.credentials", router)
         with ExitStack() as stack:
-            looks = stack.enter_context(open_mesh(observer, LISTENS, onlooker=True))
-            speaks = stack.enter_context(open_mesh(operator, ()))
-            asyncio.run(_serve(scene, RunLink(scene, looks, speaks), options.address))
+            messages = stack.enter_context(open_mesh(observer, LISTENS, onlooker=True))
+            orders = stack.enter_context(open_mesh(operator, ()))
+            asyncio.run(_serve(scene, RunLink(scene, messages, orders), options.address))
         return 0
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
@@ -64,13 +54,13 @@ def main(argv: Sequence[str]) -> int:
 async def _serve(scene: Scene, link: RunLink, address: Path) -> None:
     pages = ControlServer(scene, link)
     async with await pages.start():
-        part = address.with_suffix(".part")  # for the owner's eyes only, and whole once it has its name
+        part = address.with_suffix(".part")  # readable by the owner only, and renamed once it is complete
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(pages.url)
         part.rename(address)
         try:
             while not scene.over:
-                link.look()
+                link.poll()
                 pages.renew()
                 await asyncio.sleep(LOOK_S)
             await asyncio.sleep(_FAREWELL_S)

@@ -75,6 +75,7 @@ const middleOf = ([[ax, ay], [bx, by]]) => [(ax + bx) / 2, (ay + by) / 2];
 const isShut = (door) => state.things.some(([kind, points]) => kind.endsWith("door") && Math.hypot(...middleOf(points).map((one, axis) => one - middleOf(door)[axis])) < 0.5);
 function loadFloor(told) {
   floor = told;
+  for (const [id, trail] of Object.entries(told.trails)) trails.set(id, trail);
   sight = { zoom: 1, x: floor.west + floor.width / 2, y: floor.south + floor.height / 2 };
   const image = Object.assign(new Image(), { src: `data:image/png;base64,${floor.png}` });
   image.onload = () => { walls = image; redraw(); };

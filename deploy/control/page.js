@@ -9,7 +9,6 @@ let target = null; // where keys have brought the chosen robot: the state lags b
 const socket = new WebSocket(location.href.replace(/[?#].*/, "").replace(/^http/, "ws").replace(/\/?$/, "/socket"));
 const HEARS = {
   floor: loadFloor,
-  past: ({ trails: told }) => Object.entries(told).forEach(([id, trail]) => trails.set(id, trail)),
   state: (told) => { state = told; remember(); show(); },
   said: showOrder,
 };

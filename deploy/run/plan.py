@@ -21,7 +21,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import Credentials, Gate, unix_endpoint
+from actors.runtime.isolation.credentials import Credentials, Gate
 from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
@@ -345,12 +345,5 @@ CONTROL_ADDRESS: Final = "control.url"
 
 def control_program(plan: RunPlan) -> Program:
     """The map page's program."""
-    folder = plan.folder("world").resolve()
-    argv = (
-        *(str(folder / SETUP), "--radio", str(plan.folder("radio").resolve() / SETUP)),
-        *("--address", str(plan.out / CONTROL_ADDRESS)),
-        *("--router", unix_endpoint(folder / "router.sock")),
-        *("--observer", str(folder / "observer.credentials")),
-        *("--operator", str(folder / "operator.credentials")),
-    )
+    argv = (str(plan.out.resolve()), str(plan.out / CONTROL_ADDRESS))
     return Program("control", "deploy.control", argv, plan.out / "control.log", None)

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import (
     ANSWERED,
@@ -62,7 +61,7 @@ class Mesh:
         """The run answers the last order."""
         told = Answered(0, self.given[-1].ticket, (refusal,) if refusal else ())
         self.says[ANSWERED.pattern] = [encode(told, ANSWERED.key())]
-        link.look()
+        link.poll()
 
     def receive(self, topic: Topic[Message]) -> Delivery:
         raise NotImplementedError
@@ -83,7 +82,7 @@ def world(*events: TimedOrder) -> WorldSetup:
 
 
 def scene(*events: TimedOrder) -> Scene:
-    return Scene(world(*events), load_map(MAP), 2.0, {1: "r1", 2: "r2", 3: "r3"})
+    return Scene(world(*events), 2.0, {1: "r1", 2: "r2", 3: "r3"})
 
 
 def said(stage: Scene, message: Message, robot: str = "r1") -> None:
@@ -100,7 +99,7 @@ def truth(step: int, *robots: RobotTruth, jams: tuple[Jam, ...] = ()) -> Truth:
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     stage = scene(TimedOrder(200_000, Give("r2", ((5.0, 5.0),))))
-    assert len(stage.floor["doors"]) == 5
+    assert len(stage.floor()["doors"]) == 5
     said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
     said(stage, Received(0, (Heard(0, 2, -70.0, 255, b""),)))
     said(stage, truth(0, jams=(Jam(1.0, 1.0, 3.0, 250_000),)))
@@ -167,10 +166,10 @@ def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
     assert [(one.order, one.times, one.waiting, one.refused, one.refusal) for one in link.lines] == [
         ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r1 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
     ]  # fmt: skip
-    for number in range(server.KEPT + 1):
+    for number in range(server.LINES + 1):
         link.give(f"step {number + 1}")
         mesh.answer(link, "")
-    assert [line.number for line in link.lines] == list(range(5, server.KEPT + 5))
+    assert [line.number for line in link.lines] == list(range(5, server.LINES + 5))
 
 
 def test_a_line_says_when_the_run_says_nothing() -> None:
@@ -179,21 +178,14 @@ def test_a_line_says_when_the_run_says_nothing() -> None:
     link.give("pause")
     assert link.lines[0].waiting == 1
     now[0] = server.ANSWER_TIMEOUT_S + 1
-    link.look()
-    silent = "the run has not said yet; it heeds the order at its next step"
-    assert (link.lines[0].waiting, link.lines[0].refusal) == (0, silent)
+    link.poll()
+    assert (link.lines[0].waiting, link.lines[0].refusal) == (0, server.UNANSWERED)
 
 
 def test_the_word_of_every_state_can_be_read() -> None:
-    told = state_colours()
-    assert tuple(told) == STATES
-    for ground, letters in told.values():
-        assert contrast(rgb(ground), rgb(letters)) >= 4.5
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
+    for state in STATES:
+        (red, green, blue), (ink, *_) = (bytes.fromhex(colour[1:]) for colour in state_colours(state))
+        assert contrast((red, green, blue), (ink, ink, ink)) >= 4.5
 
 
 Trial = Callable[[Any, Mesh, Any], Awaitable[None]]
@@ -282,7 +274,7 @@ async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, m
         assert given.orders == (Move("r1", 1.0, 2.0, 0.0),)
         answer = encode(Answered(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
         mesh.says[ANSWERED.pattern] = [answer]
-        link.look()
+        link.poll()
         refused = {
             "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
             "refusal": "at 3 s: no", "version": 4,
@@ -303,7 +295,7 @@ async def test_junk_is_counted_and_ends_the_page_that_sends_it(pages: Any, mesh:
                 await asyncio.wait_for(page.recv(), 5)
         assert (pages.junk, mesh.given) == (server.JUNK, [])
         async with socket(pages) as large:
-            await large.send("x" * (server.ASK_BYTES + 1))
+            await large.send("x" * (server.REQUEST_BYTES + 1))
             with pytest.raises(exceptions.ConnectionClosed) as closed:
                 while True:
                     await asyncio.wait_for(large.recv(), 5)
@@ -334,7 +326,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
      '{"series": 1, "order": "pause", "more": 1}', '{"series": "1", "order": "pause"}', b"\xff\xfe"],
 )  # fmt: skip
 def test_what_is_no_order(data: str | bytes) -> None:
-    assert server.ask(data) is None
+    assert server.parse_request(data) is None
 
 
 @served
