@@ -84,11 +84,12 @@ def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
     return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
 
 
-def table_of(rows: Sequence[Mapping[str, object]], title: str) -> Table:
-    """The rows, at least one, as a table; each has the same columns, by name, in this order."""
+def table_of(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -> Table:
+    """Tabulate at least one row, each with the same columns by name; `form`: of values that are not text."""
     table = Table(*rows[0], title=title)
     for row in rows:
-        table.add_row(*map(str, row.values()))
+        cells = ("-" if value is None else value for value in row.values())
+        table.add_row(*(cell if isinstance(cell, str) else format(cell, form) for cell in cells))
     return table
 
 

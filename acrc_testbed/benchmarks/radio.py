@@ -2,18 +2,27 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from acrc_testbed.benchmarks.measured import Measured, table_of
-from acrc_testbed.benchmarks.radio_trials import SECOND, LossTable, OperatingPoint, contend, points, scene
+from acrc_testbed.benchmarks.radio_trials import (
+    NS3,
+    SECOND,
+    LossTable,
+    OperatingPoint,
+    contend,
+    points,
+    scene,
+)
 from acrc_testbed.picture import style
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
@@ -41,11 +50,11 @@ _CROWD_OCTETS: Final = 100
 _STEP_NS: Final = SECOND // 10
 
 
-def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int = 1) -> float:
-    """CPU time, µs, of one frame: preset `chapter`, a frame a second from each robot, everybody listens.
+def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> float:
+    """Return the CPU time of one frame, µs: preset `chapter`, a frame a second from each robot, all listen.
 
-    Copies of the plan lie side by side in a rectangle, with 20 robots to each; robots stand at random on free
-    cells and swing to and fro by up to 0.3 m, so that no loss is known from before.
+    Copies of the plan lie side by side in a rectangle, with 20 robots to each. Robots stand at random on free
+    cells and swing to and fro by up to 0.3 m, so that losses are not cached.
     """
     parameters = preset("chapter")
     copies = max(1, round(robots / PER_FLOOR))
@@ -69,13 +78,7 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int = 1) ->
     medium.follow(where)
     for number in range(robots):
         medium.offer(number, Poisson(_CROWD_OCTETS, 1.0))
-    medium.run(SECOND)  # kernels are loaded, queues filled
-    sent = int(medium.counters()["sent"].sum())
-    begun = time.process_time()
-    for until_ns in range(SECOND + _STEP_NS, (1 + seconds) * SECOND + 1, _STEP_NS):
-        medium.run(until_ns)
-    spent = time.process_time() - begun
-    return 1e6 * spent / (int(medium.counters()["sent"].sum()) - sent)
+    return 1e6 * _frame_s(medium, (1 + seconds) * SECOND, _STEP_NS)
 
 
 _SPACING_NS: Final = 45_000_000
@@ -83,6 +86,7 @@ _SPACING_NS: Final = 45_000_000
 _ARRIVES: Final = "share of frames that arrive"
 _WIDTH, _HEIGHT = 7.6, 3.8
 """Inches."""
+_BLACK: Final = 3
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#000000")
 """Told apart by the colour-blind (Okabe and Ito, "Color Universal Design", 2008); black: others' dots."""
 _LENGTHS: Final = (20, 60, 127)
@@ -111,83 +115,56 @@ class PlotTask:
     """Of the map of the corridor, m: the first robot's start."""
 
 
-@dataclass(frozen=True)
-class Series:
-    """Points that belong together: joined by a line, or as dots."""
-
-    name: str
-    """Empty: not in the legend."""
-    x: Sequence[float]
-    y: Sequence[float]
-    colour: int
-    """Index into _COLOURS."""
-    dots: bool = False
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Lines and dots over two axes."""
-
-    title: str
-    label: str
-    """Of x."""
-    ticks: Sequence[float]
-    """Of x, which goes from the first to the last."""
-    series: Sequence[Series]
-    shares: str = _ARRIVES
-    """What y shows."""
-    logarithmic: bool = False
-
-
-_KEY_COUNTED: Final = Series("dots: counted", (), (), 3, dots=True)
-_KEY_NS3: Final = Series("dots: ns-3.44", (), (), 3, dots=True)
-
-
 def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None) -> Measured:
-    """Write the figures into the folder; without the reference's data, without its dots."""
+    """Write the figures into the folder; without `data`, rows of ns-3, without its dots."""
     task = task or PlotTask()
     folder.mkdir(parents=True, exist_ok=True)
-    charts = {
-        "reach.svg": _reach(task),
-        "error_rate.svg": _error_rate(_points(data, "a_per")),
-        "grey_zone.svg": _grey_zone(task),
-        "wifi.svg": _wifi(task),
-        "contention.svg": _contention(task, _points(data, "c_contention")),
-    }
-    for name, one in charts.items():
-        _drawn(one, folder / name)
+    for name, plot in _FIGURES.items():
+        with style.applied(style.LOOK):
+            figure = style.new_figure(_WIDTH, _HEIGHT)
+            axes = figure.subplots()
+            plot(axes, task, data)
+            axes.set_ylim(0.0, 1.02)
+            axes.grid(color="#dddddd")
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+            style.save(figure, folder / name)
     _corridor(folder / "corridor.png", map_file, task)
-    written = [str(folder / name) for name in (*charts, "corridor.png")]
+    written = [str(folder / name) for name in (*_FIGURES, "corridor.png")]
     dots = [] if data else ["Without the dots of ns-3, whose figures --data gives."]
     return Measured({"written": written, "reference": data is not None}, [*written, *dots])
 
 
-def _drawn(chart: Chart, path: Path) -> None:
-    with style.applied(style.LOOK):
-        figure = style.new_figure(_WIDTH, _HEIGHT)
-        axes = figure.subplots()
-        if chart.logarithmic:
-            axes.set_xscale("log")
-        for one in chart.series:
-            form = {"linestyle": "none", "marker": "o", "markersize": 4} if one.dots else {"linewidth": 1.5}
-            axes.plot(one.x, one.y, color=_COLOURS[one.colour], label=one.name or "_", **form)
-        axes.set(title=chart.title, xlabel=chart.label, ylabel=chart.shares)
-        axes.set(xlim=(chart.ticks[0], chart.ticks[-1]), ylim=(0.0, 1.02))
-        axes.set_xticks(chart.ticks, [f"{tick:g}" for tick in chart.ticks])
-        axes.minorticks_off()
-        axes.grid(color="#dddddd")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        style.save(figure, path)
+def _label(
+    axes: Axes, title: str, label: str, ticks: Sequence[float], *, y: str = _ARRIVES, scale: str = "linear"
+) -> None:
+    """Label the axes; x goes from the first tick to the last."""
+    axes.set_xscale(scale)
+    axes.set(title=title, xlabel=label, ylabel=y, xlim=(ticks[0], ticks[-1]))
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
 
 
-def _points(data: Path | None, family: str) -> list[OperatingPoint]:
-    return [] if data is None else points(data, family)
+def _line(axes: Axes, name: str, x: ArrayLike, y: ArrayLike, colour: int) -> None:
+    axes.plot(x, y, color=_COLOURS[colour], label=name, linewidth=1.5)
+
+
+def _dots(axes: Axes, name: str, x: ArrayLike = (), y: ArrayLike = (), colour: int = _BLACK) -> None:
+    """Plot dots; without points, as an entry of the legend alone. Names that begin with _ are not in it."""
+    axes.plot(x, y, color=_COLOURS[colour], label=name, linestyle="none", marker="o", markersize=4)
+
+
+def _points(axes: Axes, data: Path | None, family: str) -> list[OperatingPoint]:
+    """Return the points of a family of ns-3, with an entry in the legend if there are any."""
+    found = [] if data is None else points(data, family)
+    if found:
+        _dots(axes, "dots: ns-3.44")
+    return found
 
 
 def _heard(
     parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
 ) -> float:
-    """The share of 127-octet frames over a distance in line of sight, counted in the medium."""
+    """Count the share of 127-octet frames that arrive over a distance in line of sight."""
     propagation = IndoorPropagation(parameters.propagation)
     stations = [Wifi(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))] if wifi else []
     pair = [replace(parameters.transceiver, address=address) for address in (1, 2)]
@@ -198,99 +175,98 @@ def _heard(
     return float(medium.outcomes()[1, Outcome.HEARD]) / task.frames
 
 
-def _arriving(
-    parameters: RadioParameters, loss_db: NDArray[np.float64], octets: int = 127
-) -> NDArray[np.float64]:
-    """The same by the formula, for losses."""
+def _arriving(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same share by the formula, for each loss."""
     snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
-    arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, octets)
+    arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, 127)
     return arriving
 
 
-def _reach(task: PlotTask) -> Chart:
-    distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
+def _reach(axes: Axes, task: PlotTask, data: Path | None) -> None:
+    ticks = (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
+    _label(axes, "How far 127-octet frames get", "distance in line of sight, m", ticks, scale="log")
+    distances = np.geomspace(4.0, 80.0, 300)
     away = np.stack([distances, np.zeros(300)], axis=1)
-    series = [_KEY_COUNTED]
+    _dots(axes, "dots: counted")
     for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
         parameters = preset(name)
         propagation = IndoorPropagation(parameters.propagation)
         shares = _arriving(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
-        series.append(Series(name, distances.tolist(), shares.tolist(), colour))
+        _line(axes, name, distances, shares, colour)
         grey = distances[(shares > 0.005) & (shares < 0.995)]
-        measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()
-        counted = [_heard(parameters, d, task) for d in measured]
-        series.append(Series("", measured, counted, colour, dots=True))
-    label, ticks = "distance in line of sight, m", (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
-    return Chart("How far 127-octet frames get", label, ticks, series, logarithmic=True)
+        counted = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9)
+        _dots(axes, "_", counted, [_heard(parameters, d, task) for d in counted.tolist()], colour)
 
 
-def _error_rate(reference: list[OperatingPoint]) -> Chart:
+def _error_rate(axes: Axes, task: PlotTask, data: Path | None) -> None:
+    label, ticks = "signal to noise, dB", (-3, -2, -1, 0, 1, 2, 3, 4)
+    _label(axes, "Frames lost in white noise", label, ticks, y="share of frames lost")
     ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
-    series = [_KEY_NS3] if reference else []
+    reference = _points(axes, data, "a_per")
     for colour, octets in enumerate(_LENGTHS):
-        rates = frame_error_rate(ratios, octets).tolist()
-        series.append(Series(f"{octets} octets", ratios.tolist(), rates, colour))
+        _line(axes, f"{octets} octets", ratios, frame_error_rate(ratios, octets), colour)
         found = [p for p in reference if p.settings["psdu"] == str(octets)]
         at = [float(p.settings["rx_dbm"]) - float(p.settings["noise_dbm"]) for p in found]
-        series.append(Series("", at, [p.figures["per"].value for p in found], colour, dots=True))
-    label, ticks = "signal to noise, dB", (-3, -2, -1, 0, 1, 2, 3, 4)
-    return Chart("Frames lost in white noise", label, ticks, series, "share of frames lost")
+        _dots(axes, "_", at, [p.figures["per"].value for p in found], colour)
 
 
-def _grey_zone(task: PlotTask) -> Chart:
-    """Over the mean received power: that of a link whose shadowing is not known."""
-    parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
-    ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, task.places, 2))
-    series = []
-    for colour, sigma in enumerate((0.0, 3.0, 6.0)):
-        shadows: NDArray[np.float64] = np.zeros(task.places)
-        if sigma:
-            flat = replace(
-                parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf
-            )
-            told = replace(parameters.propagation, path_loss=flat, shadowing=ShadowingParameters(sigma))
-            propagation = IndoorPropagation(told, None, np.random.default_rng(2))
-            rows = [
-                propagation.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)
-            ]
-            shadows = np.array(rows) - 200.0
-        losses = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
-        shares = _arriving(parameters, losses).mean(axis=1).tolist()
-        series.append(Series(f"shadowing {sigma:g} dB", powers.tolist(), shares, colour))
-    series.append(Series("dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()), 3, dots=True))
+def _grey_zone(axes: Axes, task: PlotTask, data: Path | None) -> None:
     label, ticks = "mean received power, dBm", (-100, -96, -92, -88, -84, -80)
-    return Chart("The grey zone of 127-octet frames", label, ticks, series)
+    _label(axes, "The grey zone of 127-octet frames", label, ticks)
+    for colour, sigma_db in enumerate((0.0, 3.0, 6.0)):
+        _line(axes, f"shadowing {sigma_db:g} dB", *grey_zone(sigma_db, task.places), colour)
+    _dots(axes, "dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()))
 
 
-def _wifi(task: PlotTask) -> Chart:
-    parameters, series = preset("chapter"), []
+def grey_zone(sigma_db: float, places: int = PlotTask.places) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return mean received powers, dBm, and the share of frames that arrive over links with shadowing."""
+    parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
+    ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, places, 2))
+    shadows: NDArray[np.float64] = np.zeros(places)
+    if sigma_db:
+        flat = replace(
+            parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf
+        )
+        shadowed = replace(parameters.propagation, path_loss=flat, shadowing=ShadowingParameters(sigma_db))
+        propagation = IndoorPropagation(shadowed, None, np.random.default_rng(2))
+        losses = [propagation.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)]
+        shadows = np.array(losses) - 200.0
+    losses_db = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
+    return powers, _arriving(parameters, losses_db).mean(axis=1)
+
+
+def _wifi(axes: Axes, task: PlotTask, data: Path | None) -> None:
+    title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
+    label = "distance of the Wi-Fi station from the receiver, m"
+    _label(axes, title, label, (1, 2, 3, 5, 8, 12, 20, 40), scale="log")
     distances = np.geomspace(1.0, 40.0, 12).tolist()
     for colour, duty in enumerate((0.1, 0.3, 0.6)):
-        shares = [_heard(parameters, 3.0, task, WifiParameters((3.0, d), 1, duty)) for d in distances]
-        series.append(Series(f"on {duty:.0%} of the time", distances, shares, colour, dots=True))
-        series.append(Series("", distances, shares, colour))
-    title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
-    label, ticks = "distance of the Wi-Fi station from the receiver, m", (1, 2, 3, 5, 8, 12, 20, 40)
-    return Chart(title, label, ticks, series, logarithmic=True)
+        stations = [WifiParameters((3.0, distance), 1, duty) for distance in distances]
+        shares = [_heard(preset("chapter"), 3.0, task, station) for station in stations]
+        _dots(axes, f"on {duty:.0%} of the time", distances, shares, colour)
+        _line(axes, "_", distances, shares, colour)
 
 
-def _contention(task: PlotTask, reference: list[OperatingPoint]) -> Chart:
-    series = [_KEY_NS3] if reference else []
+def _contention(axes: Axes, task: PlotTask, data: Path | None) -> None:
+    label = "senders, all in range of each other"
+    _label(axes, "60-octet broadcasts that arrive, of those sent", label, (2, 5, 10, 20, 50), scale="log")
+    reference = _points(axes, data, "c_contention")
     for colour, load in enumerate(_PLOTTED_LOADS):
-        name = "backlogged" if load == "sat" else f"G = {float(load):g}"
-        shares = []
-        for senders in task.senders:
-            stage = scene("c_contention", {"n": str(senders), "psdu": "60", "load": load})
-            shares.append(
-                float(np.mean([contend(stage, seed)["pdr_tx"] for seed in range(1, task.seeds + 1)]))
-            )
-        series.append(Series(name, task.senders, shares, colour))
+        scenes = [
+            scene("c_contention", {"n": str(senders), "psdu": "60", "load": load}) for senders in task.senders
+        ]
+        seeds = range(1, task.seeds + 1)
+        shares = [np.mean([contend(stage, seed)["pdr_tx"] for seed in seeds]) for stage in scenes]
+        _line(axes, "backlogged" if load == "sat" else f"G = {float(load):g}", task.senders, shares, colour)
         found = [p for p in reference if (p.settings["psdu"], p.settings["load"]) == ("60", load)]
-        at = [float(p.settings["n"]) for p in found]
         heard = [p.figures["pdr_tx"].value for p in found]
-        series.append(Series("", at, heard, colour, dots=True))
-    label, ticks = "senders, all in range of each other", (2, 5, 10, 20, 50)
-    return Chart("60-octet broadcasts that arrive, of those sent", label, ticks, series, logarithmic=True)
+        _dots(axes, "_", [float(p.settings["n"]) for p in found], heard, colour)
+
+
+_FIGURES: Final[Mapping[str, Callable[[Axes, PlotTask, Path | None], None]]] = {
+    "reach.svg": _reach, "error_rate.svg": _error_rate, "grey_zone.svg": _grey_zone, "wifi.svg": _wifi,
+    "contention.svg": _contention,
+}  # fmt: skip
 
 
 def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
@@ -307,12 +283,9 @@ def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
     colours[power < weakest] = (230, 150, 130)
     cells = grid.cells[1::4, 1::4]
     colours[cells != FREE] = (255, 255, 255)
-    for shift_y, shift_x in np.ndindex(4, 4):  # a wall is thinner than a pixel
-        rows, columns = len(y), len(x)
-        part = np.zeros((rows, columns), np.bool_)
-        some = grid.cells[shift_y::4, shift_x::4][:rows, :columns] == OCCUPIED
-        part[: some.shape[0], : some.shape[1]] = some
-        colours[part] = (0, 0, 0)
+    for shift in np.ndindex(4, 4):  # a wall is thinner than a pixel
+        walls = np.argwhere(grid.cells[shift[0] :: 4, shift[1] :: 4][: len(y), : len(x)] == OCCUPIED)
+        colours[*walls.T] = (0, 0, 0)
     image = Image.fromarray(np.flipud(colours).astype(np.uint8))
     image.resize((image.width * 3, image.height * 3), Image.Resampling.NEAREST).save(file, optimize=True)
 
@@ -342,68 +315,72 @@ _DRAWS: Final = 10
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:
     """Measure; or, with `out`, only draw the figures of docs/radio.md into that folder.
 
-    `data`: a folder with figures of ns-3, for its dots. `map_file`: whose floor crowds and the last figure
-    have.
+    `data`: rows of ns-3, drawn as dots. `map_file`: floor of the crowds and of the last figure.
     """
     if out is not None:
         return draw(out, map_file, data)
     if data is not None:
         raise OptionError("--data: needs --out; without it nothing is drawn")
+    plan, seeds = load_map(map_file), range(1, _REPEATS + 1)
     speeds = [
-        {"senders": senders, "load": load, "medium": round(_speed(senders, load))}
+        {
+            "senders": senders,
+            "load": load,
+            "medium": round(median(medium_speed(senders, load, seed) for seed in seeds)),
+        }
         for senders in _SENDERS
         for load in _LOADS
     ]
-    crowds = [{"robots": robots, "us": _crowd(robots, map_file)} for robots in _CROWDS]
-    costs = [_cost(side, load) for side in _SIDES for load in _PAIR_LOADS]
-    rows = [{name: f"{value:.3g}" for name, value in one.items()} for one in costs]
+    crowds = [
+        {
+            "robots": robots,
+            "us": median(frame_cost(plan, robots, -(-_FRAMES_EACH // robots), seed) for seed in seeds),
+        }
+        for robots in _CROWDS
+    ]
+    costs = [_assessment(side, load) for side in _SIDES for load in _PAIR_LOADS]
     shown = (
         table_of(speeds, "the medium alone: frames on the air per CPU second"),
         table_of(
             [{"robots": one["robots"], "µs": f"{one['us']:.0f}"} for one in crowds],
             f"the medium alone, {PER_FLOOR} driving robots to each copy of the floor: CPU time of a frame",
         ),
-        table_of(rows, "mean pair delivery, robots in a square"),
+        table_of(costs, "mean pair delivery, robots in a square", ".3g"),
     )
     return Measured({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
 
 
-def _crowd(robots: int, map_file: Path) -> float:
-    """CPU time of a frame, µs."""
-    plan, seconds = load_map(map_file), -(-_FRAMES_EACH // robots)
-    return median(frame_cost(plan, robots, seconds, seed) for seed in range(1, _REPEATS + 1))
-
-
-def _speed(senders: int, load: float) -> float:
-    return median(medium_speed(senders, load, _OCTETS, _FRAMES, seed) for seed in range(1, _REPEATS + 1))
-
-
-def medium_speed(senders: int, load: float, octets: int, frames: int, seed: int = 1) -> float:
-    """Frames on the air per CPU second of the medium, all transceivers in range of one another."""
-    parameters = preset("ns3")
+def medium_speed(senders: int, load: float, seed: int) -> float:
+    """Return frames on the air per CPU second of the medium, all transceivers in range of one another."""
     losses = LossTable(np.full((senders + 1, senders + 1), 60.0))
-    transceivers = [parameters.transceiver.numbered(address) for address in range(senders + 1)]
-    medium = Medium(transceivers, losses, parameters.phy, seed=seed, watched=[senders])
+    transceivers = [NS3.transceiver.numbered(address) for address in range(senders + 1)]
+    medium = Medium(transceivers, losses, NS3.phy, seed=seed, watched=[senders])
     medium.place(losses.places)
-    per_second = load * SECOND / airtime_ns(octets)
+    per_second = load * SECOND / airtime_ns(_OCTETS)
     for sender in range(senders):
-        medium.offer(sender, Poisson(octets, per_second / senders))
-    medium.run(SECOND)  # kernels are loaded and rows of losses known
+        medium.offer(sender, Poisson(_OCTETS, per_second / senders))
+    return 1.0 / _frame_s(medium, SECOND + round(_FRAMES / per_second * SECOND))
+
+
+def _frame_s(medium: Medium, end_ns: int, step_ns: int | None = None) -> float:
+    """Return the CPU time per frame from the first second to `end_ns`, s."""
+    medium.run(SECOND)  # loads kernels and rows of losses, fills queues
     before = int(medium.counters()["sent"].sum())
     begun = time.process_time()
-    medium.run(SECOND + round(frames / per_second * SECOND))
+    for until_ns in range(SECOND + step_ns, end_ns + 1, step_ns) if step_ns else [end_ns]:
+        medium.run(until_ns)
     spent = time.process_time() - begun
-    return (int(medium.counters()["sent"].sum()) - before) / spent
+    return spent / (int(medium.counters()["sent"].sum()) - before)
 
 
-def _cost(side: float, load: float) -> dict[str, float]:
-    """What pairs deliver with a textbook's clear channel assessment and with the BEE-click firmware's.
+def _assessment(side: float, load: float) -> dict[str, float]:
+    """Return what pairs deliver with a textbook's clear channel assessment and with the BEE-click firmware's.
 
     Textbook: energy from 10 dB above the sensitivity, or while receiving. Firmware: energy from -69 dBm alone
     (d3scomp/beeclickarm, MRF24J40.cpp, CCAEDTH and BBREG2). All else is as in preset `ns3`, also places and
     arrivals, so that only the assessment differs.
     """
-    textbook = replace(preset("ns3").transceiver, tx_power_dbm=-10.0)
+    textbook = replace(NS3.transceiver, tx_power_dbm=-10.0)
     hardware = preset("beeclick").transceiver
     firmware = replace(textbook, cca=hardware.cca, cca_threshold_dbm=hardware.cca_threshold_dbm)
     means = [
@@ -415,10 +392,9 @@ def _cost(side: float, load: float) -> dict[str, float]:
 
 
 def _delivery(settings: Transceiver, side: float, load: float, draw: int) -> float:
-    """Mean over all pairs: frames heard of those sent."""
-    ns3 = preset("ns3")
+    """Return the share of sent frames that are heard, mean over all pairs."""
     transceivers = [settings.numbered(address) for address in range(_ROBOTS)]
-    medium = Medium(transceivers, IndoorPropagation(ns3.propagation), ns3.phy, seed=draw, watched=())
+    medium = Medium(transceivers, IndoorPropagation(NS3.propagation), NS3.phy, seed=draw, watched=())
     medium.place(np.random.default_rng(draw).uniform(0.0, side, (_ROBOTS, 2)))
     for robot in range(_ROBOTS):
         medium.offer(robot, Poisson(_OCTETS, load * SECOND / airtime_ns(_OCTETS) / _ROBOTS))

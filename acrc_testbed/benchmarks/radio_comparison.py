@@ -10,14 +10,12 @@ distributions", Annals of Mathematical Statistics 30, 1959). `welch_t`: with eac
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.table import Table
-
-from acrc_testbed.benchmarks.measured import Measured
+from acrc_testbed.benchmarks.measured import Measured, table_of
 from acrc_testbed.benchmarks.radio_trials import (
     FAMILIES,
     LATENCIES,
@@ -36,14 +34,8 @@ _ROUNDING: Final = 1e-5
 """Of figures in the files."""
 _FAR: Final = 99.0
 """As many standard errors is a difference where there should be none at all."""
-
-
-INSIDE_GOAL: Final = 0.95
-EXCESS_GOAL: Final = 0.005
-"""Of a share, beyond three combined standard errors."""
-Z_GOAL: Final = 4.5
-THROUGHPUT_GOAL: Final = 0.002
-"""Relative, of one backlogged sender against the closed formula."""
+GOALS: Final = {"inside_goal": 0.95, "excess_goal": 0.005, "z_goal": 4.5, "throughput_goal": 0.002}
+"""Least share of figures inside; excess of a share; score; relative throughput of one backlogged sender."""
 
 
 @dataclass(frozen=True)
@@ -83,48 +75,44 @@ class Agreement:
 def check(data: Path, runs: int = 10) -> Measured:
     """Compare the medium with the rows in the folder, with `runs` own frames per frame of them."""
     console = screen(stderr=True)
-    families: dict[str, list[FigureComparison]] = {}
-    numbers: dict[str, int] = {}
-    throughput: list[float] = []
+    every: list[FigureComparison] = []
+    agreements: list[Agreement] = []
+    throughput = [0.0]
     for family in FAMILIES:
         there = points(data, family)
         if not there:
             console.print(f"{family}: no file {family}.csv with rows, left out.")
             continue
-        families[family], numbers[family] = [], len(there)
+        found: list[FigureComparison] = []
         for point in there:
             own = measure(point, runs)
-            families[family] += [
+            found += [
                 compare(point, name, reference, own[name])
                 for name, reference in point.figures.items()
                 if name != "goodput_kbps"
             ]
             if family.startswith("b_"):
-                throughput.append(own["goodput_kbps"].value / formula_kbps(point) - 1)
-    if not families:
+                throughput.append(abs(own["goodput_kbps"].value / formula_kbps(point) - 1))
+        agreements.append(agreement(family, len(there), found))
+        every += found
+    if not agreements:
         raise AcrcError(f"{data}: there is none of the files {', '.join(FAMILIES)}, each with .csv.")
-    return _judged(families, numbers, max((abs(error) for error in throughput), default=0.0), runs)
+    return _judged(agreements, every, max(throughput), runs)
 
 
 def _judged(
-    families: Mapping[str, Sequence[FigureComparison]], numbers: Mapping[str, int], worst: float, runs: int
+    agreements: Sequence[Agreement], every: Sequence[FigureComparison], worst: float, runs: int
 ) -> Measured:
-    """`worst`: throughput error; `numbers`: points by family."""
-    agreements = [agreement(family, numbers[family], found) for family, found in families.items()]
-    every = [comparison for found in families.values() for comparison in found]
-    total = agreement("all", sum(numbers.values()), every)
+    """`worst`: throughput error."""
+    total = agreement("all", sum(one.points for one in agreements), every)
     met = {
-        "inside": total.inside >= INSIDE_GOAL * total.comparisons,
-        "excess": total.worst_ratio_excess <= EXCESS_GOAL,
-        "z": total.worst_z <= Z_GOAL,
-        "throughput": worst <= THROUGHPUT_GOAL,
+        "inside": total.inside >= GOALS["inside_goal"] * total.comparisons,
+        "excess": total.worst_ratio_excess <= GOALS["excess_goal"],
+        "z": total.worst_z <= GOALS["z_goal"],
+        "throughput": worst <= GOALS["throughput_goal"],
     }
-    goals = {
-        "inside_goal": INSIDE_GOAL, "excess_goal": EXCESS_GOAL, "z_goal": Z_GOAL,
-        "throughput_goal": THROUGHPUT_GOAL,
-    }  # fmt: skip
     figures = {
-        "task": {"times": runs, **goals},
+        "task": {"times": runs, **GOALS},
         "families": [asdict(one) for one in agreements],
         "all": asdict(total),
         "throughput_error": worst,
@@ -133,7 +121,7 @@ def _judged(
     }
     missed = [name for name, reached in met.items() if not reached]
     shown = (
-        _table([*agreements, total]),
+        table_of([_row(one) for one in (*agreements, total)], "The medium beside the reference, preset ns3"),
         f"Worst: {total.worst}",
         f"One backlogged sender: within {worst:.3%} of the closed formula.",
         f"Goals missed: {', '.join(missed)}." if missed else "All goals met.",
@@ -215,14 +203,10 @@ def _ratio(difference: float, error: float) -> float:
     return 0.0 if abs(difference) <= _ROUNDING else math.copysign(_FAR, difference)
 
 
-def _table(rows: Sequence[Agreement]) -> Table:
-    table = Table(title="The medium beside the reference, preset ns3")
-    for name in ("family", "points", "comparisons", "inside", "trivial", "worst z", "worst excess"):
-        table.add_column(name, justify="left" if name == "family" else "right")
-    for row in rows:
-        share = f"{row.inside} ({row.inside / row.comparisons:.1%})" if row.comparisons else "0"
-        table.add_row(
-            row.family, str(row.points), str(row.comparisons), share, str(row.trivial),
-            f"{row.worst_z:.2f}", f"{row.worst_ratio_excess:+.4f}",
-        )  # fmt: skip
-    return table
+def _row(of: Agreement) -> dict[str, object]:
+    share = f"{of.inside} ({of.inside / of.comparisons:.1%})" if of.comparisons else "0"
+    return {
+        "family": of.family, "points": of.points, "comparisons": of.comparisons, "inside": share,
+        "trivial": of.trivial, "worst z": f"{of.worst_z:.2f}",
+        "worst excess": f"{of.worst_ratio_excess:+.4f}",
+    }  # fmt: skip

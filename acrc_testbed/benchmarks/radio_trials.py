@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean, stdev
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,6 @@ from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.radio_model import preset
 from actors.runtime.errors import AcrcError
 
-SHARES: Final = (
-    "pdr_gen", "pdr_tx", "allpairs_pdr_tx", "csma_fail_ratio", "chan_busy", "overlap_tx_ratio",
-)  # fmt: skip
 LATENCIES: Final = ("lat_mean_ms", "lat_p95_ms")
 CONTENTION: Final = (
     "b_single_saturated", "b_single_saturated_ack", "c_contention", "c_macparams", "c_contention_spatial60m",
@@ -39,6 +36,11 @@ CONTENTION: Final = (
 CAPTURE: Final = ("e_capture", "e_capture_fine", "e_capture_short_interferer")
 FAMILIES: Final = ("a_per", *CONTENTION, *CAPTURE)
 _SETTINGS: Final = ("minbe", "maxbe", "maxnb", "n", "psdu", "load")
+_FIGURES: Final = (
+    "pdr_gen", "pdr_tx", "allpairs_pdr_tx", "csma_fail_ratio", "chan_busy", "overlap_tx_ratio", *LATENCIES,
+    "goodput_kbps",
+)  # fmt: skip
+_ERROR_RATE_SETTINGS: Final[tuple[str, ...]] = ("psdu", "rx_dbm", "noise_dbm")
 _CAPTURE_SETTINGS: Final = ("psdu0", "psdu1", "delta_db", "offset_us")
 
 
@@ -91,25 +93,23 @@ def points(folder: Path, family: str) -> list[OperatingPoint]:
     with path.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row.get("fixed", "1") == "1"]
     try:
-        if family == "a_per":
-            return [_error_rate(row) for row in rows]
-        if family in CAPTURE:
-            return [_capture(family, row) for row in rows]
-        return _contention(family, rows)
+        if family in CONTENTION:
+            return _contention(family, rows)
+        return [_binomial(family, row) for row in rows]
     except (KeyError, ValueError) as error:
         raise AcrcError(f"{path}: a row lacks {error}, or has no number there.") from None
 
 
-def _error_rate(row: Mapping[str, str]) -> OperatingPoint:
-    sent = int(row["frames_sent"])
-    settings = {name: row[name] for name in ("psdu", "rx_dbm", "noise_dbm")}
-    return OperatingPoint("a_per", settings, 1, sent, {"per": share(sent - int(row["frames_ok"]), sent)})
-
-
-def _capture(family: str, row: Mapping[str, str]) -> OperatingPoint:
-    frames = int(row["frames"])
-    figures = {name: share(float(row[name]) * frames, frames) for name in ("pdr_first", "pdr_second")}
-    return OperatingPoint(family, {name: row[name] for name in _CAPTURE_SETTINGS}, 1, frames, figures)
+def _binomial(family: str, row: Mapping[str, str]) -> OperatingPoint:
+    """Return the point of one run of many frames."""
+    names = _ERROR_RATE_SETTINGS if family == "a_per" else _CAPTURE_SETTINGS
+    if family == "a_per":
+        frames = int(row["frames_sent"])
+        figures = {"per": share(frames - int(row["frames_ok"]), frames)}
+    else:
+        frames = int(row["frames"])
+        figures = {name: share(float(row[name]) * frames, frames) for name in ("pdr_first", "pdr_second")}
+    return OperatingPoint(family, {name: row[name] for name in names}, 1, frames, figures)
 
 
 def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[OperatingPoint]:
@@ -122,8 +122,7 @@ def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[Operatin
             dict(settings),
             len(runs),
             sum(int(run["generated"]) for run in runs),
-            {name: over_runs([float(run[name]) for run in runs]) for name in (*SHARES, *LATENCIES)}
-            | {"goodput_kbps": over_runs([float(run["goodput_kbps"]) for run in runs])},
+            {name: over_runs([float(run[name]) for run in runs]) for name in _FIGURES},
         )
         for settings, runs in groups.items()
     ]
@@ -189,15 +188,13 @@ def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate
 def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     """The experiment that a row of a family of contention is about."""
     senders = int(settings["n"])
-    transceiver = replace(
-        NS3.transceiver,
-        min_be=int(settings.get("minbe", 3)),
-        max_be=int(settings.get("maxbe", 5)),
-        max_backoffs=int(settings.get("maxnb", 4)),
-    )
+    fields = {"min_be": "minbe", "max_be": "maxbe", "max_backoffs": "maxnb"}
+    given: dict[str, Any] = {field: int(settings[name]) for field, name in fields.items() if name in settings}
+    transceiver = replace(NS3.transceiver, **given)
     load = math.inf if settings["load"] == "sat" else float(settings["load"])
     hidden = family.startswith("d_hidden")
-    table = _hidden(10.0 if family.endswith("delta10dB") else 0.0) if hidden else _equal(senders)
+    equal = np.full((senders + 1, senders + 1), 60.0)
+    table = _hidden(10.0 if family.endswith("delta10dB") else 0.0) if hidden else LossTable(equal)
     stage = TrialScene(
         propagation=table,
         places=table.places,
@@ -266,10 +263,6 @@ def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
             medium.offer(sender, Poisson(stage.octets, rate, to, stage.acknowledged))
 
 
-def _equal(senders: int) -> LossTable:
-    return LossTable(np.full((senders + 1, senders + 1), 60.0))
-
-
 def _hidden(weaker_db: float) -> LossTable:
     """Senders 0 and 1 hear 2 only; 1 arrives there so much weaker than 0."""
     losses = np.full((3, 3), 200.0)
@@ -291,60 +284,38 @@ def _scattered(senders: int, side: float) -> NDArray[np.float64]:
 
 def _measured_error_rate(settings: Mapping[str, str], frames: int) -> Mapping[str, ReferenceEstimate]:
     octets = int(settings["psdu"])
-    stage = replace(
-        scene("b_single_saturated", {"n": "1", "psdu": settings["psdu"], "load": "sat"}),
-        propagation=LossTable(np.full((2, 2), -float(settings["rx_dbm"]))),
-        phy=replace(NS3.phy, noise_dbm=float(settings["noise_dbm"])),
-    )
-    requests = _forced(lambda k: [Request(k, 0, octets)], frames, airtime_ns(octets))
-    heard = _heard(stage, requests, 1, frames)
+    losses = LossTable(np.full((2, 2), -float(settings["rx_dbm"])))
+    phy = replace(NS3.phy, noise_dbm=float(settings["noise_dbm"]))
+    heard = _heard(losses, phy, lambda k: [Request(k, 0, octets)], airtime_ns(octets), frames)
     return {"per": share(frames - heard[0], frames)}
 
 
 def _measured_capture(settings: Mapping[str, str], frames: int) -> Mapping[str, ReferenceEstimate]:
     first, second = int(settings["psdu0"]), int(settings["psdu1"])
     late = round(float(settings["offset_us"]) * 1000)
-    table = _hidden(float(settings["delta_db"]))
-    transceiver = replace(NS3.transceiver, min_be=0)
-    stage = TrialScene(
-        propagation=table,
-        places=table.places,
-        phy=NS3.phy,
-        settings=transceiver,
-        octets=first,
-        load=math.inf,
-        acknowledged=False,
-        seconds=0,
-    )
-    requests = _forced(
-        lambda k: [Request(k, 0, first), Request(k + late, 1, second)],
-        frames,
-        airtime_ns(first) + late + airtime_ns(second),
-    )
-    heard = _heard(stage, requests, 2, frames)
+
+    def overlapping(start_ns: int) -> list[Request]:
+        return [Request(start_ns, 0, first), Request(start_ns + late, 1, second)]
+
+    lasts_ns = airtime_ns(first) + late + airtime_ns(second)
+    heard = _heard(_hidden(float(settings["delta_db"])), NS3.phy, overlapping, lasts_ns, frames)
     return {"pdr_first": share(heard[0], frames), "pdr_second": share(heard[1], frames)}
 
 
-def _forced(one: Callable[[int], list[Request]], frames: int, lasts_ns: int) -> list[list[Request]]:
-    """Rounds that do not touch one another, in batches of frames."""
-    round_ns = lasts_ns + SECOND // 50
-    starts = range(0, frames, _BATCH)
-    return [
-        [request for k in range(start, min(start + _BATCH, frames)) for request in one(k * round_ns)]
-        for start in starts
-    ]
-
-
-def _heard(stage: TrialScene, batches: list[list[Request]], senders: int, frames: int) -> list[int]:
-    """How many frames of each sender the last transceiver hears."""
-    count = len(stage.places)
-    transceivers = [replace(stage.settings, address=i, cca=Cca.NEVER, min_be=0) for i in range(count)]
-    medium = Medium(transceivers, stage.propagation, stage.phy, seed=frames, watched=[count - 1])
-    medium.place(stage.places)
-    heard = np.zeros(count, np.int64)
-    for batch in batches:
-        medium.submit(batch)
-        events = medium.run(batch[-1].instant_ns + SECOND // 50)
-        said = events[events["kind"] == Kind.HEARD]
-        heard += np.bincount(said["other"], minlength=count)
-    return [int(count) for count in heard[:senders]]
+def _heard(
+    losses: LossTable, phy: PhyParameters, one: Callable[[int], list[Request]], lasts_ns: int, frames: int
+) -> list[int]:
+    """Return how many frames of each sender the last transceiver hears in rounds that do not overlap."""
+    last, round_ns = len(losses.places) - 1, lasts_ns + SECOND // 50
+    sender = replace(NS3.transceiver, cca=Cca.NEVER, min_be=0)
+    transceivers = [replace(sender, address=address) for address in range(last + 1)]
+    medium = Medium(transceivers, losses, phy, seed=frames, watched=[last])
+    medium.place(losses.places)
+    heard = np.zeros(last + 1, np.int64)
+    for begin in range(0, frames, _BATCH):
+        rounds = range(begin, min(begin + _BATCH, frames))
+        requests = [request for k in rounds for request in one(k * round_ns)]
+        medium.submit(requests)
+        events = medium.run(requests[-1].instant_ns + SECOND // 50)
+        heard += np.bincount(events["other"][events["kind"] == Kind.HEARD], minlength=last + 1)
+    return [int(count) for count in heard[:last]]

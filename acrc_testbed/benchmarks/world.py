@@ -1,7 +1,7 @@
 """Speed of physics and scans alone, beside pymunk and given figures of Stage."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -11,7 +11,6 @@ import numpy as np
 import pymunk
 from numpy.random import Generator
 from numpy.typing import NDArray
-from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
 from actors.floor.grid import OccupancyGrid, outline
@@ -88,13 +87,7 @@ def measure_scans(map_file: Path, task: ScanTask | None = None) -> Measured:
         goals.append(at_most(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
     figures = {"task": asdict(task), "speeds": speeds, "goal_met": all(goal.met for goal in goals)}
     title = f"scans by {task.robots} robots on {map_file.name}; disagreements: share of rays beyond 5 mm"
-    return Measured(figures, (_table(speeds, title), *map(str, goals)))
-
-
-def _table(rows: Sequence[Mapping[str, float | None]], title: str) -> Table:
-    """Return a table of numbers with four significant digits."""
-    shown = [{name: "-" if value is None else f"{value:.4g}" for name, value in row.items()} for row in rows]
-    return table_of(shown, title)
+    return Measured(figures, (table_of(speeds, title, ".4g"), *map(str, goals)))
 
 
 def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]:
@@ -198,7 +191,7 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
         "scans": scans.figures,
     }
     shown = (
-        _table(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s"),
+        table_of(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s", ".4g"),
         "Stage: given figures of Stage 4.3, one core of such a machine.",
         *map(str, goals),
         *scans.shown,
