@@ -38,7 +38,8 @@ from actors.robot.behaviour.loading import look_in
 from actors.runtime import failure, prints
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import print_traceback
-from actors.runtime.isolation.sandbox import Confinement, ProcessLimits, choose, enforce, isolate, warn
+from actors.runtime.isolation.mounts import file_view
+from actors.runtime.isolation.sandbox import Handover, ProcessLimits, choose, enforce, isolate, warn
 from actors.runtime.linux import die_with_parent
 from actors.runtime.recording import Reading
 from actors.runtime.recording.reading import report_damage
@@ -271,16 +272,9 @@ def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
         room = failure.hold(options.answer.parent)
         assembly.kernels()  # while their cache can still be written
         if options.isolate:
-            isolate(
-                Confinement(
-                    own=options.own,
-                    hidden=(options.own.parent,),
-                    readable=(options.out,),
-                    code=tuple(options.path),
-                    descriptors=(1, 2, answer.fileno(), room),
-                    parent=parent,
-                )
-            )
+            view = file_view(options.own, (options.own.parent,), (options.out,), options.path)
+            isolate(lambda: Handover(view), (1, 2, answer.fileno(), room), parent=parent)
+            os.chdir(options.own)
         else:
             die_with_parent(parent)
         look_in(options.path, any_content=options.any_content)

@@ -9,23 +9,27 @@ robot needs; FD is a socket with the request. Isolation needs a process with one
 not import numpy, nor therefore the launcher, before the robot's program has limited the threads of BLAS.
 """
 
-import contextlib
 import json
 import os
 import socket
 import sys
-import time
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple
 
 from actors.runtime import linux
-from actors.runtime.isolation import mounts, sandbox
-from actors.runtime.isolation.sandbox import FOLDER, RECORDING, Names, robot_view
+from actors.runtime.isolation.sandbox import (
+    FOLDER,
+    MESSAGE_LIMIT,
+    RECORDING,
+    Handover,
+    Names,
+    isolate,
+    own_folder,
+    robot_view,
+)
 from actors.runtime.linux import leave
 
-MESSAGE_LIMIT: Final = 1 << 16
-"""Bytes of one message on the socket."""
 _LOG: Final = 1
 
 
@@ -37,76 +41,31 @@ class Part(NamedTuple):
 
 
 def born(told: Callable[[], dict[str, Any]], parent: int, private: Collection[int]) -> Part:
-    """Go on as the robot, shut off, in a child of this process, which becomes its keeper.
+    """Go on as the sandboxed robot, in a child of this process, which becomes its keeper.
 
-    `told`: waits for the request and has standard output and error lead to the log; only the keeper calls it.
-    `private`: descriptors that it needs. The keeper ends with `parent`.
+    `told`: waits for the request and redirects standard output and error to the log; only the keeper calls
+    it. `private`: descriptors that it needs. The keeper ends with `parent`.
     """
-    sandbox.check_threads()
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    sandbox.shed_descriptors((0, 1, 2, ours.fileno(), theirs.fileno(), *private))
-    os.chdir("/")  # no working directory shows the former tree
-    linux.set_title("acrc robot")  # where its command line stands cannot be looked up later
-    try:
-        sandbox.enter_namespaces()
-    except OSError as error:
-        told()
-        _refuse(error)
-    linux.enter_namespace(parent, lambda: _prepare(told, ours, theirs), (ours.fileno(), *private))
-    ours.detach()
-    return _take_over(theirs)
-
-
-def _prepare(told: Callable[[], dict[str, Any]], ours: socket.socket, theirs: socket.socket) -> None:
-    """In the keeper: build the view, and hand over what the robot needs."""
-    theirs.close()
-    request = told()
-    names, title = Names(**request["names"]), f"acrc {Path(request['log']).stem}"
-    linux.set_title(title)
-    try:
-        recording = os.open(
-            names.record, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644
-        )
-        mounts.enter(robot_view(names))
-    except OSError as error:
-        _refuse(error)
-    robot = {
-        "title": title,
-        "module": request["module"],
-        "argv": request["argv"],
-        "spent": time.process_time(),
-    }
-    with ours, contextlib.suppress(BrokenPipeError):  # it has been ended
-        socket.send_fds(ours, [json.dumps(robot).encode()], [_LOG, recording])
-    os.close(recording)
-
-
-def _take_over(theirs: socket.socket) -> Part:
-    """In the robot: take what the keeper has prepared, and close every other way."""
-    message, descriptors, _, _ = socket.recv_fds(theirs, MESSAGE_LIMIT, 2)
-    if not message:
-        os._exit(1)
-    log, recording = descriptors
-    theirs.close()
+    linux.set_title("acrc robot")  # its command line's address cannot be looked up later
+    message, (log, recording) = isolate(lambda: _prepared(told()), parent=parent, private=private)
     for descriptor, place in ((log, 1), (log, 2), (recording, RECORDING)):
         os.dup2(descriptor, place)
     for descriptor in {log, recording} - {RECORDING}:
         os.close(descriptor)
     request = json.loads(message)
     linux.set_title(request["title"])
-    linux.add_spent(request["spent"])
-    os.chdir(FOLDER / "own")
-    try:
-        sandbox.close_ways_out()
-    except OSError as error:
-        _refuse(error)
+    os.chdir(own_folder(FOLDER))
     return Part(request["module"], tuple(request["argv"]))
 
 
-def _refuse(error: OSError) -> NoReturn:
-    sys.stderr.write(f"{sandbox.refusal(error)}\n")
-    sys.stderr.flush()
-    os._exit(2)
+def _prepared(request: dict[str, Any]) -> Handover:
+    """In the keeper: return the robot's view, its command line, its log and its recording."""
+    names, title = Names(**request["names"]), f"acrc {Path(request['log']).stem}"
+    linux.set_title(title)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    recording = os.open(names.record, flags, 0o644)
+    robot = {"title": title, "module": request["module"], "argv": request["argv"]}
+    return Handover(robot_view(names), json.dumps(robot).encode(), (_LOG, recording))
 
 
 def main(argv: Sequence[str]) -> int:

@@ -32,9 +32,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
-from actors.processes.confined import MESSAGE_LIMIT, Part, born
+from actors.processes.confined import Part, born
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.sandbox import MESSAGE_LIMIT
 from actors.runtime.linux import (
     PR_SET_CHILD_SUBREAPER,
     PR_SET_PDEATHSIG,

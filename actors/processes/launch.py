@@ -16,10 +16,9 @@ from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.confined import MESSAGE_LIMIT
 from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import Names, outside_paths
+from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names, outside_paths
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.process_table import ProcessGlance, passed_on, python
 from actors.runtime.recording import read_notes

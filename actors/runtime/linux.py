@@ -41,11 +41,6 @@ MS_RELATIME: Final = 0x20_0000
 MS_STRICTATIME: Final = 0x100_0000
 
 _ST_RELATIME: Final = 0x1000
-_SYS_MOUNT_SETATTR: Final = 442
-_AT_FDCWD: Final = -100
-_AT_RECURSIVE: Final = 0x8000
-_MOUNT_ATTR_RDONLY: Final = 0x1
-_MOUNT_ATTR_NOSUID: Final = 0x2
 _SYS_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}
 
 MNT_DETACH: Final = 0x2
@@ -110,23 +105,6 @@ def pivot_root(root: str | Path) -> None:
     _checked(_libc().syscall(number, b".", b"."), f"pivot_root to {root}")
     _checked(_libc().umount2(b".", MNT_DETACH), "umount of the former root")
     os.chdir("/")
-
-
-def set_tree_readonly(path: str | Path) -> None:
-    """Make the mount at `path` and all below it read-only, and deaf to set-user-ID bits, in one call.
-
-    mount_setattr(2), Linux 5.12.
-    """
-    attributes = (ctypes.c_uint64 * 4)(_MOUNT_ATTR_RDONLY | _MOUNT_ATTR_NOSUID, 0, 0, 0)
-    result = _libc().syscall(
-        ctypes.c_long(_SYS_MOUNT_SETATTR),
-        ctypes.c_long(_AT_FDCWD),
-        os.fsencode(path),
-        ctypes.c_ulong(_AT_RECURSIVE),
-        ctypes.byref(attributes),
-        ctypes.c_ulong(ctypes.sizeof(attributes)),
-    )
-    _checked(result, f"mount_setattr on {path}")
 
 
 def reserve(descriptor: int, size: int) -> None:

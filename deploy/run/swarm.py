@@ -38,7 +38,8 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote, failure_note, own_frames
 from actors.runtime.isolation import rules
-from actors.runtime.isolation.sandbox import IsolationChoice, choose, code_entries, unseen, warn
+from actors.runtime.isolation.mounts import code_entries, unseen
+from actors.runtime.isolation.sandbox import IsolationChoice, choose, warn
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus

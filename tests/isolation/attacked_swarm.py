@@ -24,7 +24,9 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.credentials import Credentials, issue, reveal
-from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.isolation.mounts import file_view
+from actors.runtime.isolation.sandbox import Handover, isolate
+from actors.runtime.linux import create_log, write_to
 
 Note = dict[str, Any]
 """Data that the stages of one attack share through the test instead of the swarm."""
@@ -270,15 +272,10 @@ def main() -> None:
         swarm = Description(**json.loads(incoming.readline()))
         if swarm.mode == "isolated" and name != "world":
             own = swarm.robots[name]
-            isolate(
-                Confinement(
-                    own=own,
-                    hidden=(swarm.out, Path(swarm.study, "scenario.toml")),
-                    log=own / "log.txt",
-                    descriptors=(orders, answers),
-                    parent=os.getppid(),
-                )
-            )
+            view = file_view(own, (swarm.out, Path(swarm.study, "scenario.toml")))
+            write_to(create_log(own / "log.txt"))
+            isolate(lambda: Handover(view), (1, 2, orders, answers), parent=os.getppid())
+            os.chdir(own)
         with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
             member = SwarmMember(name, swarm, session)
             keys = ORDINARY_KEYS if name == "world" else (f"swarm/down/{name}/*",)

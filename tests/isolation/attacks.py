@@ -35,7 +35,6 @@ from actors.runtime import linux
 with suppress(OSError):
     user, group = os.getuid(), os.getgid()
     linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
-    print("nested")
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
@@ -56,7 +55,6 @@ for folder in ("/", repository, "/tmp", "/run", out):
         linux.mount(None, folder, None, linux.MS_REMOUNT | linux.MS_BIND | linux.mount_flags(folder))
 with suppress(OSError):
     Path(repository, "." + token).write_text(token)
-    print("written")
 with suppress(OSError):
     print(Path(out, "r2", "credentials").read_text().split(":")[0])
 """
@@ -295,7 +293,11 @@ def remount(_: SwarmMember, note: Note) -> Note:
             continue
     path = REPOSITORY / f".{note['token']}"
     path.write_text(note["token"])
-    return {"litter": str(path), "reached": True}
+    return {"litter": str(path)}
+
+
+def find_litter(_: SwarmMember, note: Note) -> bool:
+    return bool(note.get("password")) or Path(note["litter"]).exists()
 
 
 def break_out(member: SwarmMember, note: Note) -> Note:
@@ -306,8 +308,7 @@ def break_out(member: SwarmMember, note: Note) -> Note:
         text=True,
         check=True,
     )
-    reached = {"written", "r2"} & set(ran.stdout.split())
-    return {"litter": str(REPOSITORY / f".{note['token']}"), "reached": bool(reached)}
+    return {"litter": str(REPOSITORY / f".{note['token']}"), "password": "r2" in ran.stdout.split()}
 
 
 def rule(name: str, *stages: Stage) -> Attack:
@@ -363,6 +364,6 @@ ATTACKS = (
     process("environment of r2", ("r2", hold_secret), ("r1", read_environment), traces=True),
     process("descriptor of r2", ("r2", hold_secret), ("r1", take_descriptor), traces=True),
     process("memory of r2", ("r2", hold_secret), ("r1", read_memory), traces=True),
-    process("remounting the file tree", ("r1", remount)),
-    process("nested user namespace", ("r1", break_out)),
+    process("remounting the file tree", ("r1", remount), ("r2", find_litter)),
+    process("nested user namespace", ("r1", break_out), ("r2", find_litter)),
 )

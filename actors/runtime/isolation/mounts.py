@@ -1,14 +1,11 @@
-"""The file tree as one robot sees it: the system, Python, the code it runs, and its own folder.
-
-Everything here runs in a new mount namespace of a new user namespace, so nothing of it is seen outside.
-"""
+"""The file tree of a sandboxed process: the system, Python, the code that it runs, and its own folder."""
 
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from errno import EACCES, EINVAL, ENOENT, ENOSYS
+import sys
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from errno import EACCES, EINVAL, ENOENT
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from actors.runtime import linux
@@ -23,166 +20,189 @@ from actors.runtime.linux import (
 )
 
 SCRATCH: Final = (Path("/tmp"), Path("/run"), Path("/var/tmp"), Path("/dev/shm"))
-"""Folders that everyone may write to; each robot gets an empty one of its own."""
+"""World-writable folders; each process gets private, empty ones."""
 SYSTEM: Final = tuple(
     Path("/", name)
     for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64", "libx32", "etc", "opt", "nix", "gnu")
 )
-"""The operating system: programs, libraries, their settings."""
-NEVER: Final = (Path("/proc"), Path("/sys"), Path("/dev"))
-"""Trees with what all processes share; of each, little is shown."""
+"""The operating system: programs, libraries, configuration."""
 
 _STAGE: Final = Path("/dev")
 """Where the new tree is built; a folder that every system has."""
-_DEVICES: Final = ("null", "full", "random", "urandom")
-"""Not zero: mapped and shared, it is memory that nothing counts."""
+_DEVICES: Final = tuple(Path("/dev", name) for name in ("null", "full", "random", "urandom"))
+"""No terminals or disks: device files are writable on a read-only mount. Not zero: mapped and shared, it is
+memory that no limit counts."""
 _STATIC: Final = (
-    *(f"/sys/devices/system/cpu/{name}" for name in ("online", "possible", "present", "kernel_max")),
-    *(f"/proc/{name}" for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
+    *(Path("/sys/devices/system/cpu", name) for name in ("online", "possible", "present", "kernel_max")),
+    *(Path("/proc", name) for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
 )
-"""Files that libraries read about the machine. A robot gets copies: procfs and sysfs show other processes."""
+"""Files about the machine that libraries read, shown as copies: procfs and sysfs show other processes."""
 _SCRATCH_BYTES: Final = 64 * 1024 * 1024
-"""Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm)."""
+"""Size of each scratch folder."""
 _SCRATCH_FILES: Final = 10_000
 """Files and folders in each; one takes the kernel about a kilobyte."""
 _DEPTH: Final = 3
 """Folder levels that are searched for runs."""
+_PROJECT: Final = Path(__file__).resolve().parents[3]
+"""Where the packages of this project are."""
+_OF_SWARMS: Final = tuple(
+    _PROJECT / name for name in ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
+)
+"""Folders of the project that concern whole swarms and runs, not one robot."""
 
 
 class FileView(NamedTuple):
-    """All that is seen beside the system; absolute paths, each seen where it is named and where it is."""
+    """What a process sees beside the system; absolute paths."""
 
     own: Path
-    """The only folder that can be written to and lasts."""
-    sealed: Sequence[Path]
-    """Folders of which only what is deeper and shown is seen; they cannot be written to, even in /tmp."""
-    shown: Sequence[Path]
-    """Files and folders that can be read; what is not there is left out."""
-    home: Path | None = None
-    """Where the own folder is seen instead."""
-    renamed: Mapping[Path, Path] = MappingProxyType({})
-    """By the place where each is seen, more files and folders that can be read."""
+    """The only folder that is writable and lasts."""
+    homes: Sequence[Path]
+    """Where it is seen."""
+    shown: Mapping[Path, Path]
+    """Readable files and folders, by the place where each is seen; missing ones are left out."""
 
 
-def enter(view: FileView) -> None:
-    """Replace this process's file tree by `view`; needs mount and process namespaces of its own.
+def file_view(
+    own: Path,
+    hidden: Collection[Path] = (),
+    readable: Collection[Path] = (),
+    code: Collection[Path] = (),
+) -> FileView:
+    """Return a view in which every path keeps its name.
 
-    Ends in the own folder, because a working directory from before would still show the former tree.
+    `hidden`: files and folders to leave out of folders with code: the run's folder, the scenario. `readable`:
+    shown whole, also below a hidden folder. `code`: folders with code beside those on Python's path.
     """
-    linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
-    links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
-    handles = _handles(view, [path for path in SYSTEM if path not in links])
-    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={_SCRATCH_BYTES},mode=0755")
-    sealed = {place for path in view.sealed if _is_folder(path) for place in _places(path)}
-    for folder in (*SCRATCH, *sorted(path for path in sealed - {*SCRATCH} if _is_under(path, SCRATCH))):
-        _new(folder).mkdir(parents=True, exist_ok=True)
-        options = f"size={_SCRATCH_BYTES},nr_inodes={_SCRATCH_FILES},mode=0755"
-        linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
-    for place in sorted(handles, key=lambda path: len(path.parts)):
-        _bind(handles[place], _new(place))
-        os.close(handles[place])
-    for path, text in _machine().items():
-        _new(path).parent.mkdir(parents=True, exist_ok=True)
-        _new(path).write_text(text)
-    for path, target in links.items():
-        _new(path).symlink_to(target)
-    make_readonly(_STAGE)
-    for folder in (*SCRATCH, *_homes(view)):
-        linux.mount(None, _new(folder), None, MS_REMOUNT | MS_BIND | linux.mount_flags(_new(folder)))
-    linux.pivot_root(_STAGE)
-    os.chdir(view.home or view.own)
+    installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
+    folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
+    known = (*installed, *SYSTEM)
+    not_seen = (*unseen(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
+    entries = (code_entries(folder, not_seen) for folder in folders if not _is_under(folder, known))
+    seen = (*installed, *readable, *(path for found in entries for path in found))
+    return FileView(own, _places(own), {place: path for path in seen for place in _places(path)})
 
 
-def _handles(view: FileView, system: Sequence[Path]) -> dict[Path, int]:
-    """By the place where it is to be seen, what is to be seen there."""
-    shown = {place: path for path in view.shown for place in _places(path)}
-    outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}
-    own = dict.fromkeys(_homes(view), view.own)
-    sources = dict(_devices()) | dict(zip(system, system, strict=True))
-    sources |= {**outside, **view.renamed, **own}
-    return {
-        place: os.open(source, os.O_PATH | os.O_CLOEXEC)
-        for place, source in sources.items()
-        if _is_there(source)
-    }
+def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
+    """Return what is hidden beside code: `hidden`, and the project's runs and scenarios.
+
+    With a scenario, all others beside it: which of them is missing would tell which one it is.
+    """
+    beside = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
+    paths = (*hidden, *beside, *_OF_SWARMS)
+    return tuple(dict.fromkeys((*paths, *(path.resolve() for path in paths))))
 
 
-def _homes(view: FileView) -> tuple[Path, ...]:
-    return _places(view.own) if view.home is None else (view.home,)
+def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files and folders in `folder` that may be shown whole; `folder` itself if it is a file.
+
+    Left out are `hidden` paths, names that begin with a dot, empty folders and runs. A folder that holds such
+    a thing is entered. Nothing of a folder that is itself hidden is shown, except below scratch folders.
+    """
+    if _is_under(folder.resolve(), [path for path in hidden if path not in SCRATCH]):
+        return
+    if os.path.isfile(folder):  # noqa: PTH113 — Path.is_file raises where access is denied
+        yield folder
+    yield from _entries(folder, hidden, _DEPTH)
 
 
-def _places(path: Path) -> tuple[Path, ...]:
-    """Where a path leads to, and where it says so if there are links on the way, or none that ends."""
-    return tuple(dict.fromkeys((path.absolute(), Path(os.path.realpath(path)))))
-
-
-def _new(path: Path) -> Path:
-    """Where `path` is while the tree is being built."""
-    return _STAGE / path.relative_to("/")
-
-
-def _devices() -> Iterator[tuple[Path, Path]]:
-    """Neither terminals nor disks: device files can be written on a read-only mount."""
-    return ((Path("/dev", name), Path("/dev", name)) for name in _DEVICES)
-
-
-def _machine() -> dict[Path, str]:
-    """What the machine is, as it is when the robot starts."""
-    found = {Path(name): Path(name) for name in _STATIC if _is_there(Path(name))}
-    return {place: path.read_text(errors="replace") for place, path in found.items()}
-
-
-def make_readonly(tree: Path) -> None:
-    """Make the mounts from `tree` on read-only, with one call where the kernel has it."""
-    try:
-        linux.set_tree_readonly(tree)
-    except OSError as error:
-        if error.errno != ENOSYS:
-            raise
-        remount_readonly(tree)
-
-
-def remount_readonly(tree: Path) -> None:
-    """Make the tree read-only mount by mount, for kernels before 5.12."""
-    lines = Path("/proc/self/mountinfo").read_text().splitlines()
-    for path in [_unescaped(line.split(" ")[4]) for line in lines]:
-        if not Path(path).is_relative_to(tree):
+def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]:
+    for entry in sorted(_listed(folder), key=lambda entry: entry.name):
+        path = folder / entry.name
+        if entry.name.startswith(".") or path in hidden:
             continue
-        flags = MS_REMOUNT | MS_BIND | MS_RDONLY | MS_NOSUID
-        try:
-            linux.mount(None, path, None, flags | linux.mount_flags(path))
-        except OSError as error:
-            # Covered by another mount or behind a folder that is closed to us: out of the robot's reach too.
-            if error.errno not in {EACCES, EINVAL, ENOENT}:
-                raise
+        if not _is_subfolder(entry):
+            yield path
+        elif not any(_listed(path)) or _is_run(path):
+            continue
+        elif any(one.is_relative_to(path) for one in hidden) or _holds_run(path, depth - 1):
+            yield from _entries(path, hidden, depth - 1)
+        else:
+            yield path
 
 
-def _unescaped(field: str) -> str:
-    """A path from mountinfo, where blanks and backslashes are octal (proc_pid_mountinfo(5))."""
-    head, *rest = field.split("\\")
-    return head + "".join(chr(int(part[:3], 8)) + part[3:] for part in rest)
+def _is_run(folder: Path) -> bool:
+    """True for a folder that a run writes to or has written to."""
+    inside = [entry for entry in _listed(folder) if _is_subfolder(entry)]
+    if (folder / "scenario.toml").is_file() and {"world", "laboratory"} & {entry.name for entry in inside}:
+        return True
+    files = (file.name for entry in inside for file in _listed(entry))
+    return any(name.endswith(".mcap") or name == "setup.json" for name in files)
 
 
-def _is_there(path: Path) -> bool:
-    """False also where a closed folder is in the way, which stays in the robot's way."""
-    return os.path.exists(path)  # noqa: PTH110 — Path.exists raises where access is denied
+def _holds_run(folder: Path, depth: int) -> bool:
+    subfolders = (e for e in _listed(folder) if depth > 0 and _is_subfolder(e) and not e.name.startswith("."))
+    return any(_is_run(Path(entry)) or _holds_run(Path(entry), depth - 1) for entry in subfolders)
 
 
-def _is_folder(path: Path) -> bool:
-    return os.path.isdir(path)  # noqa: PTH112 — Path.is_dir raises where access is denied
+def _listed(folder: str | os.PathLike[str]) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as found:
+            return list(found)
+    except OSError:  # not readable, or gone
+        return []
+
+
+def _is_subfolder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
 
 
 def _is_under(path: Path, folders: Iterable[Path]) -> bool:
     return any(path.is_relative_to(folder) for folder in folders)
 
 
-def _outermost(paths: Iterable[Path]) -> list[Path]:
-    """The paths without those that lie in another one of them."""
-    kept: list[Path] = []
-    for path in sorted(set(paths)):
-        if not _is_under(path, kept):
-            kept.append(path)
-    return kept
+def _places(path: Path) -> tuple[Path, ...]:
+    """Return the absolute path, and the path behind its links."""
+    return tuple(dict.fromkeys((path.absolute(), Path(os.path.realpath(path)))))
+
+
+def enter(view: FileView) -> None:
+    """Replace this process's file tree by `view`; requires its own user and mount namespaces."""
+    linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
+    links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
+    handles = _handles(view, [path for path in SYSTEM if path not in links])
+    machine = {path: path.read_text(errors="replace") for path in _STATIC if _exists(path)}
+    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={_SCRATCH_BYTES},mode=0755")
+    for folder in SCRATCH:
+        _new(folder).mkdir(parents=True, exist_ok=True)
+        options = f"size={_SCRATCH_BYTES},nr_inodes={_SCRATCH_FILES},mode=0755"
+        linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
+    for place in sorted(handles, key=lambda path: len(path.parts)):
+        _bind(handles[place], _new(place))
+        os.close(handles[place])
+    for path, text in machine.items():
+        _new(path).parent.mkdir(parents=True, exist_ok=True)
+        _new(path).write_text(text)
+    for path, target in links.items():
+        _new(path).symlink_to(target)
+    _make_readonly({_new(folder) for folder in (*SCRATCH, *view.homes)})
+    linux.pivot_root(_STAGE)
+
+
+def _handles(view: FileView, system: Iterable[Path]) -> dict[Path, int]:
+    """Open everything that is shown, by its place in the new tree."""
+    outermost: list[Path] = []
+    for place in sorted(view.shown):
+        if not _is_under(place, (*outermost, *SYSTEM)):
+            outermost.append(place)
+    sources = {path: path for path in (*_DEVICES, *system)}
+    sources |= {place: view.shown[place] for place in outermost} | dict.fromkeys(view.homes, view.own)
+    return {
+        place: os.open(source, os.O_PATH | os.O_CLOEXEC)
+        for place, source in sources.items()
+        if _exists(source)
+    }
+
+
+def _exists(path: Path) -> bool:
+    return os.path.exists(path)  # noqa: PTH110 — Path.exists raises where access is denied
+
+
+def _new(path: Path) -> Path:
+    """Return the place of `path` while the tree is being built."""
+    return _STAGE / path.relative_to("/")
 
 
 def _bind(handle: int, path: Path) -> None:
@@ -196,61 +216,22 @@ def _bind(handle: int, path: Path) -> None:
     linux.mount(f"/proc/self/fd/{handle}", path, None, MS_BIND | MS_REC)
 
 
-def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """Files and folders in `folder` that may be shown whole; `folder` itself if it is a file.
-
-    Left out are what `hidden` names, names that begin with a dot, empty folders and every run's folder. A
-    folder that holds such a thing is gone into.
-    """
-    if os.path.isfile(folder):  # noqa: PTH113 — Path.is_file raises where access is denied
-        yield folder
-    yield from _shown(folder, hidden, _DEPTH)
-
-
-def is_run(folder: Path) -> bool:
-    """True for a folder that a run writes to or has written to."""
-    inside = [entry for entry in _listed(folder) if _is_subfolder(entry)]
-    if (folder / "scenario.toml").is_file() and {"world", "laboratory"} & {entry.name for entry in inside}:
-        return True
-    return any(
-        name.name.endswith(".mcap") or name.name == "setup.json" for one in inside for name in _listed(one)
-    )
-
-
-def _shown(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]:
-    for entry in sorted(_listed(folder), key=lambda entry: entry.name):
-        path = folder / entry.name
-        if entry.name.startswith(".") or path in hidden:
+def _make_readonly(writable: Collection[Path]) -> None:
+    """Make all mounts of the new tree read-only but these."""
+    for line in Path("/proc/self/mountinfo").read_text().splitlines():
+        path = Path(_unescaped(line.split(" ")[4]))
+        if path in writable or not path.is_relative_to(_STAGE):
             continue
-        if not _is_subfolder(entry):
-            yield path
-        elif not any(_listed(path)) or is_run(path):
-            continue
-        elif any(one.is_relative_to(path) for one in hidden) or _holds_run(path, depth - 1):
-            yield from _shown(path, hidden, depth - 1)
-        else:
-            yield path
+        try:
+            flags = MS_REMOUNT | MS_BIND | MS_RDONLY | MS_NOSUID | linux.mount_flags(path)
+            linux.mount(None, path, None, flags)
+        except OSError as error:
+            # Covered by another mount, or in a folder without access: unreachable in the sandbox, too.
+            if error.errno not in {EACCES, EINVAL, ENOENT}:
+                raise
 
 
-def _holds_run(folder: Path, depth: int) -> bool:
-    if depth <= 0:
-        return False
-    inside = [
-        folder / entry.name for entry in _listed(folder) if _is_subfolder(entry) and entry.name[0] != "."
-    ]
-    return any(is_run(path) or _holds_run(path, depth - 1) for path in inside)
-
-
-def _listed(folder: str | os.PathLike[str]) -> list[os.DirEntry[str]]:
-    try:
-        with os.scandir(folder) as found:
-            return list(found)
-    except OSError:  # closed to us, or gone
-        return []
-
-
-def _is_subfolder(entry: os.DirEntry[str]) -> bool:
-    try:
-        return entry.is_dir()
-    except OSError:
-        return False
+def _unescaped(field: str) -> str:
+    """Decode a path of mountinfo, where blanks and backslashes are octal (proc_pid_mountinfo(5))."""
+    head, *rest = field.split("\\")
+    return head + "".join(chr(int(part[:3], 8)) + part[3:] for part in rest)

@@ -1,4 +1,4 @@
-"""A robot's process shut off from its peers: what is left is its own folder, with the router's socket in it.
+"""The sandbox of a robot's process: what is left is its own folder, with the router's socket in it.
 
 Linux only: user, network, mount, IPC and process namespaces, no capabilities, and a filter on system calls.
 Works for root and, where unprivileged user namespaces are allowed, for everyone. docs/trust.md lists the
@@ -8,29 +8,41 @@ layers.
 import functools
 import os
 import resource
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple, NoReturn
 
 import msgspec
 
 from actors.runtime import failure, linux
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import mounts, syscall_filter
-from actors.runtime.linux import write_to
 
 _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
 )
-_TRIAL: Final = "import sys; from actors.runtime.isolation.sandbox import trial; trial(sys.argv[1])"
-_PROJECT: Final = Path(__file__).resolve().parents[3]
-"""Where the packages of this project are."""
-_NOT_ITS_CODE: Final = ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
-"""What of the project is about the whole swarm, and about runs that have been."""
+_TRIAL: Final = """
+import sys
+from pathlib import Path
+from actors.runtime.isolation.mounts import file_view
+from actors.runtime.isolation.sandbox import Handover, isolate
+isolate(lambda: Handover(file_view(Path(sys.argv[1]))))
+"""
+_REFUSED: Final = 2
+"""Exit code of a process that the system does not let isolate itself."""
+MESSAGE_LIMIT: Final = 1 << 16
+"""Bytes of one message between keeper, sandboxed process and fork server."""
+_SPENT: Final = struct.Struct("d")
+"""CPU time of the keeper until then, s: what a message to the sandboxed process begins with."""
 NAMES: Final = "names.json"
 """File in the folder of a run with a strategy of the user's own."""
 FOLDER: Final = Path("/robot")
@@ -49,76 +61,77 @@ class IsolationError(AcrcError):
     """A robot's process cannot be shut off from its peers."""
 
 
-@dataclass(frozen=True)
-class Confinement:
-    """What one robot's process keeps when it is isolated."""
+class Handover(NamedTuple):
+    """What the keeper prepares for the sandboxed process."""
 
-    own: Path
-    """The robot's own folder, the only one that it may write to. It stays writable at the same path."""
-    hidden: tuple[Path, ...] = ()
-    """Files and folders that must not be seen although they lie in a folder with code or in a readable one:
-    the run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
-    readable: tuple[Path, ...] = ()
-    """Files and folders that the robot must read; seen whole. Python, system and this project always are."""
-    code: tuple[Path, ...] = ()
-    """Folders with the code that it runs, like those on Python's path: seen entry by entry, without runs."""
-    log: Path | None = None
-    """File in the own folder that stdout and stderr go to. None: they stay what they are, and then the
-    starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
-    descriptors: tuple[int, ...] = (1, 2)
-    """Open descriptors to keep; none may be a folder. All others become /dev/null."""
-    parent: int | None = None
-    """End when this process ends, which must be the parent; None: outlive it."""
+    view: mounts.FileView
+    message: bytes = b""
+    descriptors: tuple[int, ...] = ()
 
 
-def isolate(plan: Confinement) -> None:
-    """Shut this process off, for good; its working directory becomes `plan.own`.
+def isolate(
+    prepare: Callable[[], Handover],
+    kept: Collection[int] = (0, 1, 2),
+    *,
+    parent: int | None = None,
+    private: Collection[int] = (),
+) -> tuple[bytes, list[int]]:
+    """Go on in a sandboxed child; this process stays outside as its keeper (`linux.enter_namespace`).
 
-    To be called with one thread only, so before Zenoh and numpy start theirs. The program goes on in a child
-    of the process that called, with another process id, and whoever waits for the latter sees the child's end
-    (`linux.enter_namespace`). Afterwards only `plan.own`, scratch folders and what is needed to run are seen,
-    no process but its own children, there is no network, and file locks, watches and new namespaces are
-    refused. Raises
-    IsolationError where the system does not allow this; the process is then half shut off and must end.
+    The keeper calls `prepare` and builds the view; the child returns the message and the descriptors. So the
+    child holds nothing of what only `prepare` knows. `kept`: descriptors of the child; all others become
+    /dev/null. `private`: descriptors of the keeper. The keeper ends with `parent`, which must be its parent.
+
+    Requires a single thread, so call it before Zenoh and numpy start theirs. Where the system refuses, a
+    sentence on standard error says why, and the process ends with exit code 2.
     """
     if sys.platform != "linux":
-        raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
+        _refuse(f"isolation needs Linux, this is {sys.platform}")
     if not syscall_filter.supported():
-        raise IsolationError(_sentence(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}"))
-    check_threads()
-    plan.own.resolve(strict=True)  # A missing folder is the caller's mistake and not the machine's.
-    try:
-        separate(plan)
-        close_ways_out()
-    except OSError as error:
-        raise refusal(error) from error
-
-
-def check_threads() -> None:
-    """RuntimeError in a process with several: only one of them would be shut off."""
+        _refuse(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}")
     if len(list(Path("/proc/self/task").iterdir())) > 1:
         raise RuntimeError("isolate() must be called before the process starts its second thread")
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    _shed_descriptors((*kept, ours.fileno(), theirs.fileno(), *private))
+    os.chdir("/")  # no working directory shows the former tree
+    try:
+        _enter_namespaces()
+    except OSError as error:
+        prepare()  # from here on standard error leads to the log
+        _refuse(_reason(error))
+    keep = partial(_serve, prepare, ours, theirs)
+    linux.enter_namespace(parent, keep, (ours.fileno(), *private))
+    ours.detach()
+    message, descriptors, _, _ = socket.recv_fds(theirs, MESSAGE_LIMIT, 2)
+    theirs.close()
+    if not message:
+        os._exit(1)
+    linux.add_spent(*_SPENT.unpack(message[: _SPENT.size]))
+    try:
+        linux.drop_capabilities()
+        syscall_filter.install()
+    except OSError as error:
+        _refuse(_reason(error))
+    return message[_SPENT.size :], descriptors
 
 
-def close_ways_out() -> None:
-    """The last part of `isolate`: drop all capabilities and install the filter."""
-    linux.drop_capabilities()
-    syscall_filter.install()
+def _serve(prepare: Callable[[], Handover], ours: socket.socket, theirs: socket.socket) -> None:
+    """In the keeper: build the view, and hand over what the sandboxed process needs."""
+    theirs.close()
+    try:
+        handover = prepare()
+        mounts.enter(handover.view)
+    except OSError as error:
+        _refuse(_reason(error))
+    message = _SPENT.pack(time.process_time()) + handover.message
+    with ours, suppress(BrokenPipeError):  # it has been ended
+        socket.send_fds(ours, [message], handover.descriptors)
+    for descriptor in handover.descriptors:
+        os.close(descriptor)
 
 
-def separate(plan: Confinement) -> None:
-    """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
-    view = file_view(plan)
-    shed_descriptors(plan.descriptors)
-    if plan.log is not None:
-        write_to(os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600))
-    enter_namespaces()
-    linux.enter_namespace(plan.parent)
-    mounts.enter(view)
-
-
-def enter_namespaces() -> None:
-    """New namespaces of all kinds, with this process's user as the only one."""
+def _enter_namespaces() -> None:
+    """Enter new namespaces of all kinds, with this process's user as the only one."""
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
     for name, text in (
@@ -132,9 +145,32 @@ def enter_namespaces() -> None:
             raise OSError(error.errno, error.strerror, f"/proc/self/{name}") from error
 
 
-def file_view(plan: Confinement) -> mounts.FileView:
-    """What `plan` lets the process see."""
-    return mounts.FileView(plan.own, (*plan.hidden, *_code(plan)), tuple(_shown(plan)))
+def _shed_descriptors(kept: Collection[int]) -> None:
+    """Turn inherited descriptors into /dev/null.
+
+    Closing would free the numbers, and an object that still owns one would close another's file.
+    """
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
+        with suppress(OSError):  # the listing's own, closed by now
+            if number not in kept and number != nothing and os.fstat(number):
+                os.dup2(nothing, number, inheritable=number < 3)
+    os.close(nothing)
+
+
+def _reason(error: OSError) -> str:
+    said = f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+    return f"robots cannot be isolated on this machine: {said}"
+
+
+def _refuse(reason: str) -> NoReturn:
+    sys.stderr.write(f"{_sentence(reason)}\n")
+    sys.stderr.flush()
+    os._exit(_REFUSED)
+
+
+def _sentence(reason: str) -> str:
+    return f"{reason}; {advice()}"
 
 
 @functools.cache
@@ -144,102 +180,18 @@ def available() -> str | None:
     Tries it in a child process, once per process.
     """
     with tempfile.TemporaryDirectory() as folder:
-        trial_run = subprocess.run(
+        trial = subprocess.run(
             [sys.executable, "-P", "-c", _TRIAL, folder],
             # Nothing from the working directory, nor from what the user's environment says, is imported here.
-            env={"PYTHONPATH": str(_PROJECT), **container_variables()},
+            env={"PYTHONPATH": str(Path(__file__).resolve().parents[3]), **container_variables()},
             capture_output=True,
             text=True,
             check=False,
         )
-    if trial_run.returncode == 0:
-        return None
-    return trial_run.stdout.strip() or _sentence(
-        f"the trial of isolation ended with: {trial_run.stderr.strip()[-300:]}"
-    )
-
-
-def trial(folder: str) -> None:
-    """Isolate this process in `folder`; on failure print the reason and exit with 1."""
-    try:
-        isolate(Confinement(own=Path(folder)))
-    except IsolationError as error:
-        sys.stdout.write(str(error))
-        sys.exit(1)
-
-
-def _shown(plan: Confinement) -> Iterator[Path]:
-    """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
-    yield from _installed()
-    own = unseen(plan.hidden)
-    hidden = (*own, *mounts.SCRATCH, *mounts.NEVER)
-    outside = _code(plan)
-    for path in dict.fromkeys(plan.readable):
-        if not any(one.is_relative_to(path.resolve()) for one in hidden):
-            yield path
-        elif path.resolve() not in hidden:
-            outside.append(path)
-    for folder in dict.fromkeys(outside):
-        yield from code_entries(folder, hidden)
-
-
-def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
-    """What is not seen although it lies beside code: what is hidden, and the project's runs and scenarios.
-
-    Of a scenario also the others beside it, for which of them is missing would tell which one it is.
-    """
-    beside = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
-    own = (*hidden, *beside, *(_PROJECT / name for name in _NOT_ITS_CODE))
-    return tuple(dict.fromkeys((*own, *(path.resolve() for path in own))))
-
-
-def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """What is seen of a folder with code; nothing of one that is hidden itself."""
-    if not any(folder.resolve().is_relative_to(path) for path in hidden if path not in mounts.SCRATCH):
-        yield from mounts.code_entries(folder, hidden)
-
-
-def _installed() -> list[Path]:
-    """Where Python and its packages are."""
-    return [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
-
-
-def _code(plan: Confinement) -> list[Path]:
-    """Folders with code that is neither installed nor the system's."""
-    folders = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
-    return [
-        path for path in folders if not any(path.is_relative_to(p) for p in (*_installed(), *mounts.SYSTEM))
-    ]
-
-
-def shed_descriptors(kept: Collection[int]) -> None:
-    """Turn what was inherited into /dev/null.
-
-    Closing would free the numbers, and an object that still believes to own one would close another's file.
-    """
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
-        if number not in kept and number != nothing and _is_open(number):
-            os.dup2(nothing, number, inheritable=number < 3)
-    os.close(nothing)
-
-
-def _is_open(number: int) -> bool:
-    try:
-        os.fstat(number)
-    except OSError:
-        return False
-    return True
-
-
-def refusal(error: OSError) -> IsolationError:
-    """What the user is told where the system does not allow it."""
-    said = f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
-    return IsolationError(_sentence(f"robots cannot be isolated on this machine: {said}"))
-
-
-def _sentence(reason: str) -> str:
-    return f"{reason}; {advice()}"
+    said = trial.stderr.strip()
+    if trial.returncode in (0, _REFUSED):
+        return said or None
+    return _sentence(f"the trial of isolation ended with: {said[-300:]}")
 
 
 class StrategyFolders(msgspec.Struct, frozen=True):
@@ -287,16 +239,16 @@ def outside_paths(text: str, names: Names) -> str:
 def robot_view(names: Names) -> mounts.FileView:
     """Return the file tree of a robot whose folders have other names inside."""
     folder = Path(names.folder)
-    own, hidden = own_folder(folder), (*map(Path, names.hidden), folder.parent)
-    plain = file_view(Confinement(own=own, hidden=hidden))
-    not_seen = unseen(hidden)
+    hidden = (*map(Path, names.hidden), folder.parent)
+    plain = mounts.file_view(own_folder(folder), hidden)
+    not_seen = mounts.unseen(hidden)
     entries = {
         seen / found.relative_to(path): found
         for seen, path in zip(code_places(len(names.code)), map(Path, names.code), strict=True)
-        for found in code_entries(path, not_seen)
+        for found in mounts.code_entries(path, not_seen)
     }
-    sealed = [path for path in plain.sealed if path not in hidden]
-    return plain._replace(sealed=sealed, home=own_folder(FOLDER), renamed={FOLDER: folder, **entries})
+    shown = {**plain.shown, FOLDER: folder, **entries}
+    return mounts.FileView(plain.own, (own_folder(FOLDER),), shown)
 
 
 @dataclass(frozen=True)
