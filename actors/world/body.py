@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.doors import DoorError, Doorways
-from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
+from actors.floor.grid import FREE, OCCUPIED, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
@@ -27,73 +27,6 @@ from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
 from deeco.knowledge import made
 
-
-class _Leaf(NamedTuple):
-    """What fills a door."""
-
-    cells: NDArray[np.bool_]
-    segments: NDArray[np.float64]
-
-
-class Doors:
-    """All doors of a floor; as long as none is ordered to close, nothing is computed."""
-
-    def __init__(self, solid: OccupancyGrid, visible: OccupancyGrid, radius: float) -> None:
-        """`solid` and `visible`: the floor to bodies and to sensors; `radius`: of the largest robot, m."""
-        self._solid = solid
-        self._visible = visible
-        self._doorways = Doorways(solid, radius)
-        self._closed: dict[int, _Leaf] = {}
-        self._closing: dict[int, _Leaf] = {}
-        """Doors that wait until nobody stands in the way."""
-
-    def close(self, point: Point) -> int:
-        """Let the door at a point close with the next `settle` at which it can; its index.
-
-        Raises DoorError where there is none, or it is closed or closing.
-        """
-        door = self._doorways.at(point)
-        if door.index in self._closed or door.index in self._closing:
-            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is closed already")
-        cells = self._doorways.closed(door)
-        alone = replace(self._solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
-        self._closing[door.index] = _Leaf(cells, outline(alone, beyond=False))
-        return door.index
-
-    def open(self, point: Point, arena: Arena, sensors: RangeSensors) -> int:
-        """Open the door at a point, or call off its closing; its index. Raises DoorError if it is open."""
-        door = self._doorways.at(point).index
-        if self._closing.pop(door, None) is not None:
-            return door
-        if self._closed.pop(door, None) is None:
-            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is open already")
-        arena.open_door(door)
-        sensors.look_at(self._seen)
-        return door
-
-    def settle(self, arena: Arena, sensors: RangeSensors) -> list[int]:
-        """Close every door that is to be closed and in which no robot stands; return their indices."""
-        free = [door for door, leaf in self._closing.items() if not arena.in_the_way(leaf.segments)]
-        for door in free:
-            self._closed[door] = self._closing.pop(door)
-            arena.close_door(door, self._closed[door].segments)
-        if free:
-            sensors.look_at(self._seen)
-        return free
-
-    def ends(self, door: int) -> tuple[Point, Point]:
-        """Both ends of a door that is closed or closing."""
-        return self._doorways.leaf((self._closing | self._closed)[door].cells)
-
-    @property
-    def _seen(self) -> OccupancyGrid:
-        """What range sensors see of floor and doors."""
-        cells = self._visible.cells
-        for leaf in self._closed.values():
-            cells = np.where(leaf.cells, np.uint8(OCCUPIED), cells)
-        return replace(self._visible, cells=cells)
-
-
 POST_RADIUS: Final = 0.05
 """Of the posts that a wall is made of, m; own choice: as thick as a partition."""
 _POST_SPACING: Final = 0.075
@@ -102,7 +35,7 @@ Places = tuple[tuple[float, float], ...]
 
 
 class FloorRecord:
-    """What has been put on the floor and what is gone, as far as nobody has taken it."""
+    """Collects the changes of the floor for the message FloorChanged."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -118,7 +51,7 @@ class FloorRecord:
         self._count += 1
 
     def turn(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
-        """A door is of another kind now, or open: without ends. It is as thick as a wall."""
+        """Change the kind of a door, which is as thick as a wall; without ends it is open."""
         if door in self._doors:
             self._gone.append(self._doors.pop(door))
         if ends:
@@ -126,12 +59,77 @@ class FloorRecord:
             self.put(kind, ends, POST_RADIUS)
 
     def take(self, step: int) -> FloorChanged | None:
-        """What has changed since the last call; None: nothing."""
+        """Return the changes since the last call; None without any."""
         if not self._put and not self._gone:
             return None
         changed = FloorChanged(step, tuple(self._put), tuple(self._gone))
         self._put, self._gone = [], []
         return changed
+
+
+class _Leaf(NamedTuple):
+    """A closed or closing door."""
+
+    cells: NDArray[np.bool_]
+    segments: NDArray[np.float64]
+    ends: tuple[Point, Point]
+
+
+class Doors:
+    """Opens and closes the doors of a floor; computes nothing until one is ordered to close."""
+
+    def __init__(
+        self, floor: RealFloor, radius: float, arena: Arena, sensors: RangeSensors, record: FloorRecord
+    ) -> None:
+        """`radius`: of the largest robot, m."""
+        self._floor = floor
+        self._arena = arena
+        self._sensors = sensors
+        self._record = record
+        self._doorways = Doorways(floor.solid, radius)
+        self._closed: dict[int, _Leaf] = {}
+        self._closing: dict[int, _Leaf] = {}
+        """Doors that wait until no robot stands in the way."""
+
+    def close(self, point: Point) -> None:
+        """Close the door at a point with the next possible `settle`.
+
+        Raises DoorError where there is none, or it is closed or closing.
+        """
+        door = self._doorways.at(point)
+        if door.index in self._closed or door.index in self._closing:
+            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is closed already")
+        cells = self._doorways.closed(door)
+        alone = replace(self._floor.solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
+        leaf = _Leaf(cells, outline(alone, beyond=False), self._doorways.leaf(cells))
+        self._closing[door.index] = leaf
+        self._record.turn(door.index, "closing door", leaf.ends)
+
+    def open(self, point: Point) -> None:
+        """Open the door at a point, or call off its closing. Raises DoorError if it is open."""
+        door = self._doorways.at(point).index
+        if self._closing.pop(door, None) is None:
+            if self._closed.pop(door, None) is None:
+                raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is open already")
+            self._arena.open_door(door)
+            self._show_to_sensors()
+        self._record.turn(door)
+
+    def settle(self) -> None:
+        """Close every closing door in which no robot stands."""
+        free = [door for door, leaf in self._closing.items() if not self._arena.in_the_way(leaf.segments)]
+        for door in free:
+            leaf = self._closed[door] = self._closing.pop(door)
+            self._arena.close_door(door, leaf.segments)
+            self._record.turn(door, "closed door", leaf.ends)
+        if free:
+            self._show_to_sensors()
+
+    def _show_to_sensors(self) -> None:
+        cells = self._floor.visible.cells
+        for leaf in self._closed.values():
+            cells = np.where(leaf.cells, np.uint8(OCCUPIED), cells)
+        self._sensors.look_at(replace(self._floor.visible, cells=cells))
 
 
 class Bodies:
@@ -141,18 +139,19 @@ class Bodies:
         if setup.step_us <= 0 or setup.step_us % SUBSTEP:
             raise AcrcError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
-        grid, visible = real_floor(setup, self._models)
-        self._grid = grid
+        floor = real_floor(setup, self._models)
+        self._grid = floor.solid
         self.floor_record = FloorRecord()
         stage, kobuki = drifting(setup.uncertainty)
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
-        self._arena = Arena(outline(grid), names, self._models, poses)
+        self._arena = Arena(outline(floor.solid), names, self._models, poses)
         noise = [generator(setup.world_seed, "range noise", name) for name in names]
         dropout = setup.uncertainty.dropout
         dropouts = [generator(setup.world_seed, "range dropout", name) for name in names]
-        self._sensors = RangeSensors(visible, self._models, noise, dropout, dropouts)
-        self._doors = Doors(grid, visible, max(model.footprint.circumradius for model in self._models))
+        self._sensors = RangeSensors(floor.visible, self._models, noise, dropout, dropouts)
+        radius = max(model.footprint.circumradius for model in self._models)
+        self._doors = Doors(floor, radius, self._arena, self._sensors, self.floor_record)
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
             self._models,
@@ -178,7 +177,7 @@ class Bodies:
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
-        """(o, 3): what was put on the floor: x, y and radius, m."""
+        """(o, 3): x, y and radius of the obstacles that were added, m."""
         return self._arena.obstacles
 
     @property
@@ -189,7 +188,8 @@ class Bodies:
     @property
     def driven(self) -> list[float]:
         """How far each robot has come so far, m, by itself or pushed; to be carried does not count."""
-        return [float(way) for way in self._driven]
+        driven: list[float] = self._driven.tolist()
+        return driven
 
     def truth(self, index: int) -> tuple[float, float, float, float, float, float]:
         """x, y, heading; vx, vy (map frame), omega."""
@@ -198,24 +198,14 @@ class Bodies:
     def senses(
         self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
     ) -> Senses:
-        """What the robot's base has to say now, and places that it is given. A scan is handed out once."""
+        """Return what the robot's base reports, with new places. A scan is handed out once."""
         scans = self._scans[index]
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
         odometry, earlier = self._odometers.read(index), tuple(scans)
         if scans:
             scans.clear()
-        return Senses(
-            step=step,
-            instant=instant,
-            events=events,
-            odometry=odometry,
-            bumper=bumper,
-            scan=scan,
-            halt=halt,
-            earlier_scans=earlier,
-            places=places,
-        )
+        return Senses(step, instant, events, odometry, bumper, scan, halt, earlier, places)
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""
@@ -223,8 +213,7 @@ class Bodies:
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
-        for door in self._doors.settle(self._arena, self._sensors):
-            self.floor_record.turn(door, "closed door", self._doors.ends(door))
+        self._doors.settle()
         end = instant + duration_us
         now: int = instant
         while now < end:
@@ -252,27 +241,22 @@ class Bodies:
         self._arena.add_obstacle(Point(x, y), radius)
         self.floor_record.put("obstacle", [Point(x, y)], radius)
 
-    def add_wall(self, start: Point, end: Point) -> int:
-        """Put a wall on the floor: a row of posts that neither a body nor a ray gets through; how many.
-
-        All of them, or none: raises as `add_obstacle` does.
-        """
+    def add_wall(self, start: Point, end: Point) -> None:
+        """Add a wall as a row of overlapping posts: all of them, or none, raising as `add_obstacle`."""
         posts = wall_posts(start, end)
         for post in posts:
             self._arena.check_obstacle(post, POST_RADIUS)
         for post in posts:
             self._arena.add_obstacle(post, POST_RADIUS)
         self.floor_record.put("wall", [start, end], POST_RADIUS)
-        return len(posts)
 
     def close_door(self, x: float, y: float) -> None:
-        """Close the door at a point once nobody stands in it, at the beginning of a step."""
-        door = self._doors.close(Point(x, y))
-        self.floor_record.turn(door, "closing door", self._doors.ends(door))
+        """Close the door at a point at the first step in which no robot stands in it."""
+        self._doors.close(Point(x, y))
 
     def open_door(self, x: float, y: float) -> None:
-        """Open it again."""
-        self.floor_record.turn(self._doors.open(Point(x, y), self._arena, self._sensors))
+        """Open the door at a point."""
+        self._doors.open(Point(x, y))
 
     def check_places(self, places: Places) -> None:
         """Raise PlacementError for a place that is not on free floor."""

@@ -6,7 +6,6 @@ restart.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from enum import Enum
 from typing import Final
 
@@ -44,7 +43,7 @@ from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
-from actors.world.sensing import PoseError, Whereabouts
+from actors.world.sensing import PoseError, PoseErrorSum
 from actors.world.world_setup import BarrierStanding, Member, Participants, WorldSetup
 
 _SHOWN: Final = 32
@@ -69,15 +68,13 @@ class WorldCore:
         self._bodies = bodies
         self._participants = Participants(setup.robots)
         self._task = task
-        self._whereabouts = Whereabouts(len(setup.robots))
+        self._pose_errors = [PoseErrorSum() for _ in setup.robots]
         self._orders = Orders(setup.events, self._participants, bodies, task)
-        self._effects = Effects()
-        """Of the boundary that was opened last."""
         self._step = 0
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
         self._pause_at: int | None = None
-        """The step at whose boundary somebody wants it to pause again."""
+        """The step at whose boundary to pause next."""
         self._speed: float | None = None
         self._awaits_radio = True
         self._restarting = False
@@ -104,7 +101,7 @@ class WorldCore:
 
     @property
     def speed(self) -> float | None:
-        """Simulated seconds per second as ordered last, 0: no limit; None: nobody has said."""
+        """Last ordered speed, simulated seconds per second; 0: unlimited, None: never ordered."""
         return self._speed
 
     @property
@@ -120,14 +117,13 @@ class WorldCore:
     @property
     def pose_errors(self) -> dict[str, PoseError]:
         """How far each robot's own idea of where it is has lain from the truth, by robot."""
-        return {member.id: self._whereabouts.error(member.index) for member in self._participants.members}
+        return {member.id: self._pose_errors[member.index].error() for member in self._participants.members}
 
     @property
     def driven(self) -> dict[str, float]:
         """How far each robot truly has driven, or was pushed, m, by robot."""
-        return {
-            member.id: round(self._bodies.driven[member.index], 3) for member in self._participants.members
-        }
+        driven = self._bodies.driven
+        return {member.id: round(driven[member.index], 3) for member in self._participants.members}
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -207,41 +203,40 @@ class WorldCore:
         member.standing = BarrierStanding.STEPPING
 
     def _open(self, inputs: Inputs) -> Sequence[Output]:
+        effects = self._orders.effects
         if self._phase is WorldPhase.OPEN:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
-            self._effects = self._orders.due(self.instant)
+            self._orders.begin(self.instant)
+            effects = self._orders.effects
             if self._pause_at == self._step:
-                self._effects = replace(self._effects, paused=True, steps=0)
+                effects.paused, effects.steps = True, 0
         outputs = self._take_orders(inputs) + self._floor_changes()
-        self._heed(self._effects)
-        for start in self._effects.starts:
-            self._task.restart(start.robot)
-        if self._effects.paused and not self._effects.stop:
-            self._phase = WorldPhase.PAUSED
-            return [*outputs, to(PROGRESS, self._progress())]
-        outputs += self._end_processes()
-        if self._over():
-            return [*outputs, *self._halt()]
-        if self._effects.starts:
-            self._restarting = True
-            self._phase = WorldPhase.ROLL_CALL
-            return [*outputs, to(ROSTER, Roster(self._step, self._effects.starts))]
-        return [*outputs, *self._send_senses()]
-
-    def _heed(self, effects: Effects) -> None:
-        """What is wished of the run's rhythm, at this boundary and later."""
         if effects.speed is not None:
             self._speed = effects.speed
         if effects.steps is not None:
             self._pause_at = self._step + effects.steps if effects.steps else None
+        for start in effects.starts:
+            self._task.restart(start.robot)
+        if effects.paused and not effects.stop:
+            self._phase = WorldPhase.PAUSED
+            return [*outputs, to(PROGRESS, self._progress())]
+        ended = [self._participants[robot] for robot in effects.ends]
+        outputs += [self._senses(member, self.instant, halt=True) for member in ended]
+        if self._over(effects):
+            return [*outputs, *self._halt()]
+        if effects.starts:
+            self._restarting = True
+            self._phase = WorldPhase.ROLL_CALL
+            return [*outputs, to(ROSTER, Roster(self._step, tuple(effects.starts)))]
+        return [*outputs, *self._send_senses()]
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
-        """Carry out a person's orders, and tell him what has become of them if he wants to hear it."""
+        """Carry out a person's orders; answer if they have a ticket."""
         if at(CONTROL).key not in inputs:
             return []
         control: Control = read(inputs, CONTROL)
-        self._effects, refusals = self._orders.take(control.orders, self._effects)
+        refusals = self._orders.take(control.orders)
         return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
 
     def _take_counts(self, aired: Aired) -> None:
@@ -258,21 +253,16 @@ class WorldCore:
                 )
             self._participants[count.id].events += count.events
 
-    def _end_processes(self) -> list[Output]:
-        """Tell the processes that an order ended that this was all."""
-        ended = [self._participants[robot] for robot in self._effects.ends]
-        return [self._senses(member, self.instant, halt=True) for member in ended]
-
-    def _over(self) -> bool:
-        if self._effects.stop or self.instant >= self._setup.duration_us:
+    def _over(self, effects: Effects) -> bool:
+        if effects.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._task.settled and not self._orders.pending and not self._effects.starts
+        return self._task.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
         alive = self._participants.of(BarrierStanding.STEPPING, BarrierStanding.FROZEN)
         outputs = [self._senses(member, self.instant, halt=True) for member in alive]
-        outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         self._finished = True
+        outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         outputs.append(to(PROGRESS, self._progress()))
         return outputs
 
@@ -291,7 +281,7 @@ class WorldCore:
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = {member.id: 0 for member in self._participants.members}
-        held: dict[int, tuple[float, float, float] | None] = {}
+        estimates: dict[int, tuple[float, float, float]] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.of(BarrierStanding.STEPPING):
             drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` gives it
@@ -300,35 +290,24 @@ class WorldCore:
             self._bodies.command(member.index, drive, begin)
             if wrong := self._task.take(member.id, drive):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
-            held[member.index] = drive.pose
+            if drive.pose is not None:
+                estimates[member.index] = drive.pose
             transmits[member.id] = drive.transmits
         truths = [self._truth(member, transmits[member.id]) for member in self._participants.members]
-        for robot, pose in held.items():
-            self._whereabouts.take(robot, pose, truths[robot])
+        for robot, pose in estimates.items():
+            self._pose_errors[robot].add(pose, truths[robot])
         self._phase = WorldPhase.MOVE
-        effects = self._effects
-        truth = Truth(self._step, begin, tuple(truths), effects.jams, losses=effects.losses)
-        return (to(TRUTH, truth),)
+        jams, losses = self._orders.effects.jams, self._orders.effects.losses
+        return (to(TRUTH, Truth(self._step, begin, tuple(truths), tuple(jams), losses=tuple(losses))),)
 
     def _when(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
-        x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
         stepping = member.standing is BarrierStanding.STEPPING
-        return RobotTruth(
-            id=member.id,
-            x=x,
-            y=y,
-            heading=heading,
-            vx=vx,
-            vy=vy,
-            omega=omega,
-            stepping=stepping,
-            powered=member.standing is not BarrierStanding.ENDED,
-            transmits=transmits,
-            epoch=member.epoch,
-        )
+        powered = member.standing is not BarrierStanding.ENDED
+        state = self._bodies.truth(member.index)
+        return RobotTruth(member.id, *state, stepping, powered, transmits, member.epoch)
 
     def _move(self) -> Sequence[Output]:
         self._bodies.move(self.instant, self._setup.step_us)

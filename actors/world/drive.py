@@ -18,70 +18,45 @@ Floats = NDArray[np.float64]
 
 LIMITS = np.dtype(
     [
-        ("omnidirectional", np.bool_),
-        ("speed", np.float64),
-        ("acceleration", np.float64),
-        ("turn_rate", np.float64),
-        ("turn_acceleration", np.float64),
-        ("grip", np.float64),
-        ("turn_grip", np.float64),
-        ("mass", np.float64),
-        ("moment", np.float64),
-        ("watchdog_us", np.int64),
-        ("bumper_centre", np.float64),
-        ("bumper_reach", np.float64),
+        ("omnidirectional", "b1"),
+        *[(name, "f8") for name in ("speed", "acceleration", "turn_rate", "turn_acceleration")],
+        *[(name, "f8") for name in ("grip", "turn_grip", "mass", "moment")],
+        ("watchdog_us", "i8"),
+        *[(name, "f8") for name in ("bumper_centre", "bumper_reach")],
     ],
     align=True,
 )
-"""What the kernels know of one robot."""
+"""Parameters of one robot's drive and bumper; accelerations per second, angles in rad."""
 
 
 def moment_of_inertia(model: RobotModel) -> float:
-    """About the body's origin, kg m², its mass evenly spread over the footprint."""
+    """Return the moment about the body's origin, kg m², its mass evenly spread over the footprint."""
     if model.footprint.radius is not None:
         return model.mass * (model.footprint.radius * model.footprint.radius) / 2
     assert model.footprint.vertices is not None
     return geometry.moment(model.footprint.vertices, model.mass)
 
 
-def _turn_grip(model: RobotModel) -> float:
-    """Angular acceleration at which the wheels slide, rad/s², for wheels that stand half-way out."""
-    return model.drive.grip * model.mass * model.footprint.circumradius / 2 / moment_of_inertia(model)
-
-
 def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:
-    """(n,) of LIMITS. A robot without a bumper has one that reaches nowhere."""
-    return np.array(
-        [
-            (
-                model.drive.kind == "omnidirectional",
-                model.drive.speed,
-                model.drive.acceleration,
-                model.drive.turn_rate,
-                model.drive.turn_acceleration,
-                model.drive.grip,
-                _turn_grip(model),
-                model.mass,
-                moment_of_inertia(model),
-                seconds(model.drive.watchdog),
-                math.radians(model.bumper.centre_deg) if model.bumper else -1.0,
-                math.radians(model.bumper.reach_deg) if model.bumper else -1.0,
-            )
-            for model in models
-        ],
-        dtype=LIMITS,
-    )
+    """Return (n,) of LIMITS. A robot without a bumper has one of negative angles.
+
+    The wheels, half-way out from the centre, slide at the angular acceleration `turn_grip`.
+    """
+    rows = []
+    for model in models:
+        drive, moment, bumper = model.drive, moment_of_inertia(model), model.bumper
+        turn_grip = drive.grip * model.mass * model.footprint.circumradius / 2 / moment
+        rates = drive.speed, drive.acceleration, drive.turn_rate, drive.turn_acceleration, drive.grip
+        body = turn_grip, model.mass, moment, seconds(drive.watchdog)
+        sectors = (
+            [math.radians(bumper.centre_deg), math.radians(bumper.reach_deg)] if bumper else [-1.0, -1.0]
+        )
+        rows.append((drive.kind == "omnidirectional", *rates, *body, *sectors))
+    return np.array(rows, LIMITS)
 
 
 MEMORY = np.dtype(
-    [
-        ("ahead", np.float64),
-        ("aside", np.float64),
-        ("turn", np.float64),
-        ("hold_ahead", np.float64),
-        ("hold_aside", np.float64),
-        ("hold_turn", np.float64),
-    ]
+    [(name, "f8") for name in ("ahead", "aside", "turn", "hold_ahead", "hold_aside", "hold_turn")]
 )
 """What a drive remembers: the velocity its wheels are to turn at, m/s and rad/s in the body's frame, and how
 hard they hold against a push, as the change of velocity per sub-step, m/s and rad/s."""
@@ -241,23 +216,8 @@ def _sector(bearing: float, limit: Any) -> np.uint8:
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    fixed = np.zeros(3, LIMITS)
-    fixed["omnidirectional"] = [False, True, True]
-    for name, value in (
-        ("speed", 0.5),
-        ("acceleration", 1.0),
-        ("turn_rate", 5.0),
-        ("turn_acceleration", 3.5),
-    ):
-        fixed[name] = value
-    fixed["grip"], fixed["turn_grip"], fixed["mass"], fixed["moment"], fixed["watchdog_us"] = (
-        5.0,
-        28.0,
-        10.0,
-        0.157,
-        500_000,
-    )
-    fixed["bumper_centre"], fixed["bumper_reach"] = 0.5, 1.5
+    row = (0.5, 1.0, 5.0, 3.5, 5.0, 28.0, 10.0, 0.157, 500_000, 0.5, 1.5)
+    fixed = np.array([(omnidirectional, *row) for omnidirectional in (False, True, True)], LIMITS)
     state = arrays.sin(np.arange(18.0)).reshape(3, 6)
     commands = arrays.cos(np.arange(9.0)).reshape(3, 3)
     forces, memory = np.zeros((3, 3)), np.full(3, 0.02).astype(MEMORY)

@@ -24,15 +24,10 @@ Indices = NDArray[np.int64]
 
 BASE = np.dtype(
     [
-        ("left_travel", np.float64),
-        ("right_travel", np.float64),
-        ("left_scale", np.float64),
-        ("right_scale", np.float64),
-        ("left_ticks", np.int64),
-        ("right_ticks", np.int64),
-        ("angle", np.float64),
-        ("bias", np.float64),
-        ("substeps", np.int64),
+        *[(name, "f8") for name in ("left_travel", "right_travel", "left_scale", "right_scale")],
+        *[(name, "i8") for name in ("left_ticks", "right_ticks")],
+        *[(name, "f8") for name in ("angle", "bias")],
+        ("substeps", "i8"),
     ],
     align=True,
 )
@@ -240,19 +235,28 @@ class Odometers:
             _check(model, kind)
         self._generators = tuple(generators)
         self._dt = in_seconds(substep)
-        self._kobuki = _in_si(kobuki, substep)
+        self._kobuki = (
+            kobuki.track,
+            kobuki.tick_um * 1e-6,
+            kobuki.slip,
+            math.radians(kobuki.gyro_noise_deg),
+            math.radians(kobuki.gyro_walk_deg),
+            math.radians(kobuki.gyro_resolution_deg),
+            kobuki.feedback // substep,
+        )
+        """The parameter `model` of `add_measured`."""
         self._origin = np.array(poses, np.float64)
         self._last = np.array(poses, np.float64)
         self._true_velocities = np.zeros((n, 3))
         self._estimates = np.zeros((n, 3))
         self._velocities = np.zeros((n, 3))
+        self._rows = np.zeros((n, 6))
         self._said: list[tuple[float, ...]] | None = None
         """What `read` gives, of all robots at once, until something has moved."""
         self._is_exact = np.array([kind == "exact" for kind in kinds], np.bool_)
         self._is_measured = np.array([kind == "kobuki" for kind in kinds], np.bool_)
-        self._rows = np.zeros((n, 6))
-        self._scaled = np.array([i for i, kind in enumerate(kinds) if kind == "stage"], np.int64)
-        self._measured = np.array([i for i, kind in enumerate(kinds) if kind == "kobuki"], np.int64)
+        self._scaled = np.flatnonzero(~(self._is_exact | self._is_measured))
+        self._measured = np.flatnonzero(self._is_measured)
         self._factors = np.ones((n, 3))
         for i in self._scaled:
             spread = np.array([stage.forward, stage.leftward, stage.turn])
@@ -272,17 +276,8 @@ class Odometers:
             add_scaled(track, self._scaled, self._last, self._factors, self._estimates)
         if self._measured.size:
             draws = np.stack([normals(self._generators[i], (len(track), 4)) for i in self._measured])
-            add_measured(
-                track,
-                self._measured,
-                self._last,
-                draws,
-                self._dt,
-                self._kobuki,
-                self._bases,
-                self._estimates,
-                self._velocities,
-            )
+            written = self._bases, self._estimates, self._velocities
+            add_measured(track, self._measured, self._last, draws, self._dt, self._kobuki, *written)
         self._last[:] = track[-1]
         self._true_velocities[:] = velocities
         self._said = None
@@ -296,16 +291,12 @@ class Odometers:
     def read(self, index: int) -> Odometry:
         """What the robot's base says."""
         if self._said is None:
-            self._said = self._all()
+            true = self._last, self._origin, self._true_velocities
+            estimated = self._estimates, self._velocities
+            tell(*true, *estimated, self._is_exact, self._is_measured, self._rows)
+            rows = self._rows.tolist()
+            self._said = [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
         return Odometry(*self._said[index])
-
-    def _all(self) -> list[tuple[float, ...]]:
-        """The fields of what each base says."""
-        said = self._estimates, self._velocities
-        true = self._last, self._origin, self._true_velocities
-        tell(*true, *said, self._is_exact, self._is_measured, self._rows)
-        rows = self._rows.tolist()
-        return [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
 
 
 def _check(model: RobotModel, kind: str) -> None:
@@ -317,16 +308,3 @@ def _check(model: RobotModel, kind: str) -> None:
             f"the odometry of a robot {model.name!r} is 'kobuki', which reads the wheels of a differential "
             "drive; it should be exact or stage"
         )
-
-
-def _in_si(kobuki: KobukiErrors, substep: Duration) -> tuple[float, float, float, float, float, float, int]:
-    """As the kernel `add_measured` wants it."""
-    return (
-        kobuki.track,
-        kobuki.tick_um * 1e-6,
-        kobuki.slip,
-        math.radians(kobuki.gyro_noise_deg),
-        math.radians(kobuki.gyro_walk_deg),
-        math.radians(kobuki.gyro_resolution_deg),
-        kobuki.feedback // substep,
-    )

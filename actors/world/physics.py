@@ -3,7 +3,6 @@
 import math
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final, NamedTuple
 
@@ -115,11 +114,10 @@ _MEET: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched")
 
 
 class BodyExchange:
-    """With one space, whose bodies, in the order in which they came, stay the same."""
+    """Exchanges forces and states with the bodies of one space, in the order in which they were added."""
 
     def __init__(self, space: pymunk.Space, forces: NDArray[np.float64]) -> None:
-        """`forces`: (n + 1, 3), N, N, N m, kept and read at each `step`; the last row is for what does not
-        move, which is a body to pymunk too."""
+        """`forces`: (n + 1, 3), N, N, N m, read at each `step`; the last row belongs to the walls."""
         self._space = space
         self._address = space._space
         self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
@@ -134,10 +132,9 @@ class BodyExchange:
         """(n + 1, 6): x, y, heading, vx, vy, omega after the last `step`, which writes to the same memory."""
 
     def step(self, dt: float, *, whole: bool) -> None:
-        """Let the forces act on the bodies for so long, s, and take the states over.
+        """Apply the forces for `dt`, s, and read the states.
 
-        `whole`: with all that pymunk does around it for what was added or removed since the last such step;
-        else the physics alone, which is the same where nothing was.
+        `whole`: with pymunk's bookkeeping of what was added or removed since the last such step.
         """
         self._floats.num = 0  # where reading begins
         lib.cpSpaceEachBody(self._address, _SET, self._pushed)
@@ -149,8 +146,10 @@ class BodyExchange:
         lib.cpSpaceEachBody(self._address, _GET, self._looked)
 
     def contacts(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]] | None:
-        """Those of the last sub-step, None without any: (m, 3), numbers of both bodies, and whether it is
-        new; (m, 2), the normal from the first to the second. Good until the next call."""
+        """Return the contacts of the last sub-step, None without any; valid until the next call.
+
+        (m, 3): numbers of both bodies, and whether it is new; (m, 2): the normal from first to second.
+        """
         self._numbers.num = self._normals.num = 0
         lib.cpSpaceEachCachedArbiter(self._address, _MEET, self._asked)
         if not self._numbers.num:
@@ -160,7 +159,7 @@ class BodyExchange:
 
 
 def _request(fields: batch.BodyFields | batch.ArbiterFields, buffer: batch.Buffer) -> Any:
-    """What the functions of C want to be told."""
+    """Return the argument of the C functions."""
     data = ffi.new("pmBatchedData *")
     data.fields, data.floatArray, data.intArray = fields.value, buffer._float_arr, buffer._int_arr
     return data
@@ -173,14 +172,14 @@ _TURN: Final = 17
 
 
 def turn_by_ourselves(body: pymunk.Body) -> None:
-    """From now on give the body's shapes, whenever it has moved, the rotation that belongs to its angle."""
+    """Compute the rotation of the body's shapes from its angle portably, whenever it moves."""
     _check_layout()
     body.position_func = _move
     turn(body)
 
 
 def turn(body: pymunk.Body) -> None:
-    """Give a body whose angle was set the rotation that belongs to it."""
+    """Compute the rotation of a body whose angle was set."""
     doubles = _doubles(body)
     c, s = cos_sin(doubles[_ANGLE])
     doubles[_TURN], doubles[_TURN + 1], doubles[_TURN + 2], doubles[_TURN + 3] = c, s, -s, c
@@ -196,7 +195,7 @@ def _doubles(body: pymunk.Body) -> Any:
 
 
 def _check_layout() -> None:
-    """That a body looks as another release of pymunk might not have it."""
+    """Assert that this release of pymunk has the memory layout that `turn` writes to."""
     body = pymunk.Body(2.0, 3.0)
     body.position, body.angle = (7.0, 9.0), 0.5
     found = _doubles(body)
@@ -212,21 +211,12 @@ SUBSTEP: Final[Duration] = milliseconds(10)
 _NO_CONTACTS: Final = np.empty((0, 3), np.uint64), np.empty((0, 2))
 
 
-@dataclass(frozen=True)
-class ContactModel:
-    """How overlap is undone (pymunk, class Space). Nothing bounces."""
-
-    slop: float = 0.0005
-    """Overlap that is left alone, so that a resting contact stays one, m; own choice."""
-    correction: float = 0.25
-    """Share of the rest that is undone per sub-step; own choice, gone to 5 % after 0.1 s."""
-    iterations: int = 20
-    """Of the contact solver per sub-step; own choice: ten robots pushing into a door."""
-
-
-class _ClosedDoor(NamedTuple):
-    segments: NDArray[np.float64]
-    shapes: list[pymunk.Shape]
+_SLOP_M: Final = 0.0005
+"""Overlap that is left alone, so that a resting contact stays one; own choice."""
+_CORRECTION: Final = 0.25
+"""Share of the remaining overlap that each sub-step removes; own choice: 5 % are left after 0.1 s."""
+_ITERATIONS: Final = 20
+"""Iterations of the contact solver per sub-step; own choice, for ten robots pushing into a door."""
 
 
 class Arena:
@@ -241,7 +231,6 @@ class Arena:
         names: Sequence[str],
         models: Sequence[RobotModel],
         poses: Sequence[Pose],
-        contact: ContactModel | None = None,
     ) -> None:
         """`segments`: (m, 4), x0, y0, x1, y1 of the walls, m. Raises AcrcError where robots do not fit."""
         assert len(names) == len(models) == len(poses)
@@ -249,8 +238,8 @@ class Arena:
         self._names = tuple(names)
         self._models = tuple(models)
         self._obstacles: list[tuple[float, float, float]] = []
-        self._doors: dict[int, _ClosedDoor] = {}
-        self._space = _space(segments, contact or ContactModel())
+        self._doors: dict[int, tuple[NDArray[np.float64], list[pymunk.Shape]]] = {}
+        self._space = _space(segments)
         weakref.finalize(self, _empty, self._space).atexit = False
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
         numbers = np.array([body.id for body in self._bodies], np.uint64)
@@ -260,11 +249,10 @@ class Arena:
         self._commands = np.zeros((len(poses), 3))
         self._issued_us = np.zeros(len(poses), np.int64)
         self._memory = np.zeros(len(poses), MEMORY)
-        forces = np.zeros(
-            (len(poses) + 1, 3)
-        )  # the last row is for the walls, which are a body to pymunk too
+        forces = np.zeros((len(poses) + 1, 3))  # pymunk has the walls as one more body
         self._forces = forces[:-1]
         self._touching = np.zeros(len(poses), np.bool_)
+        """(n,): which robots touch something that is no robot."""
         self._touched = False
         """Whether any robot does."""
         self._exchange = BodyExchange(self._space, forces)
@@ -298,11 +286,7 @@ class Arena:
 
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
         """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
-        if not (
-            -math.inf < twist.vx < math.inf
-            and -math.inf < twist.vy < math.inf
-            and -math.inf < twist.omega < math.inf
-        ):
+        if not (math.isfinite(twist.vx) and math.isfinite(twist.vy) and math.isfinite(twist.omega)):
             raise AcrcError(
                 f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
                 "a velocity should be finite"
@@ -316,20 +300,17 @@ class Arena:
         dt = in_seconds(SUBSTEP)
         self.bumpers[:] = 0
         for k in range(substeps):
-            drive_forces(
-                self._state,
-                self._commands,
-                self._issued_us,
-                self.now,
-                dt,
-                self._limits,
-                self._memory,
-                self._forces,
-            )
+            orders = self._commands, self._issued_us, self.now
+            drive_forces(self._state, *orders, dt, self._limits, self._memory, self._forces)
             self._exchange.step(dt, whole=k == 0)
             met = self._exchange.contacts()
             if met is not None or self._touched:
-                self._press(*(_NO_CONTACTS if met is None else met))
+                pairs, normals = met or _NO_CONTACTS
+                robots = self._numbers, self._robots, self._limits
+                self.contacts += press_bumpers(
+                    self._state, pairs, normals, *robots, self.bumpers, self._touching
+                )
+                self._touched = bool(self._touching.any())
             self.now = Instant(self.now + SUBSTEP)
             track[k] = self._state[:, :3]
         return _wrapped(track)
@@ -352,13 +333,13 @@ class Arena:
         self._memory[index] = 0.0
 
     def add_obstacle(self, centre: Point, radius: float) -> None:
-        """Put a round thing on the floor, for good. Raises AcrcError where it would overlap a robot."""
+        """Add a round obstacle for good. Raises AcrcError as `check_obstacle` does."""
         self.check_obstacle(centre, radius)
         self._obstacles.append((centre.x, centre.y, radius))
         self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
 
     def check_obstacle(self, centre: Point, radius: float) -> None:
-        """Raise AcrcError where a round thing has no size or would overlap a robot."""
+        """Raise AcrcError if a round obstacle has no size or would overlap a robot."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
             raise AcrcError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
@@ -372,58 +353,25 @@ class Arena:
                 )
 
     def in_the_way(self, segments: NDArray[np.float64]) -> bool:
-        """True while a robot stands where a door of these segments, (n, 4), would be."""
+        """True if a robot stands on a door of these segments, (n, 4)."""
         return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
 
     def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
-        """Put a wall there, to be taken away by the door's number; nobody is `in_the_way`."""
+        """Add the segments of a door that no robot is `in_the_way` of."""
         ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
         shapes = [_still(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
         self._space.add(*shapes)
-        self._doors[door] = _ClosedDoor(segments, shapes)
+        self._doors[door] = segments, shapes
 
     def open_door(self, door: int) -> None:
-        """Take it away."""
-        self._space.remove(*self._doors.pop(door).shapes)
-
-    def overlap(self) -> float:
-        """The deepest overlap of a robot with another, a wall or an obstacle, m; 0 where nothing overlaps.
-
-        Computed from poses and outlines alone, independently of the physics.
-        """
-        shapes = list(self._shapes())
-        still = [disc(*obstacle) for obstacle in self._obstacles]
-        walls = self._walls
-        gaps = [min(wall_gap(shape, walls), smallest_gap(shape, still)) for shape in shapes]
-        gaps += [gap(shapes[a], shapes[b]) for a, b in self._close_pairs()]
-        return max(0.0, -min(gaps, default=0.0))
-
-    def _close_pairs(self) -> list[list[int]]:
-        """The pairs of robots that are near enough to overlap."""
-        reach = np.array([model.footprint.circumradius for model in self._models])
-        apart = arrays.hypot(*(self._state[:, None, :2] - self._state[None, :, :2]).T)
-        close = np.triu(apart < reach[:, None] + reach[None, :], k=1)
-        pairs: list[list[int]] = np.argwhere(close).tolist()
-        return pairs
-
-    def _press(self, pairs: NDArray[np.uint64], normals: NDArray[np.float64]) -> None:
-        """Take in the contacts of a sub-step; as `press_bumpers` has them."""
-        self.contacts += press_bumpers(
-            self._state,
-            pairs,
-            normals,
-            self._numbers,
-            self._robots,
-            self._limits,
-            self.bumpers,
-            self._touching,
-        )
-        self._touched = bool(self._touching.any())
+        """Remove the segments of a closed door."""
+        _, shapes = self._doors.pop(door)
+        self._space.remove(*shapes)
 
     @property
     def _walls(self) -> NDArray[np.float64]:
         """(n, 4): those of the floor plan, and closed doors."""
-        return np.concatenate([self._segments, *(door.segments for door in self._doors.values())])
+        return np.concatenate([self._segments, *(segments for segments, _ in self._doors.values())])
 
     def _shapes(self) -> Iterator[Shape]:
         for model, state in zip(self._models, self._state.tolist(), strict=True):
@@ -447,11 +395,14 @@ class Arena:
                 )
 
 
-def _space(segments: NDArray[np.float64], contact: ContactModel) -> pymunk.Space:
+def _space(segments: NDArray[np.float64]) -> pymunk.Space:
     space = pymunk.Space()
-    space.iterations = contact.iterations
-    space.collision_slop = contact.slop
-    space.collision_bias = _left_after_a_second(contact)
+    space.iterations = _ITERATIONS
+    space.collision_slop = _SLOP_M
+    # pymunk wants the share of an overlap that is left after 1 s, and takes of it, by the C library's power
+    # function, what is left after a sub-step. Correctly rounded, it is so near to a power that the exact
+    # result lies within 0.1 of the last bit of the float that we want: every C library finds that one.
+    space.collision_bias = float(Fraction(1 - _CORRECTION) ** (1_000_000 // SUBSTEP))
     space.collision_persistence = 1  # so that the contacts that pymunk gives are those of this sub-step
     for x0, y0, x1, y1 in segments.tolist():
         space.add(_still(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
@@ -459,26 +410,12 @@ def _space(segments: NDArray[np.float64], contact: ContactModel) -> pymunk.Space
 
 
 def _empty(space: pymunk.Space) -> None:
-    """Take everything out of a space that nobody uses any more.
-
-    Where garbage collection frees a full one, a shape may go after what it still points to, and the process
-    with it (viblo/pymunk, issue 209).
-    """
+    """Empty a space that is no longer used; freeing a full one may crash (viblo/pymunk, issue 209)."""
     space.remove(*space.shapes, *space.bodies)
 
 
-def _left_after_a_second(contact: ContactModel) -> float:
-    """The share of an overlap that is left after 1 s.
-
-    Of this pymunk takes, by the C library's power function, what is left after a sub-step. Correctly rounded,
-    as here, it is so near to a power that the exact result lies within 0.1 of the last bit of the float that
-    we want: every C library finds that one.
-    """
-    return float(Fraction(1 - contact.correction) ** (1_000_000 // SUBSTEP))
-
-
 def _still(shape: pymunk.Shape) -> pymunk.Shape:
-    """Of what does not move, so that the friction of a contact is that of the robot's model."""
+    """Set the friction of a static shape such that a contact has that of the robot's model."""
     shape.friction = 1.0
     return shape
 

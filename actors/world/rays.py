@@ -24,23 +24,15 @@ Floats = NDArray[np.float64]
 
 SENSOR = np.dtype(
     [
-        ("x", np.float64),
-        ("y", np.float64),
-        ("heading", np.float64),
-        ("first_angle", np.float64),
-        ("increment", np.float64),
-        ("rays", np.int64),
-        ("table", np.int64),
-        ("range_min", np.float64),
-        ("range_max", np.float64),
-        ("noise", np.float64),
-        ("noise_growth", np.float64),
+        *[(name, "f8") for name in ("x", "y", "heading", "first_angle", "increment")],
+        *[(name, "i8") for name in ("rays", "table")],
+        *[(name, "f8") for name in ("range_min", "range_max", "noise", "noise_growth")],
     ],
     align=True,
 )
 """A range sensor on a body; `table`: where its rays begin in the table of directions."""
 BODY = np.dtype(
-    [("radius", np.float64), ("first_vertex", np.int64), ("vertices", np.int64)],
+    [("radius", "f8"), ("first_vertex", "i8"), ("vertices", "i8")],
     align=True,
 )
 """A body's outline: a disc if it has no vertices, otherwise `radius` is that of the disc around it."""
@@ -299,22 +291,9 @@ def fingerprint() -> bytes:
     poses = np.array([[0.8, 0.78, 0.1], [1.2, 0.79, -2.0]])
     corners = np.array([[0.1, 0.1], [-0.15, 0.12], [0.0, -0.2]])
     obstacles = np.array([[1.0, 0.9, 0.05]])
-    ranges, starts = np.empty(321), np.array([0, 310])
-    sweep(
-        squares,
-        0.05,
-        0.0,
-        0.0,
-        np.arange(2),
-        poses,
-        sensors,
-        table,
-        bodies,
-        corners,
-        obstacles,
-        starts,
-        ranges,
-    )
+    due, ranges, starts = np.arange(2), np.empty(321), np.array([0, 310])
+    carriers = due, poses, sensors, table, bodies, corners
+    sweep(squares, 0.05, 0.0, 0.0, *carriers, obstacles, starts, ranges)
     report = np.empty(321, np.uint16)
-    in_millimetres(ranges, arrays.cos(np.arange(310.0)), np.arange(2), sensors, starts, report)
+    in_millimetres(ranges, arrays.cos(np.arange(310.0)), due, sensors, starts, report)
     return squares.tobytes() + ranges.tobytes() + report.tobytes()

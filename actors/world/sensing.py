@@ -80,20 +80,9 @@ class RangeSensors:
         ends = rays.cumsum()
         starts = ends - rays
         ranges = np.empty(int(ends[-1]) if ends.size else 0)
-        sweep(
-            self._squares,
-            self._grid.resolution,
-            *self._grid.origin,
-            due,
-            poses,
-            self._sensors,
-            self._table,
-            self._bodies,
-            self._vertices,
-            obstacles,
-            starts,
-            ranges,
-        )
+        floor = self._squares, self._grid.resolution, *self._grid.origin
+        carriers = due, poses, self._sensors, self._table, self._bodies, self._vertices
+        sweep(*floor, *carriers, obstacles, starts, ranges)
         return ranges, starts
 
     def _report(
@@ -117,26 +106,14 @@ def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[
     different = list(dict.fromkeys(sensors))
     angles = [scan_angles(sensor) for sensor in different]
     begins = np.cumsum([0, *map(len, angles)])
-    rows = [
-        (
-            *sensor.mount,
-            sensor.first_angle,
-            sensor.increment,
-            sensor.rays,
-            begin,
-            sensor.range_min,
-            sensor.range_max,
-            sensor.noise,
-            sensor.noise_growth,
-        )
-        for sensor, begin in zip(different, begins[:-1], strict=True)
-    ]
-    of = dict(zip(different, rows, strict=True))
+    first_ray = dict(zip(different, begins.tolist(), strict=False))
+    rows = []
+    for one in sensors:
+        rays = one.first_angle, one.increment, one.rays, first_ray[one]
+        rows.append((*one.mount, *rays, one.range_min, one.range_max, one.noise, one.noise_growth))
     all_angles = np.concatenate([*angles, np.empty(0)])
-    return (
-        np.array([of[sensor] for sensor in sensors], SENSOR),
-        np.stack([arrays.cos(all_angles), arrays.sin(all_angles)], axis=1),
-    )
+    table = np.stack([arrays.cos(all_angles), arrays.sin(all_angles)], axis=1)
+    return np.array(rows, SENSOR), table
 
 
 def _bodies(models: Sequence[RobotModel]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
@@ -187,42 +164,35 @@ class WorldReport(msgspec.Struct, frozen=True):
     """Orders from outside that made no sense, a sentence each."""
 
 
-class Whereabouts:
-    """Collects the distances of all robots, by index."""
+class PoseErrorSum:
+    """Accumulates the pose error of one robot."""
 
-    def __init__(self, robots: int) -> None:
-        self._samples = [0] * robots
-        self._squares = [0.0] * robots
-        self._greatest = [0.0] * robots
-        self._astray = [0] * robots
-        self._lost = [0] * robots
-        self._times_lost = [0] * robots
-        self._is_lost = [False] * robots
+    def __init__(self) -> None:
+        self._samples = self._astray = self._lost = self._times_lost = 0
+        self._squares = self._greatest = 0.0
+        self._is_lost = False
 
-    def take(self, robot: int, held: tuple[float, float, float] | None, true: RobotTruth) -> None:
-        """Compare what one robot holds to be its pose at a step's start with the true one."""
-        if held is None:
-            return
-        distance = hypot(held[0] - true.x, held[1] - true.y)
-        self._samples[robot] += 1
-        self._squares[robot] += distance * distance
-        self._greatest[robot] = max(self._greatest[robot], distance)
-        self._astray[robot] += distance > ASTRAY
+    def add(self, estimate: tuple[float, float, float], true: RobotTruth) -> None:
+        """Compare an estimated pose at a step's start with the true one."""
+        distance = hypot(estimate[0] - true.x, estimate[1] - true.y)
         is_lost = distance > LOST
-        self._lost[robot] += is_lost
-        self._times_lost[robot] += is_lost and not self._is_lost[robot]
-        self._is_lost[robot] = is_lost
+        self._samples += 1
+        self._squares += distance * distance
+        self._greatest = max(self._greatest, distance)
+        self._astray += distance > ASTRAY
+        self._lost += is_lost
+        self._times_lost += is_lost and not self._is_lost
+        self._is_lost = is_lost
 
-    def error(self, robot: int) -> PoseError:
-        """What has come together for one robot."""
-        samples = self._samples[robot]
-        share = 1 / samples if samples else 0.0
+    def error(self) -> PoseError:
+        """Return the error over all samples so far."""
+        share = 1 / self._samples if self._samples else 0.0
         return PoseError(
-            samples=samples,
-            rmse=math.sqrt(self._squares[robot] * share),
-            greatest=self._greatest[robot],
-            astray_share=self._astray[robot] * share,
-            lost_share=self._lost[robot] * share,
-            times_lost=self._times_lost[robot],
-            lost_at_end=self._is_lost[robot],
+            samples=self._samples,
+            rmse=math.sqrt(self._squares * share),
+            greatest=self._greatest,
+            astray_share=self._astray * share,
+            lost_share=self._lost * share,
+            times_lost=self._times_lost,
+            lost_at_end=self._is_lost,
         )

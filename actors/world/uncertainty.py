@@ -5,7 +5,7 @@ All of it is drawn once, from the run's seed; robots have the map as it is in it
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import Meta
@@ -19,6 +19,7 @@ from actors.portable.draws import normals
 from actors.settings import Settings, Share
 from actors.world.odometry import KobukiErrors, StageErrors
 
+T = TypeVar("T", StageErrors, KobukiErrors)
 _LATTICE: Final = 2.0
 """The map's errors at points so far apart, m, are independent of each other; own choice, as all below."""
 _PANE: Final = 1.0
@@ -66,42 +67,34 @@ def floor(
     solid = replace(plan, cells=cells)
     if not dose.furniture:
         return RealFloor(solid, solid if seen is cells else replace(plan, cells=seen))
-    taken = _taken(plan, _things(solid, dose.furniture, generator, kept_off))
-    return RealFloor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
-
-
-def _things(
-    solid: OccupancyGrid, count: int, generator: Generator, kept_off: Sequence[Point]
-) -> Sequence[Point]:
     try:
-        return draw_points(
+        things = draw_points(
             solid,
-            count,
+            dose.furniture,
             rng=generator,
             clearance=_FURNITURE + _PASSAGE,
             apart=2 * _FURNITURE + _PASSAGE,
             keep_off=kept_off,
         )
     except PlacementError as error:
-        raise PlacementError(f"uncertainty.furniture is {count}, but {error}") from None
+        raise PlacementError(f"uncertainty.furniture is {dose.furniture}, but {error}") from None
+    x, y = plan.centres()
+    taken = np.zeros(plan.cells.shape, np.bool_)
+    for thing in things:
+        away = np.square(x - thing.x) + np.square(y[:, None] - thing.y)
+        taken |= away <= _FURNITURE * _FURNITURE
+    return RealFloor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
 
 
 def drifting(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
-    """The odometry's errors."""
-    stage, kobuki, times = StageErrors(), KobukiErrors(), dose.drift
-    return (
-        replace(
-            stage, forward=times * stage.forward, leftward=times * stage.leftward, turn=times * stage.turn
-        ),
-        replace(
-            kobuki,
-            gyro_noise_deg=times * kobuki.gyro_noise_deg,
-            gyro_bias_deg=times * kobuki.gyro_bias_deg,
-            gyro_walk_deg=times * kobuki.gyro_walk_deg,
-            wheel_scale=times * kobuki.wheel_scale,
-            slip=times * kobuki.slip,
-        ),
-    )
+    """Return the errors of both kinds of odometry, scaled by `drift`."""
+
+    def scaled(errors: T, *names: str) -> T:
+        return replace(errors, **{name: dose.drift * getattr(errors, name) for name in names})
+
+    gyro = "gyro_noise_deg", "gyro_bias_deg", "gyro_walk_deg"
+    stage = scaled(StageErrors(), "forward", "leftward", "turn")
+    return stage, scaled(KobukiErrors(), *gyro, "wheel_scale", "slip")
 
 
 def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray[np.uint8]:
@@ -139,14 +132,3 @@ def _without_glass(
     panes = generator.random((plan.rows // side + 1, plan.columns // side + 1)) < share
     seen = np.equal(cells, OCCUPIED) & ~panes[rows // side, columns // side]
     return np.where(seen, OCCUPIED, FREE).astype(np.uint8)
-
-
-def _taken(plan: OccupancyGrid, things: Sequence[Point]) -> NDArray[np.bool_]:
-    """(rows, columns): the cells under the furniture."""
-    rows, columns = np.indices(plan.cells.shape)
-    x = plan.origin.x + (columns + 0.5) * plan.resolution
-    y = plan.origin.y + (rows + 0.5) * plan.resolution
-    taken = np.zeros(plan.cells.shape, np.bool_)
-    for thing in things:
-        taken |= np.square(x - thing.x) + np.square(y - thing.y) <= _FURNITURE * _FURNITURE
-    return taken

@@ -314,7 +314,8 @@ class Laboratory:
 
     def _look(self) -> None:
         """Carry out what is due at the beginning of a sub-step, and note where everybody is."""
-        effects = self._orders.due(self._now)
+        self._orders.begin(self._now)
+        effects = self._orders.effects
         self.air.jam(self._now, effects.jams)
         for loss in effects.losses:
             self.air.withhold(self._index(loss.sender), self._index(loss.robot))

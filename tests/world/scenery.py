@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose, Twist
 from actors.robot_model import RobotModel, load_model
-from actors.world.physics import Arena
+from actors.world.physics import Arena, disc, gap, smallest_gap, wall_gap
 
 TURTLEBOT = load_model("turtlebot2")
 OMNIBOX = load_model("omnibox")
@@ -38,6 +38,18 @@ def room_with_door(width: float = 0.9) -> NDArray[np.float64]:
 def arena(*poses: Pose, model: RobotModel = TURTLEBOT, walls: NDArray[np.float64] | None = None) -> Arena:
     names = [f"r{index}" for index in range(len(poses))]
     return Arena(room() if walls is None else walls, names, [model] * len(poses), poses)
+
+
+def overlap(world: Arena) -> float:
+    """Return the deepest overlap of robots, walls and obstacles, m, from poses and outlines alone."""
+    shapes = list(world._shapes())
+    obstacles = [disc(*obstacle) for obstacle in world.obstacles.tolist()]
+    gaps = [min(wall_gap(shape, world._walls), smallest_gap(shape, obstacles)) for shape in shapes]
+    reach = [2 * model.footprint.circumradius for model in world._models]
+    apart = np.hypot(*(world.poses[:, None, :2] - world.poses[None, :, :2]).T)
+    close = np.argwhere(np.triu(apart < max(reach, default=0.0), k=1)).tolist()
+    gaps += [gap(shapes[a], shapes[b]) for a, b in close]
+    return max(0.0, -min(gaps, default=0.0))
 
 
 def towards(x: float, y: float, from_x: float, from_y: float) -> Pose:

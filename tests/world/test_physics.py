@@ -22,7 +22,7 @@ from actors.world.body import Bodies
 from actors.world.orders import Effects, Orders
 from actors.world.physics import SUBSTEP, Arena, Shape, disc, gap, placed, wall_gap
 from actors.world.world_setup import BarrierStanding, BodySetup, Participants, TimedOrder
-from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room, room_with_door, towards
+from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, overlap, room, room_with_door, towards
 
 MM = 0.001
 
@@ -33,7 +33,7 @@ def drive(world: Arena, *twists: Twist, duration: float = 1.0) -> float:
         for index, twist in enumerate(twists):
             world.command(index, twist, world.now)
         world.advance()
-        deepest = max(deepest, world.overlap())
+        deepest = max(deepest, overlap(world))
     return deepest
 
 
@@ -83,7 +83,7 @@ def test_advance_gives_the_pose_after_every_sub_step() -> None:
     assert track.shape == (20, 1, 3) and np.array_equal(track, singly)
     assert np.array_equal(track[-1], one.poses) and one.now == Instant(20 * SUBSTEP)
     world = arena()
-    assert world.advance(3).shape == (3, 0, 3) and world.overlap() == 0 and world.now == Instant(30_000)
+    assert world.advance(3).shape == (3, 0, 3) and overlap(world) == 0 and world.now == Instant(30_000)
 
 
 @pytest.mark.parametrize("share", range(0, 10, 3))
@@ -152,7 +152,7 @@ def test_the_bumper_remembers_a_touch_until_the_next_advance() -> None:
     world.advance(30)
     world.command(0, Twist(-0.5, 0, 0), world.now)
     world.advance(30)
-    assert world.bumpers.tolist() == [2] and world.overlap() == 0.0
+    assert world.bumpers.tolist() == [2] and overlap(world) == 0.0
     world.advance(30)
     assert world.bumpers.tolist() == [0]
 
@@ -330,21 +330,22 @@ def orders(*events: TimedOrder) -> Orders:
 def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:
     early = TimedOrder(100, StartJam(1.0, 2.0, 3.0, 50))
     asked = orders(early, TimedOrder(200, Restart("r1")), TimedOrder(900, Stop()))
-    effects = asked.due(Instant(200))
-    assert effects == Effects((ProcessOrder("r1", 1),), ("r1",), (Jam(1.0, 2.0, 3.0, 250),))
+    asked.begin(Instant(200))
+    assert asked.effects == Effects([ProcessOrder("r1", 1)], ["r1"], [Jam(1.0, 2.0, 3.0, 250)])
     assert asked.pending
-    assert asked.due(Instant(300)) == Effects()
-    assert asked.due(Instant(900)) == Effects(stop=True) and not asked.pending
+    asked.begin(Instant(300))
+    assert asked.effects == Effects()
+    asked.begin(Instant(900))
+    assert asked.effects == Effects(stop=True) and not asked.pending
 
 
 def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
     asked = orders()
-    restarted, _ = asked.take([Restart("r1"), Pause()], asked.due(Instant(0)))
-    assert restarted.paused and restarted.starts == (ProcessOrder("r1", 1),)
-    killed, refusals = asked.take([Kill("r1"), Resume()], restarted)
-    assert killed == Effects(ends=("r1",), steps=0) and refusals == ()
+    assert asked.take([Restart("r1"), Pause()]) == ()
+    assert asked.effects.paused and asked.effects.starts == [ProcessOrder("r1", 1)]
+    assert asked.take([Kill("r1"), Resume()]) == ()
+    assert asked.effects == Effects(ends=["r1"], steps=0)
     asked = orders()
-    before = asked.due(Instant(0))
-    effects, refusals = asked.take([Freeze("r9"), Kill("r2")], before)
-    assert effects == Effects(ends=("r2",)) and before == Effects()
+    refusals = asked.take([Freeze("r9"), Kill("r2")])
+    assert asked.effects == Effects(ends=["r2"])
     assert refusals == asked.refused == ("at 0 s: there is no robot 'r9' to freeze",)

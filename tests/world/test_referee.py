@@ -18,7 +18,7 @@ from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, Referee, Verdict
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.task.visits import visitors
-from actors.world.sensing import PoseError, Whereabouts
+from actors.world.sensing import PoseError, PoseErrorSum
 from actors.world.world_setup import BodySetup
 from tests.refusals import refused
 
@@ -128,22 +128,19 @@ def _truth(x: float, y: float = 0.0) -> RobotTruth:
 
 
 def test_errors_are_those_of_the_samples() -> None:
-    whereabouts = Whereabouts(2)
+    errors = PoseErrorSum()
+    assert errors.error() == PoseError(0, 0.0, 0.0, 0.0, 0.0, 0, False)
     for held, x in ((0.0, 0.3), (0.0, -0.6), (5.0, 5.0), (0.0, 1.2), (0.0, 1.5), (0.0, 0.9)):
-        whereabouts.take(0, (held, 0.0, 1.0), _truth(x))
-    error = whereabouts.error(0)
+        errors.add((held, 0.0, 1.0), _truth(x))
+    error = errors.error()
     assert error.samples == 6
     assert error.rmse == pytest.approx(math.sqrt((0.09 + 0.36 + 1.44 + 2.25 + 0.81) / 6))
     assert (error.greatest, error.astray_share, error.lost_share) == (1.5, 4 / 6, 2 / 6)
     assert (error.times_lost, error.lost_at_end) == (1, False)
-    assert whereabouts.error(1) == PoseError(0, 0.0, 0.0, 0.0, 0.0, 0, False)
-    whereabouts = Whereabouts(1)
+    errors = PoseErrorSum()
     for y in (1.1, 1.3, 0.0, 2.0):
-        whereabouts.take(0, (0.0, 0.0, 0.0), _truth(0.0, y))
-    assert (whereabouts.error(0).times_lost, whereabouts.error(0).lost_at_end) == (2, True)
-    whereabouts = Whereabouts(1)
-    whereabouts.take(0, None, _truth(7.0))
-    assert whereabouts.error(0).samples == 0
+        errors.add((0.0, 0.0, 0.0), _truth(0.0, y))
+    assert (errors.error().times_lost, errors.error().lost_at_end) == (2, True)
 
 
 MASS = "but must be a number above 0 and at most 10000"
