@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.benchmarks.localisation_tracking import FORMAT, POSES, STEP_US, VERSION, Course
+from actors.array_types import Floats, Indices, Int64s
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose, wrap
@@ -78,7 +79,7 @@ class Site:
         return Planner(ground(self.grid, self.model.footprint.circumradius))
 
     @cached_property
-    def _cells(self) -> NDArray[np.intp]:
+    def _cells(self) -> Indices:
         """(n, 2) row and column of the cells where goals may lie."""
         region = largest_region(self.grid, self.model.footprint.circumradius + 0.05)
         return np.argwhere(region & (self.grid.clearance >= GOAL_CLEARANCE))
@@ -128,10 +129,10 @@ class WanderingRoute:
         self._generator = generator
         self._radius = site.model.footprint.circumradius
         self._pose, self._speed, self._turn = start, 0.0, 0.0
-        self._way: NDArray[np.float64] = np.empty((0, 2))
+        self._way: Floats = np.empty((0, 2))
         self._passed = 0
 
-    def advance(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def advance(self) -> tuple[Floats, Floats]:
         """One decision and its sub-steps: (CONTROLS, 3) poses after each, and (3,) the velocity at the end.
 
         m, rad, m/s, rad/s, map frame. Raises RuntimeError if the body touches a wall.
@@ -276,7 +277,7 @@ class Crowd:
         self._open = grid.free.tolist()
         self._peers = [self._born() for _ in range(count)]
 
-    def advance(self, time: float, robot: Point, step: float) -> NDArray[np.float64]:
+    def advance(self, time: float, robot: Point, step: float) -> Floats:
         """Where the peers are at that time, s, when the robot is there: (n, 2) m, NaN for one that is away.
 
         `step`: since the call before, s.
@@ -426,7 +427,7 @@ class _BaseOdometry:
         errors = drifting(setup.dose)
         self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step, *errors)
 
-    def follow(self, track: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+    def follow(self, track: Floats, velocity: Floats) -> None:
         assert len(track) == CONTROLS
         self._odometers.follow(track[:, None, :], velocity[None, :])
 
@@ -438,7 +439,7 @@ class _BaseOdometry:
         return odometry.x, odometry.y, odometry.heading
 
 
-def peers_of(setup: Setup, place: Site, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+def peers_of(setup: Setup, place: Site, truth: Floats) -> Floats:
     """Return (n, m, 2): positions of the other robots, m, NaN while away."""
     draws = generator(setup.seed, "localisation/crowd", ROBOT)
     crowd = Crowd(place.grid, setup.robots, draws, at_times=setup.at_times)
@@ -447,9 +448,7 @@ def peers_of(setup: Setup, place: Site, truth: NDArray[np.float64]) -> NDArray[n
     return np.array(positions).reshape(len(truth), setup.robots, 2)
 
 
-def _scans(
-    setup: Setup, place: Site, truth: NDArray[np.float64], peers: NDArray[np.float64]
-) -> NDArray[np.uint16]:
+def _scans(setup: Setup, place: Site, truth: Floats, peers: Floats) -> NDArray[np.uint16]:
     draws = generator(setup.seed, "localisation/sensor", ROBOT)
     sensors = RangeSensors(place.grid, [place.model], [draws])
     scans = np.empty((len(truth), place.model.sensor.rays), np.uint16)
@@ -500,7 +499,7 @@ def _image(grid: OccupancyGrid) -> bytes:
     return written.getvalue()
 
 
-def _table(header: str, times: NDArray[np.int64], values: NDArray[Any]) -> str:
+def _table(header: str, times: Int64s, values: NDArray[Any]) -> str:
     """CSV; numbers as Python writes them, which reads back to the same bits."""
     rows = zip(times.tolist(), values.tolist(), strict=True)
     return "\n".join([header, *(f"{time},{','.join(map(repr, row))}" for time, row in rows), ""])

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.geometry import ORIGIN, Point, Pose, wrap
@@ -112,7 +113,7 @@ class Drive:
                     pose = pose.compose(Pose(ahead, 0.0, max(-STEP, min(STEP, turn))))
 
 
-def scan(plan: OccupancyGrid, pose: Pose, others: NDArray[np.float64] = NOBODY) -> NDArray[np.uint16]:
+def scan(plan: OccupancyGrid, pose: Pose, others: Floats = NOBODY) -> NDArray[np.uint16]:
     sensors = RangeSensors(plan, [TURTLEBOT], [np.random.default_rng(0)])
     return frozen(sensors.scan([0], np.array([pose]), others)[0])
 
@@ -146,7 +147,7 @@ def apartment() -> LikelihoodField:
     return likelihood_field(APARTMENT, 2.0)
 
 
-def ends(ranges: NDArray[np.uint16]) -> NDArray[np.float64]:
+def ends(ranges: NDArray[np.uint16]) -> Floats:
     """(b, 2): where the beams of a scan end, m, body's frame."""
     return measurement.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
 

@@ -8,8 +8,8 @@ from functools import cache
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose, wrap
 from actors.robot.localisation import (
@@ -170,7 +170,7 @@ ELSEWHERE = Pose(6.5, 1.0, 2.0)
 TWIN_FIELD = likelihood_field(TWINS, 2.0)
 SAMPLE = (0,)
 """The seed of every day, of searches that each come to the same."""
-Scans = list[tuple[Pose, NDArray[np.float64], Pose]]
+Scans = list[tuple[Pose, Floats, Pose]]
 
 
 @dataclass

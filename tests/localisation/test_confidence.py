@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import Covariance, Pose
 from actors.robot.localisation import LikelihoodField, likelihood_field, search
 from actors.robot.localisation.confidence import AGREES, Confidence, sharpened
@@ -19,29 +19,27 @@ PRIOR: Covariance = (0.09, 0.02, 0.01, 0.02, 0.05, -0.01, 0.01, -0.01, 0.04)
 NONE = np.empty((0, 2))
 
 
-def matrix(covariance: Covariance) -> NDArray[np.float64]:
+def matrix(covariance: Covariance) -> Floats:
     return np.array(covariance).reshape(3, 3)
 
 
-def seen_from(pose: Pose, others: int = 0, seed: int = 0) -> NDArray[np.float64]:
+def seen_from(pose: Pose, others: int = 0, seed: int = 0) -> Floats:
     middle = np.random.default_rng(seed).uniform(1.0, 7.0, (others, 2))
     return ends(scan(ROOM, pose, np.column_stack((middle, np.full(others, 0.18)))))
 
 
-def level(field: LikelihoodField, at: NDArray[np.float64]) -> float:
+def level(field: LikelihoodField, at: Floats) -> float:
     column, row = np.floor((at - field.frame[:2]) / field.frame[2]).astype(int)
     return float(field.distances[field.levels[row, column]])
 
 
-def slope(field: LikelihoodField, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def slope(field: LikelihoodField, at: Floats) -> Floats:
     side = float(field.frame[2])
     over = np.array([[side, 0.0], [0.0, side]])
     return np.array([(level(field, at + d) - level(field, at - d)) / (2 * side) for d in over])
 
 
-def informed(
-    field: LikelihoodField, points: NDArray[np.float64], pose: Pose, variance: float
-) -> NDArray[np.float64]:
+def informed(field: LikelihoodField, points: Floats, pose: Pose, variance: float) -> Floats:
     c, s = math.cos(pose.heading), math.sin(pose.heading)
     turn, turning = np.array([[c, -s], [s, c]]), np.array([[-s, -c], [c, -s]])
     information = np.linalg.inv(matrix(PRIOR))

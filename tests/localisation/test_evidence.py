@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
@@ -38,7 +39,7 @@ PLACES = pytest.mark.parametrize(
 )
 
 
-def judged(points: NDArray[np.float64], pose: Pose = HERE, margin: float = 0.12) -> Judgement:
+def judged(points: Floats, pose: Pose = HERE, margin: float = 0.12) -> Judgement:
     return judge(FIELD.grid, points, BEAMS.mount, pose, margin)
 
 
@@ -59,7 +60,7 @@ def passes(eye: Point, end: Point) -> bool:
     return any(is_wall(Point(eye.x + s * (end.x - eye.x), eye.y + s * (end.y - eye.y))) for s in shares)
 
 
-def twin(points: NDArray[np.float64], pose: Pose, margin: float) -> Judgement:
+def twin(points: Floats, pose: Pose, margin: float) -> Judgement:
     known, count = [], Counter[str]()
     eye = pose.compose(TURTLEBOT.sensor.mount).point
     for forward, left in points.tolist():
@@ -75,11 +76,11 @@ def twin(points: NDArray[np.float64], pose: Pose, margin: float) -> Judgement:
     return Judgement(found, count["strangers"], count["agreeing"], count["beyond"])
 
 
-def crowd(plan: OccupancyGrid, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+def crowd(plan: OccupancyGrid, rng: np.random.Generator, count: int) -> Floats:
     return np.array([(*place(plan, rng), 0.18) for _ in range(count)]).reshape(-1, 3)
 
 
-def about_here(seed: int) -> tuple[NDArray[np.float64], Pose]:
+def about_here(seed: int) -> tuple[Floats, Pose]:
     rng = np.random.default_rng(seed)
     points = ends(scan(ROOM, HERE, crowd(ROOM, rng, 3)))
     x, y, heading = rng.normal(0.0, (0.4, 0.4, 0.3)).tolist()
@@ -186,7 +187,7 @@ def beams_twin(
     return points, masked
 
 
-def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: NDArray[np.float64] = NO_PEERS) -> Ends:
+def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: Floats = NO_PEERS) -> Ends:
     return measurement.ends(ranges, BEAMS, pose, peers, 0.45)
 
 

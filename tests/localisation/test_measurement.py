@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.robot.localisation import PRESETS, AmclParameters, likelihood_field
@@ -76,30 +76,30 @@ RANGE = TURTLEBOT.sensor.range_max
 HERE = Pose(3.2, 4.0, 0.4)
 
 
-def scan_ends(others: NDArray[np.float64] = NOBODY) -> NDArray[np.float64]:
+def scan_ends(others: Floats = NOBODY) -> Floats:
     return ends(scan(ROOM, HERE, others))
 
 
-def cloud(spread: float, count: int, seed: int = 0) -> NDArray[np.float64]:
+def cloud(spread: float, count: int, seed: int = 0) -> Floats:
     """(3, count) poses about HERE."""
     noise = np.random.default_rng(seed).standard_normal((3, count))
     return np.array(HERE)[:, np.newaxis] + spread * noise
 
 
-def distances(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def distances(points: Floats, poses: Floats) -> Floats:
     """(n, b): from each beam's end, seen from each particle, to the nearest wall, as the field has it."""
     c, s = np.cos(poses[2])[:, np.newaxis], np.sin(poses[2])[:, np.newaxis]
     x = poses[0][:, np.newaxis] + c * points[:, 0] - s * points[:, 1]
     y = poses[1][:, np.newaxis] + s * points[:, 0] + c * points[:, 1]
     columns = np.clip((x - FIELD.frame[0]) / FIELD.frame[2], 0, FIELD.levels.shape[1] - 1).astype(int)
     rows = np.clip((y - FIELD.frame[1]) / FIELD.frame[2], 0, FIELD.levels.shape[0] - 1).astype(int)
-    found: NDArray[np.float64] = FIELD.distances[FIELD.levels[rows, columns]]
+    found: Floats = FIELD.distances[FIELD.levels[rows, columns]]
     return found
 
 
 def weighed(
-    parameters: AmclParameters, points: NDArray[np.float64], poses: NDArray[np.float64], together: bool = True
-) -> tuple[NDArray[np.float64], float, int]:
+    parameters: AmclParameters, points: Floats, poses: Floats, together: bool = True
+) -> tuple[Floats, float, int]:
     """The weights of all but the last of some particles of different weights, the fit, and skipped beams."""
     count = poses.shape[1] - 1
     weights = before(poses.shape[1])
@@ -112,11 +112,11 @@ def weighed(
     return weights[:count], fit, skipped
 
 
-def before(count: int) -> NDArray[np.float64]:
+def before(count: int) -> Floats:
     return (1.0 + np.arange(count) % 4) / 1000
 
 
-def p(d: NDArray[np.float64]) -> NDArray[np.float64]:
+def p(d: Floats) -> Floats:
     return 0.5 * np.exp(-0.5 * (d / 0.2) ** 2) + 0.5 / RANGE
 
 

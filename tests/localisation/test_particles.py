@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from actors.array_types import Floats
 from actors.geometry import Pose
 from actors.robot.localisation import PRESETS
 from actors.robot.localisation.motion import OdometryStep, StepSpread, move, spread, step
@@ -22,9 +22,7 @@ angles = st.floats(-math.pi, math.pi, exclude_min=True)
 poses = st.builds(Pose, st.floats(-20, 20), st.floats(-20, 20), angles)
 
 
-def moved(
-    poses: NDArray[np.float64], made: OdometryStep, noise: StepSpread, normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def moved(poses: Floats, made: OdometryStep, noise: StepSpread, normals: Floats) -> Floats:
     """The twin of the kernel: table 5.6, lines 5 to 10, with noise added."""
     turn, way, last = (part + sigma * n for part, sigma, n in zip(made, noise, normals, strict=True))
     x = poses[0] + way * np.cos(poses[2] + turn)
@@ -98,13 +96,13 @@ RNG = np.random.default_rng
 
 
 def draw(
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    uniforms: NDArray[np.float64],
+    poses: Floats,
+    weights: Floats,
+    uniforms: Floats,
     injection: float = 0.0,
     least: int = 1,
     error: float = 0.05,
-) -> tuple[NDArray[np.float64], int]:
+) -> tuple[Floats, int]:
     found = histogram(poses, poses.shape[1])
     drawn = np.full((3, len(uniforms)), np.nan)
     count, new = resample(poses, weights, len(weights), found, uniforms, injection, least, error, 0.99, drawn)
@@ -113,9 +111,9 @@ def draw(
 
 
 def twin(
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    uniforms: NDArray[np.float64],
+    poses: Floats,
+    weights: Floats,
+    uniforms: Floats,
     injection: float,
     least: int,
     error: float,
@@ -175,7 +173,7 @@ def test_a_particle_without_weight_is_never_drawn() -> None:
 Bin = tuple[int, int, int]
 
 
-def bins(poses: NDArray[np.float64]) -> list[Bin]:
+def bins(poses: Floats) -> list[Bin]:
     """Each pose's bin of 0.5 m by 0.5 m by 10°."""
     turns = np.floor((poses[2] + math.pi) / math.radians(10)).astype(int) % 36
     x, y = np.floor(poses[:2] / 0.5).astype(int)
@@ -199,7 +197,7 @@ def clusters(occupied: list[Bin]) -> dict[Bin, Bin]:
     return {bin_: group[0] for group in sets for bin_ in group}
 
 
-def heaviest(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> Cluster:
+def heaviest(poses: Floats, weights: Floats) -> Cluster:
     directions = np.stack((np.cos(poses[2]), np.sin(poses[2])))
     return heaviest_cluster(histogram(poses, poses.shape[1]), poses, directions, weights)
 
@@ -211,7 +209,7 @@ cloud = st.tuples(st.integers(0, 10**6), st.integers(1, 60), st.floats(0.2, 4)).
 
 @settings(deadline=None, max_examples=150)
 @given(poses=cloud)
-def test_two_particles_share_a_bin_if_they_do_so_by_hand(poses: NDArray[np.float64]) -> None:
+def test_two_particles_share_a_bin_if_they_do_so_by_hand(poses: Floats) -> None:
     found, by_hand = histogram(poses, poses.shape[1]), bins(poses)
     numbers: dict[Bin, int] = {}
     expected = [numbers.setdefault(one, len(numbers)) for one in by_hand]
@@ -221,7 +219,7 @@ def test_two_particles_share_a_bin_if_they_do_so_by_hand(poses: NDArray[np.float
 
 @settings(deadline=None, max_examples=150)
 @given(poses=cloud, seed=st.integers(0, 10**6))
-def test_heaviest_cluster_is_that_of_merged_sets(poses: NDArray[np.float64], seed: int) -> None:
+def test_heaviest_cluster_is_that_of_merged_sets(poses: Floats, seed: int) -> None:
     weights = np.random.default_rng(seed).random(poses.shape[1])
     weights /= weights.sum()
     by_hand = bins(poses)

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
@@ -30,14 +30,14 @@ DISC = DWA["disc"]
 ROBUST = DWA_PRESETS["robust"]
 
 
-def hall(length: float, width: float) -> NDArray[np.bool_]:
+def hall(length: float, width: float) -> Flags:
     """Walls round a hall of that size, m, in cells of 0.04 m."""
     walls = np.ones((round(width / CELL) + 8, round(length / CELL) + 8), np.bool_)
     walls[4:-4, 4:-4] = False
     return walls
 
 
-def floor(walls: NDArray[np.bool_]) -> OccupancyGrid:
+def floor(walls: Flags) -> OccupancyGrid:
     """The floor plan with these walls; the hall's corner is at (0.16, 0.16)."""
     return OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), CELL)
 

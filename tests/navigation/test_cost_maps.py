@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int64s, Octets
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
@@ -55,7 +56,7 @@ def mapped(*sweeps: Sweep, parameters: CostMapParameters | None = None) -> CostM
     return made
 
 
-def rounded(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+def rounded(points: Floats) -> list[tuple[float, float]]:
     return [(round(float(x), 3), round(float(y), 3)) for x, y in points]
 
 
@@ -173,7 +174,7 @@ grids = arrays(
 )
 
 
-def looked_up(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int64]:
+def looked_up(marks: Octets, reach: int) -> Int64s:
     row, column = np.indices(marks.shape)
     least = np.full(marks.shape, (reach + 1) ** 2)
     for r, c in np.argwhere(marks):
@@ -183,7 +184,7 @@ def looked_up(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int64]:
 
 @settings(max_examples=200, deadline=None)
 @given(marks=grids, reach=st.integers(1, 20))
-def test_distances_are_exact_up_to_the_reach(marks: NDArray[np.uint8], reach: int) -> None:
+def test_distances_are_exact_up_to_the_reach(marks: Octets, reach: int) -> None:
     assert np.array_equal(squared_within(marks, reach), looked_up(marks, reach))
 
 
@@ -284,7 +285,7 @@ def through(x: float, y: float, dx: float, dy: float, row: int, column: int) -> 
     return (enter, leave) if enter < leave else None
 
 
-def passed(view: View, ranges: NDArray[np.uint16], eye: NDArray[np.float64]) -> NDArray[np.bool_]:
+def passed(view: View, ranges: NDArray[np.uint16], eye: Floats) -> Flags:
     """(SIDE, SIDE): which cells some ray passes through."""
     cells = np.zeros((SIDE, SIDE), np.bool_)
     c, s = math.cos(eye[2]), math.sin(eye[2])
@@ -301,7 +302,7 @@ def passed(view: View, ranges: NDArray[np.uint16], eye: NDArray[np.float64]) -> 
     return cells
 
 
-def ends(view: View, ranges: NDArray[np.uint16], eye: NDArray[np.float64]) -> set[tuple[int, int]]:
+def ends(view: View, ranges: NDArray[np.uint16], eye: Floats) -> set[tuple[int, int]]:
     """The cells that echoes within the obstacle range come from."""
     angle = view.first + view.increment * np.arange(len(ranges)) + eye[2]
     apart = ranges / CELL_MM
@@ -327,7 +328,7 @@ eyes = st.integers(0, 10**6).map(
     raytrace=st.sampled_from([5.0, 12.0]),
 )
 def test_cells_that_a_ray_passes_are_cleared_and_stamped_and_those_where_one_ends_marked(
-    ranges: NDArray[np.uint16], eye: NDArray[np.float64], field: float, silent: float, raytrace: float
+    ranges: NDArray[np.uint16], eye: Floats, field: float, silent: float, raytrace: float
 ) -> None:
     view = View(len(ranges), field, silent, raytrace)
     marks, stamps = np.ones((SIDE, SIDE), np.uint8), np.zeros((SIDE, SIDE), np.int64)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int32s
 from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best
 from actors.robot.navigation.map_grid import wavefront
 from actors.robot.navigation.ray_tracing import squared_within
@@ -28,7 +28,7 @@ class Trajectory:
     """cells; by how much it keeps farther off than it must, where it comes nearest."""
 
 
-def squared_at(marks: NDArray[np.bool_], x: float, y: float, most: float) -> float:
+def squared_at(marks: Flags, x: float, y: float, most: float) -> float:
     """Squared distance from a point to the nearest marked cell's centre, at most `most`."""
     rows, columns = np.nonzero(marks)
     if not rows.size:
@@ -45,7 +45,7 @@ def samples(low: float, high: float, count: int) -> list[float]:
     return sorted(values)
 
 
-def nearest_steps(steps: NDArray[np.int32], x: float, y: float) -> int:
+def nearest_steps(steps: Int32s, x: float, y: float) -> int:
     if steps[int(y), int(x)] < steps.size:
         return int(steps[int(y), int(x)])
     row, column = int(y - 0.5), int(x - 0.5)
@@ -53,9 +53,7 @@ def nearest_steps(steps: NDArray[np.int32], x: float, y: float) -> int:
 
 
 class Twin:
-    def __init__(
-        self, fields: Fields, marks: NDArray[np.bool_], table: NDArray[np.float64], w: Numbers
-    ) -> None:
+    def __init__(self, fields: Fields, marks: Flags, table: Floats, w: Numbers) -> None:
         self.fields, self.marks, self.table, self.w = fields, marks, table, w
 
     def limit(self, speed: float) -> float:
@@ -64,7 +62,7 @@ class Twin:
         return w["radius"] * (1 + w["scaling_factor"] * share) + w["padding"]
 
     def trajectories(
-        self, pose: tuple[float, float, float], window: NDArray[np.float64], counts: tuple[int, int]
+        self, pose: tuple[float, float, float], window: Floats, counts: tuple[int, int]
     ) -> list[Trajectory]:
         found = []
         for speed in samples(window[0], window[1], counts[0]):
@@ -156,7 +154,7 @@ class Scene:
         self.marks = np.zeros((SIDE, SIDE), np.uint8)
         self.marks[rng.integers(0, SIDE, obstacles), rng.integers(0, SIDE, obstacles)] = 1
         self.row = int(rng.integers(14, 26))
-        self.table: NDArray[np.float64] = np.linspace(6.0, 0.0, (REACH + 1) ** 2 + 1, dtype=np.float64)
+        self.table: Floats = np.linspace(6.0, 0.0, (REACH + 1) ** 2 + 1, dtype=np.float64)
         self.table.setflags(write=False)
         self.goal = (self.row, int(rng.integers(26, 40)))
 
@@ -172,11 +170,11 @@ class Scene:
     def choose(
         self,
         weights: Numbers,
-        window: NDArray[np.float64] = FORWARD,
+        window: Floats = FORWARD,
         counts: tuple[int, int] = (7, 8),
-        barred: NDArray[np.bool_] = FREE,
+        barred: Flags = FREE,
         trusted: int = 1,
-        bounds: NDArray[np.float64] = BOUNDLESS,
+        bounds: Floats = BOUNDLESS,
     ) -> Choice:
         packed = np.array([tuple(weights[name] for name in WEIGHTS.names or ())], WEIGHTS)
         fields = self.fields(trusted=trusted)

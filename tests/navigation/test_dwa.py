@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from acrc_testbed.benchmarks import navigation as original
-from actors.array_types import Singles
+from actors.array_types import Flags, Floats, Int32s, Octets, Singles
 from actors.robot.navigation.cost_map import Inflation
 from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, cheapest, samples
 from actors.robot.navigation.map_grid import wavefront
@@ -24,11 +23,11 @@ Cell = tuple[int, int]
 
 @dataclass
 class Twin:
-    costs: NDArray[np.uint8]
-    path: NDArray[np.int32]
-    goal: NDArray[np.int32]
-    front: NDArray[np.int32]
-    outline: NDArray[np.float64]
+    costs: Octets
+    path: Int32s
+    goal: Int32s
+    front: Int32s
+    outline: Floats
     w: Numbers
 
     def cost(self, pose: tuple[float, float, float], speed: float, turn: float) -> float | None:
@@ -123,15 +122,13 @@ class Scene:
         self.path, self.goal, self.front = (wavefront(squared, limit, cells) for cells in (plan, goal, front))
         self.twin = Twin(TABLE[squared], self.path, self.goal, self.front, OUTLINE, NUMBERS)
 
-    def choose(self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]) -> CheapestVelocity:
+    def choose(self, speeds: Singles, turns: Singles, barred: Flags) -> CheapestVelocity:
         critics = np.array([tuple(NUMBERS[name] for name in CRITICS.names or ())], CRITICS)
         pose = np.array([*self.pose, 0.0, 0.0])
         around = self.squared, self.path, self.goal, self.front
         return CheapestVelocity(*cheapest(pose, speeds, turns, barred, *around, TABLE, OUTLINE, critics))
 
-    def costs(
-        self, speeds: Singles, turns: Singles, barred: NDArray[np.bool_]
-    ) -> dict[tuple[float, float], float]:
+    def costs(self, speeds: Singles, turns: Singles, barred: Flags) -> dict[tuple[float, float], float]:
         x, y, heading = self.pose
         found = {}
         for speed in map(float, speeds):

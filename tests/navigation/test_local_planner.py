@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int16s, Int32s, Int64s
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
@@ -191,15 +192,14 @@ def test_it_ends_with_distance_or_angle_or_a_new_goal(where: Pose, free: bool) -
     assert not made.barred.any()
 
 
-Squares = NDArray[np.int16]
 squares = arrays(np.int16, st.tuples(st.integers(2, 16), st.integers(2, 16)), elements=st.integers(0, 9))
 
 
-def cells(*pairs: tuple[int, int]) -> NDArray[np.int32]:
+def cells(*pairs: tuple[int, int]) -> Int32s:
     return np.array(pairs, np.int32)
 
 
-def searched(squared: Squares, limit: float, starts: NDArray[np.int32]) -> NDArray[np.int64]:
+def searched(squared: Int16s, limit: float, starts: Int32s) -> Int64s:
     """Breadth-first search; what it meets and may not enter counts as one step less than what it never
     meets."""
     steps = np.full(squared.shape, squared.size + 1)
@@ -223,7 +223,7 @@ def searched(squared: Squares, limit: float, starts: NDArray[np.int32]) -> NDArr
 @settings(max_examples=150, deadline=None)
 @given(squared=squares, limit=st.sampled_from([2.5, 4.0]), data=st.data())
 def test_waves_are_those_of_a_breadth_first_search(
-    squared: Squares, limit: float, data: st.DataObject
+    squared: Int16s, limit: float, data: st.DataObject
 ) -> None:
     rows, columns = squared.shape
     cell = st.tuples(st.integers(0, rows - 1), st.integers(0, columns - 1))
@@ -231,9 +231,7 @@ def test_waves_are_those_of_a_breadth_first_search(
     assert np.array_equal(wavefront(squared, limit, starts), searched(squared, limit, starts))
 
 
-def straight(
-    way: NDArray[np.float64], body: tuple[float, float], side: int = 40
-) -> tuple[int, bool, list[list[int]]]:
+def straight(way: Floats, body: tuple[float, float], side: int = 40) -> tuple[int, bool, list[list[int]]]:
     """`cut` without any motion between the frames, cells of 0.1 m."""
     motion = np.array([1.0, 0.0, 0.0, 0.0, 10.0])
     nearest, ended, found = cut(way, 0, motion, np.array([*body, 0.0]), side, side / 2)
@@ -284,7 +282,7 @@ def test_what_has_been_passed_stays_behind_and_the_plan_does_not_jump_to_where_i
 @settings(max_examples=150, deadline=None)
 @given(squared=squares, slack=st.sampled_from([-1.0, 1.0, 2.9]), data=st.data())
 def test_the_goal_is_the_plans_last_cell_or_one_that_does_instead(
-    squared: Squares, slack: float, data: st.DataObject
+    squared: Int16s, slack: float, data: st.DataObject
 ) -> None:
     rows, columns = squared.shape
     cell = st.tuples(st.integers(0, rows - 1), st.integers(0, columns - 1))

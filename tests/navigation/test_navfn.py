@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Octets
 from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.map_file import load_map
@@ -36,11 +37,11 @@ def planner(floor: OccupancyGrid, parameters: PlanningParameters = CHAPTER) -> N
     return NavfnPlanner(global_costs(floor, RADIUS, parameters), parameters)
 
 
-def length(way: NDArray[np.float64]) -> float:
+def length(way: Floats) -> float:
     return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
-def is_on_free_cells(floor: OccupancyGrid, way: NDArray[np.float64]) -> bool:
+def is_on_free_cells(floor: OccupancyGrid, way: Floats) -> bool:
     costs = global_costs(floor, RADIUS, CHAPTER).costs
     column, row = np.rint((way - np.array(floor.origin)) / floor.resolution).astype(int).T[:, 1:-1]
     return bool((costs[row, column] < IMPASSABLE).all())
@@ -98,7 +99,7 @@ shares = st.floats(0.05, 0.95)
 @settings(max_examples=80, deadline=None)
 @given(cells=maps, ends=st.tuples(shares, shares, shares, shares))
 def test_a_way_leads_over_free_cells_from_the_robot_to_the_goal(
-    cells: NDArray[np.uint8], ends: tuple[float, float, float, float]
+    cells: Octets, ends: tuple[float, float, float, float]
 ) -> None:
     floor = OccupancyGrid(cells, 0.1, Point(-1.0, 2.0))
     wide, high = floor.columns * 0.1, floor.rows * 0.1
@@ -204,10 +205,7 @@ def test_what_is_wrong_among_the_parameters_is_said(change: dict[str, Any], faul
     assert str(raised.value) == f"PlanningParameters.{fault}"
 
 
-Costs = NDArray[np.uint8]
-
-
-def closed(costs: Costs) -> Costs:
+def closed(costs: Octets) -> Octets:
     costs = costs.copy()
     costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
     return costs
@@ -227,7 +225,7 @@ navfn_potential_maps = (
 @settings(max_examples=100, deadline=None)
 @given(costs=navfn_potential_maps, data=st.data())
 def test_a_wave_reaches_every_connected_cell_and_a_way_leads_down_from_each(
-    costs: Costs, data: st.DataObject
+    costs: Octets, data: st.DataObject
 ) -> None:
     rows, columns = costs.shape
     root = data.draw(st.integers(1, rows - 2)), data.draw(st.integers(1, columns - 2))

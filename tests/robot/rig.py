@@ -1,11 +1,12 @@
 """Behaviours, right and wrong, for tests to load by their entry strings."""
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
 from actors.messages import Drive, Heard, Received, Sent
@@ -17,7 +18,7 @@ from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
 from actors.robot.navigation.planning import Planner, ground
-from actors.robot.navigation.steering import DwaParameters, Steering
+from actors.robot.navigation.steering import BaseLocalPlanner, DwaParameters, Steering
 from actors.robot.sweep import Sweep, Sweeps
 from actors.runtime.core import Output
 from actors.runtime.errors import AcrcError
@@ -128,9 +129,7 @@ class Told(Planner):
         self.finds = True
         self.asked = 0
 
-    def path(
-        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64] | None:
+    def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         self.asked += 1
         return super().path(start, goal, marks) if self.finds else None
 
@@ -140,7 +139,7 @@ class Obedient:
 
     def __init__(self) -> None:
         self.valid = True
-        self.ways: list[NDArray[np.float64]] = []
+        self.ways: list[Floats] = []
         self.begun = 0
         self.asked: list[Instant] = []
         self.found = self.arrives = True
@@ -148,7 +147,7 @@ class Obedient:
     def begin(self) -> None:
         self.begun += 1
 
-    def follow(self, way: NDArray[np.float64]) -> None:
+    def follow(self, way: Floats) -> None:
         self.ways.append(way)
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
@@ -172,18 +171,24 @@ class Memory:
     def clear(self, beyond: float) -> None:
         self.cleared.append(beyond)
 
-    def marks(self) -> NDArray[np.float64]:
+    def marks(self) -> Floats:
         return self.marked
 
     def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
         return self.behind
 
 
+def navigator(
+    planner: Planner, local: Memory, local_planner: Obedient, parameters: NavigationParameters = CHAPTER
+) -> Navigator:
+    return Navigator(planner, cast(CostMap, local), cast(BaseLocalPlanner, local_planner), parameters)
+
+
 class Trip:
     def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
         self.local_planner, self.map = Obedient(), Memory()
         self.planner = Told()
-        self.navigation = Navigator(self.planner, self.map, self.local_planner, parameters)
+        self.navigation = navigator(self.planner, self.map, self.local_planner, parameters)
         self.place = WEST
         self.step = 0
         self.drifts = True

@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int32s
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour import FARTHEST_BACK, GoalOrder, GoalPhase
 from actors.robot.behaviour.node_host import RobotNavigation
-from actors.robot.navigation.navigator import Navigator, Trail, backward
+from actors.robot.navigation.navigator import Trail, backward
 from actors.robot.navigation.planning import (
     PLANNER_PRESETS,
     Ground,
@@ -31,7 +31,7 @@ from actors.robot.navigation.planning import (
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 from actors.settings import ParameterError
 from tests.robot.base import TWO_ROOMS, plan
-from tests.robot.rig import Memory, Obedient
+from tests.robot.rig import Memory, Obedient, navigator
 
 RADIUS = 0.177
 FLOOR = ground(TWO_ROOMS, RADIUS)
@@ -44,7 +44,7 @@ def corridor() -> Ground:
     return ground(load_map(CORRIDOR), RADIUS)
 
 
-def least_clearance(floor: Ground, way: NDArray[np.float64]) -> float:
+def least_clearance(floor: Ground, way: Floats) -> float:
     return float(min(floor.clearance[floor.grid.cell(Point(*point))] for point in way))
 
 
@@ -109,7 +109,7 @@ def test_potentials_take_as_much_memory_as_is_said() -> None:
     ),
     resolution=st.sampled_from([0.02, 0.03125, 0.05]),
 )
-def test_a_coarse_grid_never_promises_too_much_room(walls: NDArray[np.bool_], resolution: float) -> None:
+def test_a_coarse_grid_never_promises_too_much_room(walls: Flags, resolution: float) -> None:
     fine = OccupancyGrid(np.where(walls, FREE, OCCUPIED).astype(np.uint8), resolution, Point(1.0, -2.0))
     coarse = ground(fine, 0.0)
     assert 0.05 <= coarse.grid.resolution < 0.0626
@@ -150,11 +150,10 @@ def test_a_door_has_a_plan_from_the_narrowest_width_on(closed: float, resolution
     assert not closed or planned == {narrowest, narrowest + 1}
 
 
-Costs = NDArray[np.int32]
 SIDES = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)]
 
 
-def neighbours(costs: Costs, row: int, column: int) -> list[tuple[int, int, int]]:
+def neighbours(costs: Int32s, row: int, column: int) -> list[tuple[int, int, int]]:
     found = []
     for down, right in SIDES:
         r, c = row + down, column + right
@@ -167,7 +166,7 @@ def neighbours(costs: Costs, row: int, column: int) -> list[tuple[int, int, int]
     return found
 
 
-def textbook(costs: Costs, goal: tuple[int, int]) -> Costs:
+def textbook(costs: Int32s, goal: tuple[int, int]) -> Int32s:
     field = np.full(costs.shape, UNREACHABLE, np.int32)
     if costs[goal] == 0:
         return field
@@ -191,7 +190,7 @@ maps = arrays(np.int32, st.tuples(st.integers(1, 14), st.integers(1, 14)), eleme
 
 @settings(max_examples=150, deadline=None)
 @given(costs=maps, data=st.data())
-def test_the_potential_is_that_of_a_textbook_dijkstra(costs: Costs, data: st.DataObject) -> None:
+def test_the_potential_is_that_of_a_textbook_dijkstra(costs: Int32s, data: st.DataObject) -> None:
     goal = data.draw(st.tuples(*[st.integers(0, side - 1) for side in costs.shape]))
     if costs.max() == 0:
         costs[goal] = 1
@@ -200,7 +199,7 @@ def test_the_potential_is_that_of_a_textbook_dijkstra(costs: Costs, data: st.Dat
 
 @settings(max_examples=100, deadline=None)
 @given(costs=maps, data=st.data())
-def test_the_way_down_takes_allowed_steps_and_ends_at_the_goal(costs: Costs, data: st.DataObject) -> None:
+def test_the_way_down_takes_allowed_steps_and_ends_at_the_goal(costs: Int32s, data: st.DataObject) -> None:
     passable = [(int(row), int(column)) for row, column in np.argwhere(costs > 0)]
     if not passable:
         return
@@ -260,7 +259,7 @@ STEP_S = 0.1
 class Driven:
     def __init__(self, pose: Pose) -> None:
         self.map = Memory()
-        self.navigation = Navigator(Planner(FLOOR), self.map, Obedient())
+        self.navigation = navigator(Planner(FLOOR), self.map, Obedient())
         self.pose, self.step = pose, 0
         self.been: list[Point] = []
 

@@ -48,7 +48,7 @@ ROBOT = RobotSetup(
     map=str(MAPS / "corridor.yaml"),
 )
 PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
-PLANNING_KERNELS = "disc_dwa dwa local_planner map_grid"
+NAVIGATION_KERNELS = "cost_map disc_dwa dwa local_planner map_grid potential ray_tracing"
 LOCALISATION_KERNELS = "confidence measurement motion resampling"
 AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
@@ -90,10 +90,8 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
     assert [name.removeprefix("actors.") for name in ours] == [
         *("floor.raster.distance", "floor.raster.flood"),
-        *(f"robot.cost_maps.{name}" for name in ("cost_map", "ray_tracing")),
-        *(f"robot.local_planning.{name}" for name in PLANNING_KERNELS.split()),
         *(f"robot.localisation.{name}" for name in LOCALISATION_KERNELS.split()),
-        "robot.navigation.potential",
+        *(f"robot.navigation.{name}" for name in NAVIGATION_KERNELS.split()),
     ]
 
 

@@ -27,30 +27,12 @@ _FLANK_COSINE: Final = cos(math.radians(50))
 _FLANK_SINE: Final = sin(math.radians(50))
 """Backing out, the robot has to know the floor below its stern, and 50° to both sides of it."""
 
-WEIGHTS = np.dtype(
-    [
-        ("path", np.float64),
-        ("alignment", np.float64),
-        ("goal", np.float64),
-        ("front", np.float64),
-        ("nose", np.float64),
-        ("horizon", np.float64),
-        ("stride", np.float64),
-        ("turn_stride", np.float64),
-        ("deceleration", np.float64),
-        ("stop_buffer", np.float64),
-        ("radius", np.float64),
-        ("padding", np.float64),
-        ("scaling_speed", np.float64),
-        ("scaling_range", np.float64),
-        ("scaling_factor", np.float64),
-        ("least_speed", np.float64),
-        ("least_turn", np.float64),
-        ("goal_distance", np.float64),
-        ("escape", np.float64),
-    ],
-    align=True,
-)
+_PARAMETERS: Final = (
+    "path", "alignment", "goal", "front", "nose", "horizon", "stride", "turn_stride", "deceleration",
+    "stop_buffer", "radius", "padding", "scaling_speed", "scaling_range", "scaling_factor", "least_speed",
+    "least_turn", "goal_distance", "escape",
+)  # fmt: skip
+WEIGHTS: Final = np.dtype([(name, np.float64) for name in _PARAMETERS], align=True)
 """The critics' weights per step, and what a trajectory is measured with.
 
 `nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long as
@@ -87,26 +69,9 @@ def fingerprint() -> bytes:
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
     fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
     numbers = [
-        1.6,
-        1.6,
-        0.6,
-        0.6,
-        6.5,
-        3.0,
-        0.5,
-        0.1,
-        20.0,
-        0.2,
-        3.5,
-        1.0,
-        5.0,
-        5.0,
-        0.2,
-        2.0,
-        0.4,
-        9.0,
-        0.5,
-    ]
+        1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2,
+        3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5,
+    ]  # fmt: skip
     weights = np.array([tuple(numbers)], WEIGHTS)
     table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
     table.setflags(write=False)

@@ -4,11 +4,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Int32s
 from actors.geometry import Pose, Twist, wrap
-from actors.instant import Instant, in_seconds
+from actors.instant import Instant
 from actors.portable import atan2, cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best, squared_at
@@ -17,8 +16,6 @@ from actors.robot.navigation.ray_tracing import half_gaps
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
 
-_PER_STEP: Final = 0.5
-"""Path and goal weigh bias · cell · ½ per cell of distance: dwa_planner.cpp of ROS Indigo."""
 _BEHIND: Final = 0.75 * math.pi
 """From this angle on either side will do to turn to what lies behind, rad."""
 _BOUNDLESS: Final = np.empty((0, 3))
@@ -47,23 +44,30 @@ class DiscLocalPlanner(BaseLocalPlanner):
         self, local: CostMap, radius: float, limits: DriveParameters, parameters: DwaParameters
     ) -> None:
         """`local` is kept up to date by whoever owns it; `radius`: of the body, m; `limits`: of the base."""
-        super().__init__(local, parameters)
-        p = parameters
-        self._max_speed = min(p.max_speed, limits.speed)
+        super().__init__(local, limits, parameters)
+        p, cell, padding = parameters, self._cell, local.parameters.padding
         self._min_speed = max(p.min_speed, -limits.speed)
-        self._max_turn = min(p.max_turn, limits.turn_rate)
-        self._gain = min(p.acceleration, limits.acceleration) * in_seconds(p.period)
-        self._turn_deceleration = min(p.turn_acceleration, limits.turn_acceleration)
-        self._turn_gain = self._turn_deceleration * in_seconds(p.period)
-        self._weights = _weights(p, self._cell, radius, local.parameters.padding, limits)
+        self._weights = self._record(
+            WEIGHTS,
+            horizon=p.sim_time,
+            stop_buffer=p.stop_buffer,
+            stride=p.granularity / cell,
+            turn_stride=p.angular_granularity,
+            deceleration=self._acceleration / cell,
+            radius=radius / cell,
+            padding=padding / cell,
+            scaling_speed=p.scaling_speed / cell,
+            scaling_range=max(self._max_speed - p.scaling_speed, cell) / cell,
+            scaling_factor=p.max_scaling_factor,
+            least_speed=p.least_speed / cell,
+            least_turn=p.least_turn,
+            escape=p.escape / cell,
+        )
         self._alignment, self._front = (float(self._weights[name][0]) for name in ("alignment", "front"))
-        self._table: Floats = np.multiply(local.table, p.occdist_scale * self._cell, dtype=np.float64)
+        self._table: Floats = np.multiply(local.table, p.occdist_scale * cell, dtype=np.float64)
         self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
-        inscribed = local.inflation.inscribed / self._cell
-        self._limit = inscribed * inscribed
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
-        slowing = min(p.acceleration, limits.acceleration)
-        self._farthest = self._max_speed * (p.stop_buffer + 0.5 * self._max_speed / slowing) / self._cell
+        self._farthest = self._max_speed * (p.stop_buffer + 0.5 * self._max_speed / self._acceleration) / cell
         """At full speed the body covers so many cells until it has stopped."""
         self._nearest = 0
 
@@ -159,7 +163,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         What lies behind it is reached on the side that it turns to already.
         """
         side = turn if abs(angle) > _BEHIND and abs(turn) > self._p.least_turn / 2 else angle
-        most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_deceleration * abs(angle)))
+        most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_acceleration * abs(angle)))
         wanted = math.copysign(max(most, self._p.least_turn), side)
         return min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
 
@@ -205,23 +209,3 @@ def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) 
             break
         row, column = next_row, next_column
     return row, column
-
-
-def _weights(
-    p: DwaParameters, cell: float, radius: float, padding: float, limits: DriveParameters
-) -> NDArray[np.void]:
-    """The parameters in the units of the kernel."""
-    path, goal = p.path_bias * cell * _PER_STEP, p.goal_bias * cell * _PER_STEP
-    weights = np.zeros(1, WEIGHTS)
-    weights[["path", "alignment", "goal", "front"]] = (path, path, goal, goal)
-    weights["nose"] = p.forward_point / cell
-    weights["horizon"], weights["stop_buffer"] = p.sim_time, p.stop_buffer
-    weights["stride"], weights["turn_stride"] = p.granularity / cell, p.angular_granularity
-    weights["deceleration"] = min(p.acceleration, limits.acceleration) / cell
-    weights["radius"], weights["padding"] = radius / cell, padding / cell
-    weights["scaling_speed"] = p.scaling_speed / cell
-    weights["scaling_range"] = max(min(p.max_speed, limits.speed) - p.scaling_speed, cell) / cell
-    weights["scaling_factor"] = p.max_scaling_factor
-    weights["least_speed"], weights["least_turn"] = p.least_speed / cell, p.least_turn
-    weights["escape"] = p.escape / cell
-    return weights

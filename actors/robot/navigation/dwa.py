@@ -123,24 +123,11 @@ _BEYOND: Final = 2.7
 """A marked cell is no part of an outline whose corners are by so many cells nearer: half a diagonal to the
 middle of the robot's cell, the same to that of a corner's, and the way a line of cells strays."""
 
-CRITICS = np.dtype(
-    [
-        ("obstacle", np.float64),
-        ("front", np.float64),
-        ("alignment", np.float64),
-        ("path", np.float64),
-        ("goal", np.float64),
-        ("nose", np.float64),
-        ("cell", np.float64),
-        ("horizon", np.float64),
-        ("stride", np.float64),
-        ("turn_stride", np.float64),
-        ("least_speed", np.float64),
-        ("least_turn", np.float64),
-        ("most_speed", np.float64),
-    ],
-    align=True,
-)
+_PARAMETERS: Final = (
+    "obstacle", "front", "alignment", "path", "goal", "nose", "cell", "horizon", "stride", "turn_stride",
+    "least_speed", "least_turn", "most_speed",
+)  # fmt: skip
+CRITICS: Final = np.dtype([(name, np.float64) for name in _PARAMETERS], align=True)
 """The critics' scales, and what a trajectory is made with.
 
 `nose`: so far ahead of the centre the nose is, cells. `cell`: m. `horizon`: a trajectory takes so long, s;

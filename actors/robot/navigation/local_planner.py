@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from actors.array_types import Flags, Floats, Int16s, Int32s, Octets
 from actors.geometry import STILL, Pose, Twist, wrap
-from actors.instant import Instant, in_seconds
+from actors.instant import Instant
 from actors.kernels import kernel
 from actors.portable.compiled import cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
@@ -30,15 +30,6 @@ from actors.robot.navigation.map_grid import wavefront
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
 from deeco.knowledge import made
-
-
-def _local_plan_fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
-    way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
-    estimate, here = np.array([0.4, 0.8, 0.3]), np.array([0.9, 0.7, 0.6])
-    cells, goal, front, far = local_plan(way, estimate, here, np.array([-0.1, -0.3]), 0.05, 40, 0.325)
-    assert cells.size
-    return bytes(cells.tobytes() + goal.tobytes() + front.tobytes() + bytes([far]))
 
 
 @kernel
@@ -174,7 +165,7 @@ def chosen(
     )
 
 
-def _control_cycle_fingerprint() -> bytes:
+def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     squared, table, corners, critics = example()
     way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
@@ -184,13 +175,6 @@ def _control_cycle_fingerprint() -> bytes:
     return np.array(found).tobytes()
 
 
-def fingerprint() -> bytes:
-    """Return the results of all kernels of this module for fixed inputs, concatenated."""
-    return b"".join(part() for part in (_local_plan_fingerprint, _control_cycle_fingerprint))
-
-
-_PER_STEP: Final = 0.5
-"""Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure)."""
 _GOAL_HEADING: Final = 0.0
 """The chapter's robots ask for it at every goal, rad, map frame: driveRobot of CleanerRobot in
 d3scomp/deeco-adaptation-testbed sends the quaternion (0, 0, 0, 1)."""
@@ -203,16 +187,21 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
     def __init__(self, local: CostMap, limits: DriveParameters, parameters: DwaParameters) -> None:
         """`local` is kept up to date by whoever owns it; `limits`: of the base."""
-        super().__init__(local, parameters)
-        p = parameters
-        self._max_speed, self._max_turn = min(p.max_speed, limits.speed), min(p.max_turn, limits.turn_rate)
-        self._acceleration = min(p.acceleration, limits.acceleration)
-        self._turn_acceleration = min(p.turn_acceleration, limits.turn_acceleration)
-        self._critics = _critics(p, self._cell, self._max_speed)
+        super().__init__(local, limits, parameters)
+        p, cell = parameters, self._cell
+        self._critics = self._record(
+            CRITICS,
+            obstacle=cell * p.occdist_scale,
+            cell=cell,
+            horizon=p.sim_time,
+            stride=p.granularity,
+            turn_stride=p.angular_granularity,
+            least_speed=p.least_speed,
+            least_turn=p.least_turn,
+            most_speed=self._max_speed,
+        )
         self._alignment = float(self._critics["alignment"][0])
-        self._outline = local.outline / self._cell
-        inscribed = local.inflation.inscribed / self._cell
-        self._limit = inscribed * inscribed
+        self._outline = local.outline / cell
         self._end = 0.0, 0.0
         """Of the plan, m, map frame."""
         self._arrived = False
@@ -289,12 +278,10 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
         As SimpleTrajectoryGenerator::initialise.
         """
-        p, period = self._p, in_seconds(self._p.period)
-        gain, turn_gain = self._acceleration * period, self._turn_acceleration * period
         vx, omega = float(np.float32(velocity.vx)), float(np.float32(velocity.omega))
         return (
-            *reachable(vx, gain, p.min_speed, self._max_speed),
-            *reachable(omega, turn_gain, -self._max_turn, self._max_turn),
+            *reachable(vx, self._gain, self._p.min_speed, self._max_speed),
+            *reachable(omega, self._turn_gain, -self._max_turn, self._max_turn),
         )
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
@@ -310,14 +297,13 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
     def _slower(self, velocity: Twist) -> Twist:
         """As slow as the base can be a period later."""
-        period = in_seconds(self._p.period)
-        vx = max(0.0, abs(velocity.vx) - self._acceleration * period)
-        omega = max(0.0, abs(velocity.omega) - self._turn_acceleration * period)
+        vx = max(0.0, abs(velocity.vx) - self._gain)
+        omega = max(0.0, abs(velocity.omega) - self._turn_gain)
         return Twist(math.copysign(vx, velocity.vx), 0.0, math.copysign(omega, velocity.omega))
 
     def _turn(self, astray: float, omega: float) -> float:
         """How fast to turn by that angle, rad/s: so that it can be stopped at its end (rotateToGoal)."""
-        least, gain = self._p.least_turn, self._turn_acceleration * in_seconds(self._p.period)
+        least, gain = self._p.least_turn, self._turn_gain
         wanted = min(self._max_turn, max(least, abs(astray)))
         wanted = min(max(wanted, abs(omega) - gain), abs(omega) + gain)
         wanted = min(math.sqrt(2.0 * self._turn_acceleration * abs(astray)), wanted)
@@ -338,17 +324,3 @@ class DwaLocalPlanner(BaseLocalPlanner):
 def _astray(estimate: Pose) -> float:
     """From the heading to that of the goal, rad."""
     return wrap(_GOAL_HEADING - estimate.heading)
-
-
-def _critics(p: DwaParameters, cell: float, most_speed: float) -> NDArray[np.void]:
-    """The parameters in the units of the kernel."""
-    path, goal = cell * p.path_bias * _PER_STEP, cell * p.goal_bias * _PER_STEP
-    critics = np.zeros(1, CRITICS)
-    critics[["path", "alignment", "goal", "front"]] = (path, path, goal, goal)
-    critics["obstacle"] = cell * p.occdist_scale
-    critics["nose"], critics["cell"] = p.forward_point / cell, cell
-    critics["horizon"], critics["stride"] = p.sim_time, p.granularity
-    critics["turn_stride"] = p.angular_granularity
-    critics["least_speed"], critics["least_turn"] = p.least_speed, p.least_turn
-    critics["most_speed"] = most_speed
-    return critics

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Final, Protocol
+from typing import Annotated, Final
 
 import msgspec
 import numpy as np
@@ -21,9 +21,10 @@ from actors.robot.behaviour.ports import (
     GoalStatus,
     Plan,
 )
+from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.navigation_counts import NavigationCounts, NavigationReport
 from actors.robot.navigation.planning import GlobalPlanner
-from actors.robot.navigation.steering import Steering
+from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.settings import Count, Interval, NotNegative, Positive, PositiveInterval, Settings
 from deeco.knowledge import made
@@ -40,56 +41,53 @@ class PursuitState(Enum):
     """Recover, or give the goal up; the robot stands."""
 
 
+_DRIVES: Final = PursuitState.CONTROLLING
+
+
 @dataclass
 class Pursuit:
     """State of an active goal; a new goal resets it (MoveBase::executeCb)."""
 
     period: Duration
-    """So often there is a cycle; its command holds until the next."""
+    """Time from one cycle to the next; a command holds as long."""
     had_plan: Instant
-    """When a path was found last; at first, after a recovery and after a cycle without a valid trajectory
-    that instant, for patience counts from there."""
+    """When a path was last found, a recovery was made or a cycle had no valid trajectory: patience counts
+    from there."""
     had_trajectory: Instant
-    """When a cycle had a valid trajectory last; at first when the pursuit began."""
+    """When a cycle last had a valid trajectory; at first when the pursuit began."""
     progressed: Instant
-    """When the robot last was far enough from where it had been then; at first when the pursuit began, and
-    after a recovery that instant."""
+    """When the robot was last far enough from where it had been, or recovered."""
     planned: Instant
-    """When a path was looked for last."""
+    """When a path was last looked for."""
     state: PursuitState = PursuitState.PLANNING
     recoveries: int = 0
-    """In a row, without that what `trigger` says had changed."""
+    """In a row, without a change of what `trigger` names."""
     trigger: AbortReason = AbortReason.NO_PLAN
     """Why it recovered last, or is about to."""
     twist: Twist = STILL
-    """What the last cycle commanded."""
+    """Command of the last cycle."""
     _due: Instant | None = None
     """When the next cycle is; None: at once."""
 
     @classmethod
     def begin(cls, instant: Instant, period: Duration) -> "Pursuit":
-        """One whose clocks all start at `instant`."""
+        """Return one whose clocks all start at `instant`."""
         return cls(period, instant, instant, instant, instant)
 
-    @property
-    def drives(self) -> bool:
-        """True while the local planner is asked for commands."""
-        return self.state is PursuitState.CONTROLLING
-
     def cycle_begins(self, instant: Instant) -> bool:
-        """True once a period; in which step, does not depend on how long steps are."""
+        """Return True once a period; in which step does not depend on the length of steps."""
         if self._due is not None and instant < self._due:
             return False
         late = 0 if self._due is None else (instant - self._due) % self.period
         self._due = Instant(instant - late + self.period)
         return True
 
-    def gives_up(self, reason: AbortReason) -> None:
-        """The next cycle recovers for this reason, or ends the pursuit."""
+    def give_up(self, reason: AbortReason) -> None:
+        """Let the next cycle recover for this reason, or end the pursuit."""
         self.state, self.trigger = PursuitState.CLEARING, reason
 
-    def settles(self, reason: AbortReason) -> None:
-        """What recoveries were made for is no longer so: all of them are there again.
+    def settle(self, reason: AbortReason) -> None:
+        """Allow all recoveries again if they were made for this reason, which no longer holds.
 
         A new plan settles NO_PLAN, a valid trajectory BLOCKED, and having moved NO_PROGRESS
         (MoveBase::executeCycle, wherever it sets recovery_index_ to 0).
@@ -99,13 +97,13 @@ class Pursuit:
 
 
 _SPACING: Final = 0.05
-"""Points of the trail are so far apart, m."""
+"""Distance of the trail's points, m."""
 _LOOK_BACK: Final = 0.25
-"""It steers for the point of the trail so far behind, m: about the body's radius and a half."""
+"""The robot steers for the point of the trail so far behind, m: about one and a half radii of the body."""
 _SPEED: Final = 0.2
-"""m/s; own choice, below half of what it drives forward: the sensor may see nothing behind."""
+"""m/s; own choice, below half of the speed forward: the sensor may see nothing behind."""
 _TURN: Final = 1.0
-"""At most so fast it turns, rad/s."""
+"""The highest turn rate, rad/s."""
 
 
 class Trail:
@@ -115,12 +113,12 @@ class Trail:
         self._points: deque[Point] = deque(maxlen=round(FARTHEST_BACK / _SPACING) + 1)
 
     def take(self, here: Point) -> None:
-        """The robot is here now."""
+        """Add the robot's present place."""
         if not self._points or not self._points[-1].is_nearer(here, _SPACING):
             self._points.append(here)
 
     def behind(self, here: Point) -> Point | None:
-        """What to steer for on the way back; what has been passed is forgotten. None where the trail ends."""
+        """Return what to steer for on the way back, None at the trail's end; passed points are forgotten."""
         while self._points and self._points[-1].is_nearer(here, _LOOK_BACK):
             self._points.pop()
         return self._points[-1] if self._points else None
@@ -128,42 +126,23 @@ class Trail:
 
 @dataclass
 class Withdrawal:
-    """Backing out along the trail, as a behaviour has told the robot to."""
+    """Backing out along the trail, ordered by the behaviour."""
 
     left: float
-    """How far yet, m."""
+    """Distance to go, m."""
     last: Point
     """Where the robot was in the step before, odometry frame."""
     ends: Instant
-    """Whatever has come of it, it is over then."""
-
-    @classmethod
-    def of(cls, distance: float, here: Point, instant: Instant) -> "Withdrawal":
-        """One by `distance`, m, that may take twice as long as it should, and a turn."""
-        return cls(distance, here, Instant(instant + patience(distance)))
-
-    def gone_to(self, here: Point) -> None:
-        """Count what has been driven."""
-        self.left -= self.last.distance_to(here)
-        self.last = here
-
-
-def patience(distance: float) -> Duration:
-    """How long backing out by `distance`, m, may take."""
-    return seconds(3 + 2 * distance / _SPEED)
+    """Deadline."""
 
 
 def backward(here: Pose, target: Point) -> Twist:
-    """The velocity that leads backward on an arc to `target` (pure pursuit), or turns round first."""
+    """Return the velocity that leads backward on an arc to `target` (pure pursuit), or turns round first."""
     aim = here.relative(Pose(target.x, target.y, 0.0))
     if aim.x > -abs(aim.y):
         return Twist(0.0, 0.0, -_TURN if aim.y > 0 else _TURN)
     curvature = 2 * aim.y / (aim.x * aim.x + aim.y * aim.y)
     return Twist(-_SPEED, 0.0, max(-_TURN, min(_TURN, -_SPEED * curvature)))
-
-
-_DRIVES: Final = PursuitState.CONTROLLING
-"""While this is its state, the local planner is asked for commands."""
 
 
 class NavigationParameters(Settings, frozen=True):
@@ -215,45 +194,6 @@ NAVIGATION_PRESETS: Final = {
 farther away; other robots are planned around, waited for and backed off from."""
 
 
-class LocalObstacles(Protocol):
-    """What stands around the robot, as far as navigation asks."""
-
-    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Take in where the robot is, odometry frame, and what it sees."""
-
-    def clear(self, beyond: float) -> None:
-        """Forget what is marked outside of a square of side `beyond`, m, round the robot."""
-
-    def marks(self) -> Floats:
-        """(k, 2): the centres of marked cells, m, odometry frame."""
-
-    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
-        """True if the robot can back off straight by `distance`, m, as far as is known.
-
-        `touching`: also from what is nearer than its radius already, if that does not come nearer.
-        """
-
-
-class LocalPlanner(Protocol):
-    """Chooses the velocity that leads the robot along a plan; ROS's local planner."""
-
-    @property
-    def period(self) -> Duration:
-        """So long a command holds."""
-
-    def begin(self) -> None:
-        """Forget what was on the way to another goal."""
-
-    def follow(self, way: Floats) -> None:
-        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
-
-    def reached(self, estimate: Pose, velocity: Twist) -> bool:
-        """True once the robot is where its plan ends, as this local planner means it."""
-
-    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        """What to command, with the robot `here` in the odometry frame and at `estimate` in the map's."""
-
-
 class _Sensed(msgspec.Struct, frozen=True, gc=False):
     """Where the robot is: arguments of `Navigator.advance`."""
 
@@ -278,16 +218,18 @@ class Navigator:
     def __init__(
         self,
         planner: GlobalPlanner,
-        local: LocalObstacles,
-        local_planner: LocalPlanner,
+        local: CostMap,
+        local_planner: BaseLocalPlanner,
         parameters: NavigationParameters = NAVIGATION_PRESETS["chapter"],
     ) -> None:
         self._planner = planner
         self._local = local
-        self._local_planner = local_planner
+        self.local_planner = local_planner
         self._p = parameters
         self.goal: Goal | None = None
-        """The last goal, how it stands and why; None before the first and after it was cancelled."""
+        """The last goal with its state; None before the first and after it was cancelled."""
+        self.plan: Plan | None = None
+        """The way that it follows; None while there is none."""
         self._pursuit: Pursuit | None = None
         self._anchor: Point | None = None
         """Where the robot last was far enough from the anchor before, map frame; new goals keep it."""
@@ -297,15 +239,8 @@ class Navigator:
         self._paused = False
         self._trail = Trail()
         self._withdrawal: Withdrawal | None = None
-        self.plan: Plan | None = None
-        """The way that it follows; None while there is none."""
         self._here, self._now = Point(0.0, 0.0), Instant(0)
-        self._journal = NavigationCounts()
-
-    @property
-    def local_planner(self) -> LocalPlanner:
-        """What chooses velocities."""
-        return self._local_planner
+        self._counts = NavigationCounts()
 
     @property
     def backing_out(self) -> bool:
@@ -314,39 +249,40 @@ class Navigator:
 
     def report(self) -> NavigationReport:
         """Return the goals so far, for the run's result."""
-        return self._journal.report()
+        return self._counts.report()
 
     def take(
         self, order: Point | GoalOrder, paused: bool | None = None, back_out: float | None = None
     ) -> None:
-        """Go to a new point, or have no goal, or go on; stand, or do not; back out by so much, m."""
+        """Go to a new point, have no goal, or go on; stand, or do not; back out by so much, m."""
         if paused is not None and paused is not self._paused:
             self._paused = paused
-            self._journal.pauses(paused)
+            self._counts.pauses(paused)
             self._begin_anew()
         if order is GoalOrder.CANCEL:
             self._withdrawal = None
-        if back_out is not None:
-            self._withdrawal = Withdrawal.of(back_out, self._here, self._now)
-            self._journal.retreats()
+        if back_out is not None:  # for twice as long as it should take, and a turn
+            ends = Instant(self._now + seconds(3 + 2 * back_out / _SPEED))
+            self._withdrawal = Withdrawal(back_out, self._here, ends)
+            self._counts.retreats()
         if order is GoalOrder.KEEP:
             return
         self._begin_anew()
-        self._journal.begins(order if isinstance(order, Point) else None)
+        self._counts.begins(order if isinstance(order, Point) else None)
         self.goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Take in where the odometry holds the robot to be, and what it sees."""
+        """Take in the odometry's pose and a scan, if there is one."""
         self._local.take(instant, here, sweep)
         self._here, self._now = made(Point, here[:2]), instant
-        self._journal.now = instant
+        self._counts.now = instant
         if self._withdrawal is None:
             self._trail.take(self._here)
 
     def advance(
         self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist, bumped: bool = False
     ) -> Twist:
-        """The velocity to command from now on.
+        """Return the velocity to command from now on.
 
         `here`: the robot's pose in the odometry frame; `estimate`: on the map; `velocity`: the base's own;
         `bumped`: its bumper touches something.
@@ -368,8 +304,9 @@ class Navigator:
         return self._pursue(self.goal.point, _Sensed(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
-        """The velocity that leads back along the trail; None once that is over."""
-        withdrawal.gone_to(here.point)
+        """Return the velocity that leads back along the trail; None once that is over."""
+        withdrawal.left -= withdrawal.last.distance_to(here.point)
+        withdrawal.last = here.point
         target = self._trail.behind(here.point)
         if withdrawal.left <= 0 or instant >= withdrawal.ends or target is None:
             return None
@@ -381,28 +318,28 @@ class Navigator:
         return twist
 
     def _pursue(self, goal: Point, now: _Sensed) -> Twist:
-        """The command of the present cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
+        """Return the command of the present cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
 
         There a new goal's path comes after a first cycle, in which the base keeps its last command.
         """
         pursuit = self._pursuit
         if pursuit is None:
-            pursuit = self._pursuit = Pursuit.begin(now.instant, self._local_planner.period)
-            self._local_planner.begin()
+            pursuit = self._pursuit = Pursuit.begin(now.instant, self.local_planner.period)
+            self.local_planner.begin()
             self._plan(pursuit, goal, now)
         begins = pursuit.cycle_begins(now.instant)
         if begins:
             self._watch(pursuit, now)
             if pursuit.state is _DRIVES and now.instant - pursuit.planned >= self._p.replanning:
                 self._plan(pursuit, goal, now)
-        if pursuit.state is _DRIVES and self._local_planner.reached(now.estimate, now.velocity):
+        if pursuit.state is _DRIVES and self.local_planner.reached(now.estimate, now.velocity):
             return self._close(GoalStatus.SUCCEEDED)
         if begins:
             pursuit.twist = self._cycle(pursuit, goal, now)
         return pursuit.twist
 
     def _cycle(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
-        """What the state asks for (MoveBase::executeCycle: its switch)."""
+        """Do what the state asks for (MoveBase::executeCycle: its switch)."""
         if pursuit.state is PursuitState.CLEARING:
             return self._recover(pursuit, now.instant)
         if pursuit.state is _DRIVES:
@@ -414,21 +351,21 @@ class Navigator:
     def _control(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
         """Let the local planner choose a trajectory; without a valid one stand, and plan anew at once.
 
-        MoveBase::executeCycle, case CONTROLLING. So who has not got away still gets a command in that cycle,
-        and does not recover yet if there is no valid trajectory in it.
+        MoveBase::executeCycle, case CONTROLLING. So a robot without progress still gets a command in that
+        cycle, and does not recover yet if there is no valid trajectory in it.
         """
         instant = now.instant
         if instant - pursuit.progressed > self._p.oscillation_timeout:
-            pursuit.gives_up(AbortReason.NO_PROGRESS)
-        steering = self._local_planner.steer(now.instant, now.here, now.estimate, now.velocity)
+            pursuit.give_up(AbortReason.NO_PROGRESS)
+        steering = self.local_planner.steer(instant, now.here, now.estimate, now.velocity)
         if steering.valid:
             pursuit.had_trajectory = instant
             self._stuck &= steering.twist.vx == 0.0
-            pursuit.settles(AbortReason.BLOCKED)
+            pursuit.settle(AbortReason.BLOCKED)
             self._in_phase(GoalPhase.CONTROLLING, instant)
             return steering.twist
         if instant - pursuit.had_trajectory > self._p.controller_patience:
-            pursuit.gives_up(AbortReason.BLOCKED)
+            pursuit.give_up(AbortReason.BLOCKED)
         elif self._p.mark_robots:
             pursuit.state = PursuitState.CONTROLLING
         else:
@@ -439,34 +376,33 @@ class Navigator:
     def _plan(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> None:
         """Look for a path (MoveBase::planThread).
 
-        If none leads there, who is driving goes on along the old one; who has none is patient for a while.
+        Without one a robot that drives follows the old one; a robot without one is patient for a while.
         """
         pursuit.planned = now.instant
         way = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
         if way is not None:
-            self._journal.plans(found=True)
-            self._local_planner.follow(way)
+            self._counts.plans(found=True)
+            self.local_planner.follow(way)
             self.plan = Plan(way)
             pursuit.had_plan, pursuit.state = now.instant, PursuitState.CONTROLLING
-            pursuit.settles(AbortReason.NO_PLAN)
+            pursuit.settle(AbortReason.NO_PLAN)
         elif pursuit.state is PursuitState.PLANNING:
-            self._journal.plans(found=False)
+            self._counts.plans(found=False)
             self.plan = None
             if now.instant - pursuit.had_plan > self._p.planner_patience:
-                pursuit.gives_up(AbortReason.NO_PLAN)
+                pursuit.give_up(AbortReason.NO_PLAN)
 
     def _strangers(self, here: Pose, estimate: Pose) -> Floats | None:
-        """What the local map shows, in the map frame, if planning is to know of it."""
+        """Return the local map's marks in the map frame, if planning is to know of them."""
         if not self._p.mark_robots:
             return None
         marks = self._local.marks()
-        turn = estimate.heading - here.heading
-        c, s = cos_sin(turn)
+        c, s = cos_sin(estimate.heading - here.heading)
         x, y = marks[:, 0] - here.x, marks[:, 1] - here.y
         return np.stack([x * c - y * s + estimate.x, x * s + y * c + estimate.y], axis=1)
 
     def _recover(self, pursuit: Pursuit, instant: Instant) -> Twist:
-        """Forget what is marked farther away and plan anew, or give the goal up, for why it recovers.
+        """Forget what is marked farther away and plan anew, or give the goal up.
 
         MoveBase::executeCycle, case CLEARING. It plans in the next cycle, and drives in the one after it.
         """
@@ -474,53 +410,52 @@ class Navigator:
         if pursuit.recoveries >= self._p.recoveries:
             return self._close(GoalStatus.ABORTED, pursuit.trigger)
         self._local.clear(self._p.reset_distance)
-        self._journal.recovers()
+        self._counts.recovers()
         pursuit.recoveries += 1
         pursuit.progressed = pursuit.had_plan = instant
         pursuit.state, self.plan = PursuitState.PLANNING, None
         return self._in_phase(GoalPhase.PLANNING, instant)
 
     def _watch(self, pursuit: Pursuit, now: _Sensed) -> None:
-        """Note whether the robot gets about (MoveBase::executeCycle, at its begin, in every state)."""
+        """Note whether the robot moves on (MoveBase::executeCycle, at its begin, in every state)."""
         place, distance = now.estimate.point, self._p.oscillation_distance
         if self._anchor is None or not self._anchor.is_nearer(place, distance):
             self._anchor, pursuit.progressed = place, now.instant
-            pursuit.settles(AbortReason.NO_PROGRESS)
+            pursuit.settle(AbortReason.NO_PROGRESS)
 
     def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
-        """True while the robot has to back away."""
+        """Return True while the robot has to back away."""
         stuck = self._stuck
         if self._retreat is None:
             if not (bumped or stuck) or not self._local.free_behind(here, self._p.retreat, touching=stuck):
                 return False
             self._retreat = _Retreat(instant, here.point)
-            self._journal.retreats()
-        gone = self._retreat.touched.distance_to(here.point)
+            self._counts.retreats()
+        left = self._p.retreat - self._retreat.touched.distance_to(here.point)
         in_time = instant - self._retreat.begun < self._p.retreat_patience
-        left = self._p.retreat - gone
         if left > 0.0 and in_time and self._local.free_behind(here, left, touching=stuck):
             return True
         self._retreat, self._stuck = None, False
         return False
 
     def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
-        """The active goal in this phase; the robot stands."""
+        """Note the phase of the active goal; the robot stands."""
         assert self.goal is not None
         if self.goal.phase is not phase:
             self.goal = self.goal._replace(phase=phase, since=instant)
-            self._journal.enters(phase)
+            self._counts.enters(phase)
         return STILL
 
     def _begin_anew(self) -> None:
         """Forget how the present goal was pursued."""
-        self._journal.interrupted()
+        self._counts.interrupted()
         self._pursuit = self.plan = None
         self._retreat = None
 
     def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
-        """The goal ends; the robot stands."""
+        """End the goal; the robot stands."""
         assert self.goal is not None
         self.goal = Goal(self.goal.point, status, reason)
-        self._journal.closes(status, reason)
+        self._counts.closes(status, reason)
         self._pursuit = self.plan = None
         return STILL

@@ -8,12 +8,14 @@ from typing import Annotated, Final, Literal, NamedTuple
 import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from actors.array_types import Flags, Floats
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import hypot
 from actors.robot.navigation.cost_map import CostMap
+from actors.robot_model import DriveParameters
 from actors.settings import Interval, NotNegative, Positive, PositiveInterval, Settings
 
 _IDLE: Final = {
@@ -226,11 +228,19 @@ NOWHERE: Final = Steering(STILL, False)
 class BaseLocalPlanner(ABC):
     """Follows one plan at a time."""
 
-    def __init__(self, local: CostMap, parameters: DwaParameters) -> None:
-        """`local` is kept up to date by whoever owns it."""
+    def __init__(self, local: CostMap, limits: DriveParameters, parameters: DwaParameters) -> None:
+        """`local` is kept up to date by its owner; `limits`: of the base."""
         self._local = local
         self._p = p = parameters
         self._cell = local.parameters.cell
+        self._max_speed, self._max_turn = min(p.max_speed, limits.speed), min(p.max_turn, limits.turn_rate)
+        self._acceleration = min(p.acceleration, limits.acceleration)
+        self._turn_acceleration = min(p.turn_acceleration, limits.turn_acceleration)
+        self._gain = self._acceleration * in_seconds(p.period)
+        self._turn_gain = self._turn_acceleration * in_seconds(p.period)
+        inscribed = local.inflation.inscribed / self._cell
+        self._limit = inscribed * inscribed
+        """Squared distance to a mark, cells², that the body's centre has to exceed."""
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._way: Floats = np.zeros((0, 2))
         self._turning = False
@@ -248,7 +258,7 @@ class BaseLocalPlanner(ABC):
         return self._p.period
 
     def begin(self) -> None:
-        """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
+        """Forget plan, command and oscillations: the robot has a new goal."""
         self._way = np.zeros((0, 2))
         self._oscillation.forget()
         self._turning = False
@@ -276,12 +286,20 @@ class BaseLocalPlanner(ABC):
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """One cycle; there is a plan."""
 
+    def _record(self, kind: np.dtype[np.void], **values: float) -> NDArray[np.void]:
+        """Return the parameters of a kernel, (1,), with the weights of the critics that both kernels have.
+
+        Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure).
+        """
+        record = np.zeros(1, kind)
+        record["path"] = record["alignment"] = self._p.path_bias * self._cell * 0.5
+        record["goal"] = record["front"] = self._p.goal_bias * self._cell * 0.5
+        record["nose"] = self._p.forward_point / self._cell
+        for name, value in values.items():
+            record[name] = value
+        return record
+
 
 def reachable(value: float, gain: float, low: float, high: float) -> tuple[float, float]:
     """The dynamic window: what is within `gain` of `value` and within the limits; else the nearest limit."""
-    least, most = value - gain, value + gain
-    least = max(least, low)
-    least = min(least, high)
-    most = min(most, high)
-    most = max(most, low)
-    return least, most
+    return min(max(value - gain, low), high), max(min(value + gain, high), low)
