@@ -1,4 +1,4 @@
-"""A serial port, opened with a sentence for every way in which that fails."""
+"""Serial ports, and a sentence for each way in which opening one fails."""
 
 import errno
 import importlib
@@ -40,50 +40,60 @@ class PortDevice:
     """The name that a udev rule gives its port."""
     baud: int
     chip: UsbChip
+    lines_off: tuple[str, ...] = ()
+    """Control lines that are switched off when the port is opened."""
 
 
 KOBUKI: Final = PortDevice("Kobuki", "/dev/kobuki", 115_200, FTDI)
-BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", 921_600, FTDI)
+BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", 921_600, FTDI, ("dtr", "rts"))
 """The chip is that of the USB UART of the board that it sits on."""
-RPLIDAR: Final = PortDevice("RPLIDAR", "/dev/rplidar", 115_200, CP2102)
+RPLIDAR: Final = PortDevice("RPLIDAR", "/dev/rplidar", 115_200, CP2102, ("dtr",))
+"""On the adapter of an A1 the motor turns while DTR is off."""
 
 
 class SerialPort:
-    """An open port, 8 data bits, no parity, 1 stop bit. Reading waits; use it as a context manager."""
+    """An open port, 8 data bits, no parity, 1 stop bit; a terminal that is no serial port will do, too.
 
-    def __init__(self, path: str, device: PortDevice, patience: float = 0.005) -> None:
-        """Open `path`, for us alone; a reading waits up to `patience` s. Raises PortError."""
+    Reading never waits: wait for `fileno()` to be readable. Use it as a context manager.
+    """
+
+    def __init__(self, path: str, device: PortDevice) -> None:
+        """Open `path`, for this process alone. Raises PortError."""
         self.path = path
         self._device = device
-        self._port = _open(path, device, patience)
+        self._port = _open(path, device)
         # Else USB adapters of FTDI keep bytes back for 16 ms; a terminal without that mode has no need of it.
         with suppress(ValueError, OSError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
+        for line in device.lines_off:
+            with suppress(OSError):  # a pseudo-terminal has no such line
+                setattr(self._port, line, False)
 
     def read(self) -> bytes:
-        """What has come, at most 4096 bytes; empty after waiting in vain. Raises PortError when unplugged."""
+        """Return what has come, at most 4096 bytes. Raises PortError when unplugged."""
         try:
-            data: bytes = self._port.read(min(max(self._port.in_waiting, 1), _CHUNK))
-        except (OSError, TypeError) as error:  # TypeError: pyserial's own, if the port is closed meanwhile
+            if not select.select([self.fileno()], [], [], 0.0)[0]:
+                return b""
+            data = os.read(self.fileno(), _CHUNK)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from None
+        if not data:  # readable, and yet nothing: hung up
+            raise self._gone(EOFError("end of file"))
         return data
 
     def write(self, data: bytes) -> None:
         """Send. Raises PortError when unplugged."""
         try:
             self._port.write(data)
-        except (OSError, TypeError) as error:
+        except (OSError, TypeError) as error:  # TypeError: pyserial's own, if the port is closed meanwhile
             raise self._gone(error) from None
 
     def fileno(self) -> int:
         """The file descriptor, to wait for."""
         number: int = self._port.fileno()
         return number
-
-    def set_dtr(self, on: bool) -> None:
-        """Set the line "data terminal ready"; terminals without it are left as they are."""
-        with suppress(OSError):
-            self._port.dtr = on
 
     def close(self) -> None:
         """Give the port back."""
@@ -102,7 +112,7 @@ class SerialPort:
         )
 
 
-def _open(path: str, device: PortDevice, patience: float) -> Any:
+def _open(path: str, device: PortDevice) -> Any:
     try:
         serial = importlib.import_module("serial")
     except ModuleNotFoundError:
@@ -111,7 +121,7 @@ def _open(path: str, device: PortDevice, patience: float) -> Any:
             "install the extra hardware: pip install 'acrc-testbed[hardware]'"
         ) from None
     try:
-        return serial.Serial(path, device.baud, timeout=patience, write_timeout=1.0, exclusive=True)
+        return serial.Serial(path, device.baud, timeout=0.0, write_timeout=1.0, exclusive=True)
     except (OSError, ValueError) as error:
         raise PortError(f"{path}: {_why(path, device, error)}") from None
 
@@ -144,17 +154,11 @@ def _reason(error: Exception) -> str:
 
 
 class BoardPort(SerialPort):
-    """An open port to a board, 921 600 baud, DTR and RTS off; a terminal that is no serial port will do, too.
-
-    Whoever waits for several things at once waits for `fileno()` to be readable.
-    """
+    """An open port to a board, whose writing does not wait either."""
 
     def __init__(self, path: str) -> None:
-        """Open `path`, for us alone. Raises PortError, with what would help."""
-        super().__init__(path, BOARD, patience=0.0)
-        self.set_dtr(False)
-        with suppress(OSError):  # a pseudo-terminal has no such line
-            self._port.rts = False
+        """Open `path`, for this process alone. Raises PortError."""
+        super().__init__(path, BOARD)
         self._pending = b""
         os.set_blocking(self.fileno(), False)
 
@@ -163,25 +167,8 @@ class BoardPort(SerialPort):
         """True if all that was written is with the system: only then `Link.due` is to be asked for more."""
         return not self._pending
 
-    def read(self) -> bytes:
-        """What has come, at most 4096 bytes; nothing if nothing has. Raises PortError when unplugged."""
-        try:
-            if not select.select([self.fileno()], [], [], 0.0)[0]:
-                return b""
-            data = os.read(self.fileno(), _CHUNK)
-        except BlockingIOError:
-            return b""
-        except (OSError, ValueError, TypeError) as error:
-            raise self._gone(error) from None
-        if not data:  # readable, and yet nothing: hung up
-            raise self._gone(EOFError("end of file"))
-        return data
-
     def write(self, data: bytes) -> None:
-        """Send, as far as the system takes it; call again, also with nothing, until `is_idle`.
-
-        Raises PortError when unplugged.
-        """
+        """Send, as far as the system takes it; call again, also with nothing, until `is_idle`."""
         self._pending += data
         try:
             while self._pending:

@@ -72,10 +72,25 @@ def replaced(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def write(path: Path, data: bytes) -> None:
-    """Write a file anew, as `replaced` does."""
+def write(path: Path, data: bytes, *, durable: bool = False) -> None:
+    """Write a file anew, as `replaced` does.
+
+    `durable`: wait for the disk; after a loss of power it is the old file or the new one.
+    """
     with replaced(path) as part:
         part.write_bytes(data)
+        if durable:
+            _sync(part)
+    if durable:
+        _sync(path.parent)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def no_link(folder: Path) -> Path:

@@ -176,15 +176,8 @@ def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> On
     )
     links = folder / "links" / robot.id
     settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
-    ports = Ports(
-        str(links / BASE),
-        str(links / RADIO),
-        str(links / RANGE),
-        settings.pan,
-        settings.channel,
-        settings.power_dbm,
-        board=board,
-    )
+    base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))
+    ports = Ports(base, radio, lidar, settings, board)
     return Onboard(alone, ports, itertools.count().__next__)
 
 

@@ -4,14 +4,12 @@ On board it goes on where the disk takes no record.
 """
 
 import fcntl
-import os
 import time
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -19,6 +17,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
 from actors.runtime.isolation.credentials import Credentials
@@ -26,6 +25,7 @@ from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup
 from deploy.run.plan import MODEL, RunPlan, actor_program, client, lay_out_robot, robot_program, write_names
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSetup
 
@@ -34,22 +34,19 @@ BRIDGE: Final = "radio"
 _LAST_POSE: Final = "last.pose"
 
 
-@dataclass(frozen=True)
-class Ports:
+class Ports(NamedTuple):
     """Where a robot's devices are plugged in, and how its board is set up."""
 
     base: str
     radio: str
     range: str | None
-    pan: int
-    channel: int
-    power_dbm: float
+    settings: BoardSettings
+    board: bool = True
+    """False: at the radio's port is a laboratory's transceiver without a board."""
     listen: str | None = None
     """Where the operator's laptop may connect; None = nowhere."""
     keys: str | None = None
     """Folder with the robot's own keys."""
-    board: bool = True
-    """False: at the radio's port is a laboratory's transceiver without a board."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +59,8 @@ class Onboard:
     """Gives each start of the robot's program an epoch of its own, later than all before."""
     debug_port: int | None = None
     """Wait there for a debugger, and end without one."""
-
     last_pose: Path | None = None
-    """File with where the robot last held itself to be; None: one in the base's folder, not there yet."""
+    """File with the robot's last pose estimate; None: one in the base's folder, not there yet."""
     link_fault: Callable[[], str] = str
     """What keeps a laptop from watching it, in a sentence; empty if nothing does."""
 
@@ -92,8 +88,7 @@ class Onboard:
 def lay_out(onboard: Onboard) -> None:
     """Write the files that the processes read; the robot must have no folder there yet."""
     plan, robot = onboard.plan, onboard.robot
-    own = plan.folder(robot.id)
-    if own.exists():
+    if plan.folder(robot.id).exists():
         raise OptionError(f"--out: {plan.out} has a folder of {robot.id}; must be a folder without")
     plan.out.mkdir(parents=True, exist_ok=True)
     write_names(plan)
@@ -116,16 +111,15 @@ def withdraw(onboard: Onboard) -> None:
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
-    """The base's program; `start` counts its starts."""
-    plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BASE)
-    robot = onboard.robot
+    """Return the base's program; `start` counts its starts."""
+    ports, folder, robot = onboard.ports, onboard.folder(BASE), onboard.robot
     base = BaseSetup(
         id=robot.id,
         model=f"../{robot.id}/{MODEL}" if robot.model.endswith(".toml") else robot.model,
         sensor=robot.sensor,
         start=robot.start,
         places=robot.places,
-        step_us=plan.world.step_us,
+        step_us=onboard.plan.world.step_us,
         base=ports.base,
         range=ports.range,
         listen=ports.listen,
@@ -136,32 +130,23 @@ def base_program(onboard: Onboard, start: int) -> Program:
     process = ProcessSetup(
         record=f"{_numbered(folder.name, start)}.mcap",
         router=credentials.ROUTER_FILE,
-        commit=plan.commit,
+        commit=onboard.plan.commit,
         with_parent=True,
     )
     return actor_program(BASE, "firmware_bridge.onboard.base", folder, ActorSetup(base, process))
 
 
 def bridge_program(onboard: Onboard, start: int) -> Program:
-    """The bridge's program."""
+    """Return the bridge's program."""
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
-    bridge = BridgeSetup(
-        robot=onboard.robot.id,
-        step_us=plan.world.step_us,
-        radio=ports.radio,
-        address=plan.address(onboard.robot.id),
-        pan=ports.pan,
-        channel=ports.channel,
-        power_dbm=ports.power_dbm,
-        board=ports.board,
-    )
+    bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
     record = f"{_numbered(folder.name, start)}.mcap"
     process = client(plan, f"../{onboard.folder(BASE).name}", "radio", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
 
 def onboard_robot_program(onboard: Onboard, start: int) -> Program:
-    """The robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
+    """Return the robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
     robot, doubt = onboard.robot, None
     if (last := last_pose.read(onboard.pose_file)) is not None:
         robot, doubt = msgspec.structs.replace(robot, start=(*last.origin,)), last.spread
@@ -195,15 +180,15 @@ _CLOCK_IS_SET: Final = 1_767_225_600
 """2026-01-01: a clock that is behind it was never set."""
 
 
-class _Begun(msgspec.Struct):
-    """What a robot's first record says of it, as far as it is needed here."""
-
+class _RecordedRobot(msgspec.Struct):
     id: str
     epoch: int
 
 
-class _Run(msgspec.Struct, frozen=True):
-    setup: _Begun
+class _RecordedRun(msgspec.Struct):
+    """The part that is needed here of a robot's first record."""
+
+    setup: _RecordedRobot
 
 
 @dataclass(frozen=True)
@@ -221,19 +206,21 @@ class EpochCounter:
 
     @property
     def file(self) -> Path:
-        """Where the count stands."""
+        """Where the count is stored."""
         return self.state / f"{self.robot}.epochs"
 
     def claim(self) -> int:
-        """An epoch later than all before, which nobody gets again. Raises AcrcError."""
+        """Return an epoch later than all before, which is never returned again. Raises AcrcError."""
         try:
-            with self._alone():
+            self.state.mkdir(parents=True, exist_ok=True)
+            with (self.state / f"{self.robot}.lock").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
                 epoch = self._next()
                 if epoch > LAST_EPOCH:
                     raise AcrcError(
                         f"{self.file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most"
                     )
-                self._write(epoch)
+                regular_file.write(self.file, _line(epoch), durable=True)
         except OSError as error:
             raise AcrcError(
                 f"{self.file}: the starts of {self.robot} cannot be counted there ({error.strerror}); "
@@ -249,14 +236,6 @@ class EpochCounter:
         number, _, _ = line.partition(b" ")
         if number.isdigit() and line == _line(int(number)):
             return int(number) + 1
-        epoch = self._by_clock()
-        self.say(
-            f"{self.file} was damaged: it holds no epoch that can be read; "
-            f"{self.robot} goes on with {epoch}, by the clock"
-        )
-        return epoch
-
-    def _by_clock(self) -> int:
         now = int(self.clock())
         if now < _CLOCK_IS_SET:
             today = time.strftime("%Y-%m-%d", time.gmtime(now))
@@ -265,34 +244,17 @@ class EpochCounter:
                 f"so that nobody can tell how often {self.robot} has been started; set the clock, "
                 "then start it again"
             )
-        return max(now - _ZERO, self._recorded() + 1)
+        epoch = max(now - _ZERO, self._recorded() + 1)
+        self.say(
+            f"{self.file} was damaged: it holds no epoch that can be read; "
+            f"{self.robot} goes on with {epoch}, by the clock"
+        )
+        return epoch
 
     def _recorded(self) -> int:
-        """The latest epoch of the robot's recordings; -1: there is none."""
-        found = (_begun(path) for path in self.runs.glob(f"*/{self.robot}/*.mcap"))
+        """Return the latest epoch of the robot's recordings; -1: there is none."""
+        found = map(_recorded_robot, self.runs.glob(f"*/{self.robot}/*.mcap"))
         return max((one.epoch for one in found if one and one.id == self.robot), default=-1)
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """No other process counts meanwhile."""
-        self.state.mkdir(parents=True, exist_ok=True)
-        with (self.state / f"{self.robot}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-
-    def _write(self, epoch: int) -> None:
-        """Replace the file; after a loss of power it is the old one or the new one."""
-        fresh = self.file.with_suffix(".new")
-        with fresh.open("wb") as out:
-            out.write(_line(epoch))
-            out.flush()
-            os.fsync(out.fileno())
-        fresh.replace(self.file)
-        folder = os.open(self.state, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _line(epoch: int) -> bytes:
@@ -300,12 +262,12 @@ def _line(epoch: int) -> bytes:
     return b"%b %08x\n" % (number, zlib.crc32(number))
 
 
-def _begun(path: Path) -> _Begun | None:
-    """Return what a recording's first record says; None if it is not a robot's."""
+def _recorded_robot(path: Path) -> _RecordedRobot | None:
+    """Return what a recording's first record says of its robot; None if it is not a robot's."""
     try:
         first = next(read_recording(path), None)
         if isinstance(first, Note) and first.name == "run":
-            return msgspec.json.decode(first.json, type=_Run).setup
+            return msgspec.json.decode(first.json, type=_RecordedRun).setup
     except (RecordingError, OSError, ValueError):
         pass
     return None

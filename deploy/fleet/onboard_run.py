@@ -36,6 +36,7 @@ from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import RunPlan, ScenarioCopy
 from deploy.run.supervisor import RestartPolicy, Supervisor, exit_in_words
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
@@ -256,16 +257,10 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
         robot = msgspec.structs.replace(robot, start=_told(options.at, robot))
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
-    ports = Ports(
-        base=robot.base,
-        radio=robot.radio,
-        range=robot.range,
-        pan=fleet.radio.pan,
-        channel=fleet.radio.channel,
-        power_dbm=fleet.radio.power_db,
-        listen=robot.listen,
-        keys=None if robot.listen is None else str(fleet.keys_of(name)),
-    )
+    air = fleet.radio
+    settings = BoardSettings(robot.address, air.channel, air.pan, air.power_db)
+    keys_folder = None if robot.listen is None else str(fleet.keys_of(name))
+    ports = Ports(robot.base, robot.radio, robot.range, settings, listen=robot.listen, keys=keys_folder)
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:
         pose_file.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ from firmware_bridge.kobuki.wire import (
     BaseControl,
     Basic,
     Command,
-    Feedback,
+    FeedbackPacket,
     FrameReader,
     Inertial,
     Unknown,
@@ -243,7 +243,7 @@ class EmulatedKobuki:
             return
         self._line.append(_Sending(at, data))  # at most 164 bytes, 14 ms: the one before has left
 
-    def _packets(self, at: Instant) -> list[Feedback]:
+    def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
         basic = Basic(
             stamp_ms=self._stamp(at),

@@ -1,24 +1,23 @@
-"""The driver of a Kobuki without I/O: bytes from the base in, events and bytes to the base out.
+"""The driver of a Kobuki without I/O: bytes from the base in, feedback and bytes to the base out.
 
 A shell calls, every few milliseconds and whenever bytes have come: `take` with the bytes, also with none;
 then writes what `due` gives. One base control goes out per feedback, 50 a second, as kobuki_driver does; a
 base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
 """
 
-from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import motion, wire
 from firmware_bridge.kobuki.motion import KobukiOdometry
-from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, Allowed, HoldCause, SafetyStop, StopCause
+from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, AllowedMotion, HoldCause, SafetyStop
 from firmware_bridge.kobuki.wire import (
     POWER_RAILS,
     RECHARGE_MELODY,
+    BaseFeedback,
     Basic,
     Command,
-    Feedback,
     FrameReader,
     GeneralOutput,
     Inertial,
@@ -51,71 +50,21 @@ def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
     return BatteryLevel.FAIR
 
 
-@dataclass(frozen=True)
-class Found:
-    """The base has begun to send feedback."""
+class StateChange(NamedTuple):
+    """A change of a base: that it sends feedback, a field of its feedback, its battery, or what stops it."""
 
     instant: Instant
+    what: str
+    before: object
+    """Of a field before the first feedback: 0."""
+    now: object
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.before} -> {self.now}"
 
 
-@dataclass(frozen=True)
-class Lost:
-    """The base sends no feedback any more."""
-
-    instant: Instant
-    since: Instant
-    """Of its last feedback."""
-
-
-@dataclass(frozen=True)
-class Fed:
-    """One feedback; `packets` begins with Basic."""
-
-    instant: Instant
-    packets: tuple[Feedback, ...]
-
-
-class Sense(Enum):
-    """Fields of Basic whose changes are events; each value is the field's name."""
-
-    BUMPER = "bumper"
-    WHEEL_DROP = "wheel_drop"
-    CLIFF = "cliff"
-    BUTTONS = "buttons"
-    CHARGER = "charger"
-    OVERCURRENT = "overcurrent"
-
-
-@dataclass(frozen=True)
-class FieldChanged:
-    """A field of Basic has another value than before; before the first feedback all were 0."""
-
-    instant: Instant
-    sense: Sense
-    before: int
-    now: int
-
-
-@dataclass(frozen=True)
-class BatteryChanged:
-    """The battery has come to another level, or its level has become known."""
-
-    instant: Instant
-    volts: float
-    level: BatteryLevel
-
-
-@dataclass(frozen=True)
-class StopsChanged:
-    """Other causes hold the base back than before."""
-
-    instant: Instant
-    stops: tuple[StopCause, ...]
-
-
-Event = Found | Lost | Fed | FieldChanged | BatteryChanged | StopsChanged
-
-
+_FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
+"""Fields of Basic whose changes are reported."""
 _OVERDUE: Final[Duration] = milliseconds(40)
 """A base control is sent after so long even without feedback; own choice, two feedbacks."""
 _INSIST: Final[Duration] = milliseconds(7)
@@ -146,6 +95,7 @@ class KobukiDriver:
         self._heard: Instant = started
         self._sent: Instant = Instant(started - _OVERDUE)
         self._fed = False
+        """Feedback has come since the last base control."""
         self._outputs = POWER_RAILS
         self._outputs_due = started
         self._skipped = 0
@@ -153,33 +103,43 @@ class KobukiDriver:
         self._sound = b""
         """A sound command that is still to be sent."""
         self._pressed = 0
-        self._told: list[Event] = []
-        self._senses: dict[Sense, int] = {}
-        self._battery: BatteryChanged | None = None
+        self._changes: list[StateChange] = []
+        self._fields = dict.fromkeys(_FIELDS, 0)
+        self.battery: BatteryLevel | None = None
+        """None before the first feedback."""
         self.odometry = KobukiOdometry()
         self.found = False
         """True while the base sends feedback."""
-        self.allowed = Allowed(0.0, 0.0, ())
+        self.allowed = AllowedMotion(0.0, 0.0, ())
         """What the safety stop gave last."""
 
     # --- from the base ---
 
-    def take(self, now: Instant, data: bytes) -> list[Event]:
-        """The events of the bytes that have come, and of time having passed."""
+    def take(self, now: Instant, data: bytes) -> list[BaseFeedback]:
+        """Take in bytes, also none, and the passing of time; return the feedbacks that they complete."""
+        feedbacks = []
         for packets in self._reader.take(data):
-            self._feedback(now, packets)
+            basic = next((packet for packet in packets if isinstance(packet, Basic)), None)
+            inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
+            if basic is not None:
+                feedbacks.append(BaseFeedback(now, basic, inertial))
+                self._feedback(feedbacks[-1])
         if self.found and now - self._heard > FEEDBACK_SILENCE:
             self.found = False
             self.odometry.stand()
-            self._told.append(Lost(now, self._heard))
+            self._changes.append(StateChange(now, "feedback", True, False))
         self._safety.hold(HoldCause.NOISE, self._noisy(now))
-        told, self._told = self._told, []
-        return told
+        return feedbacks
+
+    def changes(self) -> list[StateChange]:
+        """Return what has changed since the last call."""
+        changes, self._changes = self._changes, []
+        return changes
 
     def pressed(self) -> int:
-        """Bumper bits that were set at any time since the last call, as for Senses.bumper."""
+        """Return the bumper bits that were set at any time since the last call, as for Senses.bumper."""
         bits = self._pressed
-        self._pressed = self._senses.get(Sense.BUMPER, 0) if self.found else 0
+        self._pressed = self._fields["bumper"] if self.found else 0
         return bits
 
     @property
@@ -187,103 +147,73 @@ class KobukiDriver:
         """Frames and noise so far."""
         return self._reader.reception
 
-    @property
-    def battery(self) -> BatteryLevel | None:
-        """How full it is; None before the first feedback."""
-        return None if self._battery is None else self._battery.level
-
-    @property
-    def late_commands(self) -> int:
-        """Commands that were overtaken by newer ones, and left out."""
-        return self._safety.late_commands
-
     # --- to the base ---
 
     def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
-        """Want `v` m/s forward and `omega` rad/s counter-clockwise from now on; the safety stop decides.
+        """Command `v` m/s forward and `omega` rad/s counter-clockwise; the safety stop decides.
 
         `issued`: when it was decided, if that is not now.
         """
-        self._safety.wish(now, now if issued is None else issued, v, omega)
+        self._safety.command(now, now if issued is None else issued, v, omega)
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
         """Let nothing move for a cause that the base itself does not know of, or no longer for that one."""
         self._safety.hold(cause, holds)
 
     def due(self, now: Instant) -> bytes:
-        """The bytes to write now: often none, else a base control and at most one other command."""
+        """Return the bytes to write now: often none, else a base control and at most one other command."""
         passed = Duration(now - self._sent)
         if self._noisy(now):
-            said = min(passed // _SHOUT, _LONGEST_SHOUT)
-            self._sent = now if said else self._sent
-            self._stops(now)
-            return self.farewell() * said
+            count = min(passed // _SHOUT, _LONGEST_SHOUT)
+            self._sent = now if count else self._sent
+            self._ask_safety_stop(now)
+            return self.farewell() * count
         if not self._fed and passed < (_INSIST if self._unheeded else _OVERDUE):
             return b""
         self._fed, self._sent = False, now
-        self._stops(now)
+        self._ask_safety_stop(now)
         control = motion.base_control(self.allowed.v, self.allowed.omega)
         return _framed(control) + self._other(now)
 
-    def _stops(self, now: Instant) -> None:
-        """Ask the safety stop, and tell of what has changed."""
+    def farewell(self) -> bytes:
+        """Return the last bytes to write: stand, whatever was commanded."""
+        return _framed(motion.base_control(0.0, 0.0))
+
+    def _ask_safety_stop(self, now: Instant) -> None:
         before, self.allowed = self.allowed, self._safety.allowed(now)
         if self.allowed.stops != before.stops:
-            self._told.append(StopsChanged(now, self.allowed.stops))
+            self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
 
     def _noisy(self, now: Instant) -> bool:
-        """True while in place of feedback there is noise."""
+        """Return whether noise comes in place of feedback."""
         silent = now - self._heard > FEEDBACK_SILENCE
         return silent and self._reader.reception.skipped - self._skipped >= _NOISE_BYTES
 
     @property
     def _unheeded(self) -> bool:
         """True while the wheels turn although they are told to stand."""
-        told = self.allowed.v == 0 and self.allowed.omega == 0
-        return told and self.found and self.odometry.moves
+        stand = self.allowed.v == 0 and self.allowed.omega == 0
+        return stand and self.found and self.odometry.moves
 
-    def farewell(self) -> bytes:
-        """The last bytes to write: stand, whatever was wanted."""
-        return _framed(motion.base_control(0.0, 0.0))
-
-    # --- within ---
-
-    def _feedback(self, now: Instant, packets: list[Feedback]) -> None:
-        basic = next((packet for packet in packets if isinstance(packet, Basic)), None)
-        inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
-        if basic is not None and not self.found:
-            self._meet(now)
-        if basic is None:
-            return
+    def _feedback(self, feedback: BaseFeedback) -> None:
+        now, basic, _ = feedback
+        if not self.found:  # perhaps another base, or one that was switched off and on
+            self.found, self._outputs_due = True, now
+            self._changes.append(StateChange(now, "feedback", False, True))
         self._heard, self._fed = now, True
         self._skipped = self._reader.reception.skipped
-        self._safety.sense(now, basic, inertial)
-        self.odometry.take(now, basic, inertial)
+        self._safety.sense(feedback)
+        self.odometry.take(feedback)
         self._pressed |= basic.bumper
-        self._told.append(Fed(now, tuple(packets)))
-        self._notice(now, basic)
-
-    def _meet(self, now: Instant) -> None:
-        """A base has appeared, perhaps another, perhaps one that was switched off and on."""
-        self.found = True
-        self._outputs_due = now
-        self._told.append(Found(now))
-
-    def _notice(self, now: Instant, basic: Basic) -> None:
-        """Tell what has changed since the feedback before."""
-        for sense in Sense:
-            value = getattr(basic, sense.value)
-            before = self._senses.get(sense, 0)
-            if value != before:
-                self._told.append(FieldChanged(now, sense, before, value))
-            self._senses[sense] = value
-        volts = basic.battery_dv / 10
-        known = self.battery
-        here = level(volts, known)
-        if here is not known:
-            self._battery = BatteryChanged(now, volts, here)
-            self._told.append(self._battery)
-            self._warn(now, here)
+        for name, before in self._fields.items():
+            if before != (value := getattr(basic, name)):
+                self._changes.append(StateChange(now, name, before, value))
+                self._fields[name] = value
+        battery = level(basic.battery_dv / 10, self.battery)
+        if battery is not self.battery:
+            self._changes.append(StateChange(now, "battery", self.battery, battery))
+            self.battery = battery
+            self._warn(now, battery)
 
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Show and sound a low battery; with one that is nearly empty nothing moves."""
@@ -294,14 +224,12 @@ class KobukiDriver:
             self._sound = _framed(SoundSequence(RECHARGE_MELODY))
 
     def _other(self, now: Instant) -> bytes:
-        """The most urgent other command, or nothing."""
+        """Return the most urgent other command, or nothing."""
         if now >= self._outputs_due:
             self._outputs_due = Instant(now + _REPEAT)
             return _framed(GeneralOutput(self._outputs))
-        if self._sound:
-            sound, self._sound = self._sound, b""
-            return sound
-        return b""
+        sound, self._sound = self._sound, b""
+        return sound
 
 
 def _framed(command: Command) -> bytes:

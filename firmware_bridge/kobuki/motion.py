@@ -6,13 +6,13 @@ base control in protocol.rst lacks brackets.
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from actors.geometry import wrap
-from actors.instant import Instant, in_seconds
+from actors.instant import in_seconds
 from actors.messages import Odometry
 from actors.portable import cos, sin
-from firmware_bridge.kobuki.wire import BaseControl, Basic, Inertial, WireMisuseError
+from firmware_bridge.kobuki.wire import BaseControl, BaseFeedback, Basic, WireMisuseError
 
 TRACK: Final = 0.230
 """Between the wheels, m."""
@@ -58,9 +58,16 @@ def velocity(control: BaseControl) -> tuple[float, float]:
     return control.radius * omega / 1000, omega
 
 
-def signed(difference: int) -> int:
-    """A difference of two uint16 counters that wrap, as int16."""
-    return ((difference + 0x8000) & 0xFFFF) - 0x8000
+def ticks_between(before: Basic, after: Basic) -> tuple[int, int]:
+    """Return how far the encoders of left and right wheel went on; they are uint16 and wrap."""
+    left, right = after.left_ticks - before.left_ticks, after.right_ticks - before.right_ticks
+    return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
+
+
+def ways_between(before: Basic, after: Basic) -> tuple[float, float]:
+    """Return the ways of left and right wheel, m."""
+    left, right = ticks_between(before, after)
+    return left * METRES_PER_TICK, right * METRES_PER_TICK
 
 
 def _whole(value: float) -> int:
@@ -106,20 +113,8 @@ class OdometryCounts:
     """Feedbacks whose turn was taken from the wheels, for want of a gyro."""
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """The numbers of one feedback that motion shows in."""
-
-    arrived: Instant
-    stamp_ms: int
-    left: int
-    right: int
-    angle: Inertial | None
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """Between two readings."""
+class _Motion(NamedTuple):
+    """Between two feedbacks: s, m, m and rad."""
 
     time: float
     left: float
@@ -132,9 +127,9 @@ class KobukiOdometry:
 
     def __init__(self) -> None:
         self.longest_gap = LONGEST_GAP
-        self._last: _Reading | None = None
-        self._odd: _Reading | None = None
-        """The reading that was left out last: if the next agrees with it, the base has restarted."""
+        self._last: BaseFeedback | None = None
+        self._odd: BaseFeedback | None = None
+        """The feedback that was left out last: if the next agrees with it, the base has restarted."""
         self._x = self._y = 0.0
         self._v = self._omega = 0.0
         self._unmoved = 0
@@ -177,46 +172,37 @@ class KobukiOdometry:
         """Nothing is heard of the base: say no velocity that may long be over."""
         self._v = self._omega = 0.0
 
-    def take(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
-        """Take in one feedback that arrived `now`; `inertial`: None where it carried none."""
-        reading = _Reading(now, basic.stamp_ms, basic.left_ticks, basic.right_ticks, inertial)
+    def take(self, feedback: BaseFeedback) -> None:
+        """Take in one feedback."""
         if self._last is None:
-            self._last = reading
+            self._last = feedback
             return
-        if in_seconds(now - self._last.arrived) > self.longest_gap:
+        if in_seconds(feedback.instant - self._last.instant) > self.longest_gap:
             self.counts.gaps += 1
-            self._begin_again(reading)
+            self._begin_again(feedback)
             return
-        motion = self._between(self._last, reading)
+        motion = _between(self._last, feedback)
         if motion.time == 0:
             self.counts.repeated += 1
         elif self._plausible(motion):
             self._odd = None
-            self._add(motion, reading)
-            self._last = reading
-        elif self._odd is not None and self._plausible(self._between(self._odd, reading)):
+            self._add(motion, frozen=feedback.inertial == self._last.inertial)
+            self._last = feedback
+        elif self._odd is not None and self._plausible(_between(self._odd, feedback)):
             self.counts.restarts += 1
-            self._begin_again(reading)
+            self._begin_again(feedback)
         else:
             self.counts.implausible += 1
-            self._odd = reading
+            self._odd = feedback
 
-    def _begin_again(self, reading: _Reading) -> None:
+    def _begin_again(self, feedback: BaseFeedback) -> None:
         """Go on from here, as if nothing had moved."""
-        self._last, self._odd = reading, None
+        self._last, self._odd = feedback, None
         self._v = self._omega = 0.0
-        self._unmoved, self._owed, self._frozen = 0, 0.0, False
+        self._trust_gyro()
 
-    def _between(self, before: _Reading, after: _Reading) -> _Motion:
-        turn = None
-        if before.angle is not None and after.angle is not None:
-            turn = wrap((after.angle.angle_cdeg - before.angle.angle_cdeg) * _CENTIDEGREE)
-        return _Motion(
-            ((after.stamp_ms - before.stamp_ms) & 0xFFFF) / 1000,
-            signed(after.left - before.left) * METRES_PER_TICK,
-            signed(after.right - before.right) * METRES_PER_TICK,
-            turn,
-        )
+    def _trust_gyro(self) -> None:
+        self._unmoved, self._owed, self._frozen = 0, 0.0, False
 
     def _plausible(self, motion: _Motion) -> bool:
         time = motion.time + _SLACK
@@ -226,27 +212,24 @@ class KobukiOdometry:
             and (self._frozen or abs(motion.turn or 0.0) <= _FASTEST_TURN * time)
         )
 
-    def _add(self, motion: _Motion, reading: _Reading) -> None:
-        turn = self._turn(motion, reading)
+    def _add(self, motion: _Motion, frozen: bool) -> None:
+        """`frozen`: the gyro's numbers are those of the feedback before."""
+        turn = self._turn(motion, frozen)
         forward = (motion.left + motion.right) / 2
         self._x += forward * cos(self.heading + turn / 2)
         self._y += forward * sin(self.heading + turn / 2)
         self.heading += turn
         self._v, self._omega = forward / motion.time, turn / motion.time
 
-    def _turn(self, motion: _Motion, reading: _Reading) -> float:
-        """The gyro's, unless it is absent or known to be frozen; then the wheels'."""
-        assert self._last is not None
+    def _turn(self, motion: _Motion, frozen: bool) -> float:
+        """Return the gyro's turn, unless it is absent or known to be frozen; then that of the wheels."""
         by_wheels = (motion.right - motion.left) / TRACK
-        if motion.turn is None:
-            self.counts.on_wheels += 1
-            self._unmoved, self._owed, self._frozen = 0, 0.0, False
-            return by_wheels
-        if reading.angle != self._last.angle:
-            thawed = self._frozen  # and may jump to where it should have been, which the wheels have said
-            self._unmoved, self._owed, self._frozen = 0, 0.0, False
-            self.counts.on_wheels += thawed
-            return by_wheels if thawed else motion.turn
+        if motion.turn is None or not frozen:
+            # A gyro that works again may jump to where it should have been, which the wheels have said.
+            on_wheels = motion.turn is None or self._frozen
+            self._trust_gyro()
+            self.counts.on_wheels += on_wheels
+            return by_wheels if motion.turn is None or on_wheels else motion.turn
         self._unmoved += 1
         self._owed += by_wheels
         if not self._frozen:
@@ -254,3 +237,11 @@ class KobukiOdometry:
         self.counts.on_wheels += 1
         owed, self._owed = self._owed, 0.0
         return owed
+
+
+def _between(before: BaseFeedback, after: BaseFeedback) -> _Motion:
+    turn = None
+    if before.inertial is not None and after.inertial is not None:
+        turn = wrap((after.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
+    time = ((after.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) / 1000
+    return _Motion(time, *ways_between(before.basic, after.basic), turn)

@@ -17,13 +17,12 @@ A stop acts at once, without a ramp; after it the base speeds up from standing.
 """
 
 import math
-from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
-from firmware_bridge.kobuki.motion import TRACK, signed
-from firmware_bridge.kobuki.wire import Basic, Inertial
+from firmware_bridge.kobuki.motion import TRACK, ticks_between
+from firmware_bridge.kobuki.wire import BaseFeedback, Basic, Inertial
 
 FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
 """After so long without feedback the link counts as dead; kobuki_driver: 100 ms."""
@@ -128,8 +127,7 @@ class HoldCause(Enum):
 _BACKWARD_ONLY: Final = frozenset({HoldCause.BUMPER, HoldCause.CLIFF})
 
 
-@dataclass(frozen=True)
-class StopCause:
+class StopCause(NamedTuple):
     """One cause that holds now."""
 
     cause: HoldCause
@@ -138,22 +136,15 @@ class StopCause:
     """Of the sensor, as in the feedback; 0 where there is none."""
 
 
-@dataclass(frozen=True)
-class Allowed:
+class AllowedMotion(NamedTuple):
     """What may be driven now: m/s forward, rad/s counter-clockwise; and all causes that hold it back."""
 
     v: float
     omega: float
     stops: tuple[StopCause, ...]
 
-    @property
-    def standing(self) -> bool:
-        """True if a cause allows no motion at all."""
-        return any(stop.cause not in _BACKWARD_ONLY for stop in self.stops)
 
-
-@dataclass(frozen=True)
-class _Wish:
+class _Command(NamedTuple):
     arrived: Instant
     issued: Instant
     v: float
@@ -175,14 +166,15 @@ class SafetyStop:
         self._strained: Instant | None = None
         """When there last was over-current."""
         self._held: set[HoldCause] = set()
-        self._wish: _Wish | None = None
+        self._command: _Command | None = None
         self._since: dict[HoldCause, Instant] = {}
         self._ramp = Ramp()
         self.late_commands = 0
         """Commands that were older than one before them, and left out."""
 
-    def sense(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
+    def sense(self, feedback: BaseFeedback) -> None:
         """Take in one feedback of the base."""
+        now, basic, inertial = feedback
         if self._silent_until is None or now - self._heard > FEEDBACK_SILENCE:
             self._silent_until = now
         if basic.wheel_drop:
@@ -197,31 +189,31 @@ class SafetyStop:
         """From now on let nothing move for that cause, or no longer for that one."""
         (self._held.add if holds else self._held.discard)(cause)
 
-    def wish(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
+    def command(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
         """Take in a command made at `issued` that arrived `now`; one made before the last is left out.
 
         What claims to come from the future counts as made now.
         """
         issued = min(issued, now)
-        if self._wish is not None and issued < self._wish.issued:
+        if self._command is not None and issued < self._command.issued:
             self.late_commands += 1
             return
-        self._wish = _Wish(now, issued, v, omega)
+        self._command = _Command(now, issued, v, omega)
 
-    def allowed(self, now: Instant) -> Allowed:
+    def allowed(self, now: Instant) -> AllowedMotion:
         """What may be driven from now on. Call it with every base control: the ramp goes on with it."""
         stops = self._stops(now)
         standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
-        if standing or self._wish is None:
+        if standing or self._command is None:
             self._ramp.halt(now)
-            return Allowed(0.0, 0.0, stops)
-        v, omega = self._limited(self._wish.v, self._wish.omega)
+            return AllowedMotion(0.0, 0.0, stops)
+        v, omega = self._limited(self._command.v, self._command.omega)
         if not stops:
-            return Allowed(*self._ramp.towards(now, v, omega), stops)
+            return AllowedMotion(*self._ramp.towards(now, v, omega), stops)
         ramped = self._ramp.towards(now, *_backward(v, omega))
         v, omega = _backward(*ramped)  # no ramp down from going forward
         self._ramp.set(now, v, omega)
-        return Allowed(v, omega, stops)
+        return AllowedMotion(v, omega, stops)
 
     def _stops(self, now: Instant) -> tuple[StopCause, ...]:
         """All causes that hold, in the order of Cause."""
@@ -241,12 +233,12 @@ class SafetyStop:
         if self._basic is not None:
             causes |= self._sensed(now, self._basic)
         causes |= dict.fromkeys(self._held, 0)
-        wish = self._wish
-        if wish is None or now - wish.arrived > _COMMAND_AGE:
+        command = self._command
+        if command is None or now - command.arrived > _COMMAND_AGE:
             causes[HoldCause.NO_COMMAND] = 0
-        elif now - wish.issued > _COMMAND_AGE:
+        elif now - command.issued > _COMMAND_AGE:
             causes[HoldCause.STALE_COMMAND] = 0
-        elif not (math.isfinite(wish.v) and math.isfinite(wish.omega)):
+        elif not (math.isfinite(command.v) and math.isfinite(command.omega)):
             causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
@@ -268,23 +260,16 @@ class SafetyStop:
         return causes
 
     def _still(self, basic: Basic, inertial: Inertial | None) -> bool:
-        """True if the base has not moved since the last feedback."""
+        """Return whether the base has not moved since the last feedback."""
         if self._basic is None:
             return False
-        left = signed(basic.left_ticks - self._basic.left_ticks)
-        right = signed(basic.right_ticks - self._basic.right_ticks)
-        ticks = max(abs(left), abs(right))
         turning = inertial is not None and abs(inertial.rate_cdeg) > _STILL_RATE_CDEG
-        return ticks <= _STILL_TICKS and not turning
+        return max(map(abs, ticks_between(self._basic, basic))) <= _STILL_TICKS and not turning
 
     def _limited(self, v: float, omega: float) -> tuple[float, float]:
-        """The same arc, but no faster than the base can."""
-        share = 1.0
-        if abs(v) > _SPEED:
-            share = _SPEED / abs(v)
-        if abs(omega) * share > _TURN_RATE:
-            share = _TURN_RATE / abs(omega)
-        return v * share, omega * share
+        """Return the same arc, but no faster than the base can."""
+        share = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
+        return v / share, omega / share
 
 
 def _backward(v: float, omega: float) -> tuple[float, float]:

@@ -10,7 +10,9 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from functools import reduce
 from operator import xor
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+from actors.instant import Instant
 
 # --- commands ----------------------------------------------------------------------------------------------
 
@@ -99,7 +101,16 @@ class Unknown:
     data: bytes
 
 
-Feedback = Basic | Inertial | Unknown
+FeedbackPacket = Basic | Inertial | Unknown
+
+
+class BaseFeedback(NamedTuple):
+    """What a base reported at once, and when it arrived."""
+
+    instant: Instant
+    basic: Basic
+    inertial: Inertial | None
+    """None: there is no gyro, or it is not trusted."""
 
 
 class WireMisuseError(ValueError):
@@ -131,7 +142,7 @@ def encode_command(command: Command) -> bytes:
     return _packet(command, kind, lambda: layout.pack(*astuple(command)))
 
 
-def encode_feedback(feedback: Feedback) -> bytes:
+def encode_feedback(feedback: FeedbackPacket) -> bytes:
     """The packet's bytes, as a base sends them. Raises WireMisuseError as `encode_command` does."""
     if isinstance(feedback, Unknown):
         return _packet(feedback, feedback.kind, lambda: feedback.data)
@@ -158,7 +169,7 @@ def decode_commands(payload: bytes) -> list[Command]:
     return commands
 
 
-def decode_feedback(payload: bytes) -> list[Feedback]:
+def decode_feedback(payload: bytes) -> list[FeedbackPacket]:
     """The packets of a payload, in order, those of unknown kinds as Unknown. Raises MalformedError."""
     return [_feedback(kind, data) for kind, data in _packets(payload)]
 
@@ -176,10 +187,10 @@ def _packets(payload: bytes) -> list[tuple[int, bytes]]:
     return packets
 
 
-def _feedback(kind: int, data: bytes) -> Feedback:
+def _feedback(kind: int, data: bytes) -> FeedbackPacket:
     if kind in _FEEDBACK_KINDS:
         of, layout = _FEEDBACK_KINDS[kind]
-        feedback: Feedback = of(*_fields(kind, layout, data))
+        feedback: FeedbackPacket = of(*_fields(kind, layout, data))
         return feedback
     if len(data) != _UNREAD.get(kind, len(data)):
         raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {_UNREAD[kind]}")

@@ -32,35 +32,35 @@ from firmware_bridge.onboard.device_loop import OPENNI, BaseProgram, BaseSetup, 
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.vehicle import (
     DepthRanger,
-    LastWord,
+    GuardianLink,
     Lidar,
     MotionUnknownError,
-    Ranger,
+    RangeDevice,
     Say,
     TurtleBot,
 )
-from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthScanner, OpenNICamera
-from firmware_bridge.serial_port import KOBUKI, SerialPort
+from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
 
 
 def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """The vehicle on the ports of the set-up, which need not be there yet."""
-    base = functools.partial(SerialPort, setup.base, KOBUKI, patience=0.0)
+    base = functools.partial(SerialPort, setup.base, KOBUKI)
     driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
     mount = load_model(setup.model, setup.sensor).sensor.mount
-    return TurtleBot(base, driver, ranger, LastWord(setup.base), say, mount)
+    return TurtleBot(base, driver, ranger, GuardianLink(setup.base), say, mount)
 
 
-def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> Ranger | None:
+def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:
     if setup.range is None:
         return None
     sensor = load_model(setup.model, setup.sensor).sensor
     if setup.range == OPENNI:
         scanner = DepthScanner(sensor)
         return DepthRanger(CameraFeed(OpenNICamera, clock.now, say), scanner, say)
-    lidar = rplidar.Rplidar(sensor, clock.now())
-    return Lidar(functools.partial(rplidar.open_port, setup.range, patience=0.0), lidar, say)
+    lidar = Rplidar(sensor, clock.now())
+    return Lidar(functools.partial(SerialPort, setup.range, RPLIDAR), lidar, say)
 
 
 class Base:

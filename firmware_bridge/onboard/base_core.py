@@ -41,6 +41,7 @@ from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
+from firmware_bridge.onboard.device_loop import TimedCore
 
 
 class BaseReport(msgspec.Struct, frozen=True):
@@ -83,8 +84,8 @@ class Vehicle(Protocol):
         """What keeps it from driving as it is told, or soon will, in words; empty: nothing."""
 
 
-class BaseCore:
-    """One robot's steps; `expect` announces each message, and without one an advance takes in the time."""
+class BaseCore(TimedCore):
+    """One robot's steps."""
 
     def __init__(
         self, robot: str, step_us: int, begin: Instant, start: Pose, places: int, vehicle: Vehicle
@@ -93,8 +94,8 @@ class BaseCore:
 
         `places`: how many the robot has to clean at first.
         """
+        super().__init__()
         self.now = begin
-        self.finished = False
         self.overruns = 0
         """Steps that were left out because the robot had not answered."""
         self.late_air = 0
@@ -108,10 +109,8 @@ class BaseCore:
         self._begin = begin
         self._start = start
         self._vehicle = vehicle
-        self._step = 0
         self._sensed: int | None = None
         """The step whose Senses went out last."""
-        self._expected: Address | None = None
         self._robot_there = self._radio_there = self._busy = self._asked = self._paused = False
         self._opening: int | None = None
         """The step that waits for the bridge."""
@@ -135,14 +134,9 @@ class BaseCore:
         self._left = places
 
     @property
-    def step(self) -> int:
-        """The step of the grid that has begun last."""
-        return self._step
-
-    @property
     def next_tick(self) -> Instant:
         """When the next step begins."""
-        return Instant(self._begin + (self._step + 1) * self._step_us)
+        return Instant(self._begin + (self.step + 1) * self._step_us)
 
     @property
     def wake(self) -> Instant:
@@ -153,15 +147,6 @@ class BaseCore:
         """Every address that a message may come in on."""
         robot = self._robot
         return (at(READY, robot), at(RADIO_READY), at(DRIVE, robot), at(AIRED), at(CONTROL))
-
-    def expect(self, key: str) -> None:
-        """The next advance takes the message that has come on that key."""
-        self._expected = next(address for address in self.listens() if address.key == key)
-
-    def missing(self, have: Inputs) -> Sequence[Address]:
-        """What was announced by `expect`."""
-        expected = self._expected
-        return () if expected is None or expected.key in have else (expected,)
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Take in one message, or the passing of time."""
@@ -190,7 +175,7 @@ class BaseCore:
         """The last messages: to the robot, and to the bridge."""
         self.finished = True
         self._vehicle.command(self.now, self.now, 0.0, 0.0)
-        last = self._step if self._sensed is None else max(self._step, self._sensed + 1)
+        last = self.step if self._sensed is None else max(self.step, self._sensed + 1)
         senses = self._senses_of(last, halt=True)
         truth = Truth(last, self._instant(last), (), halt=True)
         return (to(SENSES, senses, self._robot), to(TRUTH, truth), to(PROGRESS, self._progress()))
@@ -198,7 +183,7 @@ class BaseCore:
     def report(self) -> BaseReport:
         """Return the counts so far."""
         lateness_ms = dict(sorted(self.lateness_ms.items()))
-        return BaseReport(self._step, self.overruns, self.late_air, self.stale, lateness_ms)
+        return BaseReport(self.step, self.overruns, self.late_air, self.stale, lateness_ms)
 
     def _time(self) -> Sequence[Output]:
         if self._stopping:
@@ -208,7 +193,7 @@ class BaseCore:
             self.late_air += 1
             outputs += self._open(self._opening)
         if self.now >= self.next_tick:
-            self._step = (self.now - self._begin) // self._step_us
+            self.step = (self.now - self._begin) // self._step_us
             outputs += self._tick()
         return outputs
 
@@ -221,8 +206,8 @@ class BaseCore:
             return ()
         waits = self._radio_there and self._sensed is not None and not self._events
         if not waits:
-            return self._open(self._step)
-        self._opening, self._air_due = self._step, Instant(self.now + AIR_PATIENCE)
+            return self._open(self.step)
+        self._opening, self._air_due = self.step, Instant(self.now + AIR_PATIENCE)
         if self._asked:
             return ()
         self._asked, self._asked_at = True, self.now
@@ -241,7 +226,7 @@ class BaseCore:
         ):
             if waits and self.now - since > self.patience:
                 raise AcrcError(
-                    f"step {self._step}: {who} has not answered for {in_seconds(self.patience):g} s"
+                    f"step {self.step}: {who} has not answered for {in_seconds(self.patience):g} s"
                 )
 
     def _open(self, step: int) -> list[Output]:
@@ -332,8 +317,8 @@ class BaseCore:
 
     def _progress(self) -> Progress:
         return Progress(
-            self._step,
-            self._instant(self._step),
+            self.step,
+            self._instant(self.step),
             self._left,
             self._reports,
             self.finished,

@@ -49,9 +49,16 @@ from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import BoardSettings, Event, PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import Event, PacketEnd, UnconfirmedPacket
 from firmware_bridge.device_lines import TransceiverLink
-from firmware_bridge.onboard.device_loop import BridgeProgram, BridgeSetup, Clock, ReconnectingPort, conduct
+from firmware_bridge.onboard.device_loop import (
+    BridgeProgram,
+    BridgeSetup,
+    Clock,
+    ReconnectingPort,
+    TimedCore,
+    conduct,
+)
 from firmware_bridge.serial_port import BoardPort
 
 MOST_EVENTS: Final = 256
@@ -60,20 +67,17 @@ MOST_PLANNED: Final = 256
 """Frames that may wait for their instants."""
 
 
-class BridgeCore:
-    """One robot's board; `expect` announces each message, bytes come by `hear`, and go by `due`."""
+class BridgeCore(TimedCore):
+    """One robot's board; bytes come by `hear`, and go by `due`."""
 
     def __init__(self, robot: str, link: BoardLink | TransceiverLink) -> None:
-        self.now = Instant(0)
-        self.finished = False
-        self.step = 0
+        super().__init__()
         self._robot = robot
         self._link = link
         self._planned: list[tuple[int, int, int, bytes]] = []
         self._added = 0
         self._held: list[RadioEvent] = []
         self._notes: list[BoardNote] = []
-        self._expected: Address | None = None
         self._epoch: int | None = None
         """The robot's; None: it has not been told yet."""
         self._tags: dict[int, int] = {}
@@ -92,15 +96,6 @@ class BridgeCore:
     def listens(self) -> Sequence[Address]:
         """Every address that a message may come in on."""
         return (at(TRUTH), at(TRANSMIT, self._robot))
-
-    def expect(self, key: str) -> None:
-        """The next advance takes the message that has come on that key."""
-        self._expected = next(address for address in self.listens() if address.key == key)
-
-    def missing(self, have: Inputs) -> Sequence[Address]:
-        """What was announced by `expect`."""
-        expected = self._expected
-        return () if expected is None or expected.key in have else (expected,)
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Take in one message; without one, give the news for people."""
@@ -210,8 +205,7 @@ class Bridge:
 
     def __init__(self, setup: BridgeSetup, clock: Clock) -> None:
         self._clock = clock
-        settings = BoardSettings(setup.address, setup.channel, setup.pan, setup.power_dbm)
-        self._link = BoardLink(settings) if setup.board else TransceiverLink()
+        self._link = BoardLink(setup.settings) if setup.board else TransceiverLink()
         self.core = BridgeCore(setup.robot, self._link)
         self._line = ReconnectingPort(
             functools.partial(BoardPort, setup.radio), lambda sentence: to_stderr(f"{sentence}\n")

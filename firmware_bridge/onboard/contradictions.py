@@ -10,6 +10,7 @@ Without I/O, clock and randomness: the same feedbacks, commands and scans give t
 
 import math
 from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,11 +18,18 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.portable import arrays, cos_sin
-from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK, signed
+from actors.portable import arrays
+from firmware_bridge.kobuki.motion import TRACK, ways_between
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import Basic, Inertial
-from firmware_bridge.onboard.motion_checks import Liar, MotionChecks, MotionTrack, Moved, PoseTrack
+from firmware_bridge.kobuki.wire import BaseFeedback
+from firmware_bridge.onboard.motion_checks import (
+    MotionChecks,
+    Movement,
+    PoseTrack,
+    Suspect,
+    direction,
+    pose_track,
+)
 from firmware_bridge.range_sensors.sensor import SensorSweep
 
 _POINTS: Final = 90
@@ -40,104 +48,72 @@ _NEAR_SHARE: Final = 0.008
 """... so much of its range more: noise, and what a degree leaves open."""
 
 
-class Points(NamedTuple):
-    """A sweep in the frame of a track."""
-
-    xy: NDArray[np.float64]
-    """(n, 2), m; by angle."""
-    near: NDArray[np.float64]
-    """(n,): how near to the room each has to be, m."""
-
-
-def load_kernels() -> None:
-    """Load what this computes with, before a robot drives: without a cache it takes some seconds."""
-    for function in (arrays.cos, arrays.sin):
-        function(np.zeros(1))
-    arrays.hypot(np.zeros(1), np.zeros(1))
-
-
 class Hypothesis(NamedTuple):
     """A fault, and how scans are to be placed if it is there."""
 
     cause: HoldCause | None = None
-    liar: Liar = Liar.NOBODY
+    suspect: Suspect = Suspect.NONE
     turned: float = 0.0
     """How the sensor is turned on its mount, rad, counter-clockwise."""
     mirrored: bool = False
     late_us: int = 0
 
 
+def load_kernels() -> None:
+    """Load what this computes with, before a robot drives: without a cache it takes some seconds."""
+    direction(np.zeros(1))
+    arrays.hypot(np.zeros(1), np.zeros(1))
+
+
+def chosen_samples(sweep: SensorSweep, chosen: NDArray[np.bool_] | slice) -> SensorSweep:
+    """Return some samples of a sweep."""
+    return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
+
+
 def of_the_room(sweep: SensorSweep) -> SensorSweep:
-    """The echoes of a sweep that are of large things; of those people and robots are not."""
-    seen = np.isfinite(sweep.ranges)
-    sweep = SensorSweep(sweep.stamps[seen], sweep.angles[seen], sweep.ranges[seen])
+    """Return the echoes of large objects; those of people and robots are no evidence. All are echoes."""
     if not sweep.ranges.size:
         return sweep
     x, y = sweep.ranges * arrays.cos(sweep.angles), sweep.ranges * arrays.sin(sweep.angles)
     gaps = arrays.hypot(np.diff(x), np.diff(y))
     breaks = gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])
-    things = np.append(0, np.cumsum(breaks, dtype=np.int64))
-    large = (arrays.hypot(_extents(x, things), _extents(y, things)) >= _EXTENT)[things]
-    return SensorSweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
+    begins = np.flatnonzero(np.append(True, breaks))
+    width, depth = (np.maximum.reduceat(axis, begins) - np.minimum.reduceat(axis, begins) for axis in (x, y))
+    large = arrays.hypot(width, depth) >= _EXTENT
+    return chosen_samples(sweep, np.repeat(large, np.diff(np.append(begins, x.size))))
 
 
-def _extents(axis: NDArray[np.float64], things: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Of each thing along an axis, m; (n,) coordinates, (n,) numbers of things from 0 on."""
-    count = int(things[-1]) + 1
-    least, most = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(least, things, axis)
-    np.maximum.at(most, things, axis)
-    extents: NDArray[np.float64] = most - least
-    return extents
-
-
-def placed(sweep: SensorSweep, mount: Pose, track: PoseTrack, hypothesis: Hypothesis) -> Points:
-    """The points of a sweep's echoes where the hypothesis has them; `mount`: of the sensor on the body."""
-    seen = np.isfinite(sweep.ranges)
-    ranges, angles = sweep.ranges[seen], sweep.angles[seen] + hypothesis.turned
+def placed(
+    sweep: SensorSweep, mount: Pose, track: PoseTrack, hypothesis: Hypothesis
+) -> NDArray[np.complex128]:
+    """Return where the echoes are if the hypothesis holds; `mount`: of the sensor on the body."""
+    angles = sweep.angles + hypothesis.turned
     angles = mount.heading + (-angles if hypothesis.mirrored else angles)
-    body_x, body_y = mount.x + ranges * arrays.cos(angles), mount.y + ranges * arrays.sin(angles)
-    poses = track.at(sweep.stamps[seen] - hypothesis.late_us)
-    c, s = arrays.cos(poses.heading), arrays.sin(poses.heading)
-    xy = np.column_stack((poses.x + c * body_x - s * body_y, poses.y + s * body_x + c * body_y))
-    return Points(xy, _NEAR + _NEAR_SHARE * ranges)
+    poses = track.at(sweep.stamps - hypothesis.late_us)
+    on_body = complex(mount.x, mount.y) + sweep.ranges * direction(angles)
+    points: NDArray[np.complex128] = poses.position + direction(poses.heading) * on_body
+    return points
 
 
-def thinned(points: Points) -> Points:
-    """Some of them, evenly."""
-    step = max(1, len(points.xy) // _POINTS)
-    return Points(points.xy[::step], points.near[::step])
-
-
-def misfit(later: Points, earlier: Points) -> NDArray[np.float64]:
-    """How far each later point is from the room that the earlier ones draw, as a multiple of near: (n,)."""
-    begins = earlier.xy[:-1]
-    along = earlier.xy[1:] - begins
-    squares = along[:, 0] * along[:, 0] + along[:, 1] * along[:, 1]
+def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return how far each point is from the walls that neighbouring points of the room make: (n,), m."""
+    begins, along = room[:-1], np.diff(room)
+    squares = np.abs(along) ** 2
     joined = (squares > 0) & (squares <= _GAP * _GAP)
-    per_square = np.where(joined, 1.0 / np.where(joined, squares, 1.0), 0.0)
-    x = later.xy[:, 0, None] - begins[None, :, 0]
-    y = later.xy[:, 1, None] - begins[None, :, 1]
-    shares = x * along[:, 0] + y * along[:, 1]
-    shares *= per_square
-    np.clip(shares, 0.0, 1.0, out=shares)
-    x -= shares * along[:, 0]
-    y -= shares * along[:, 1]
-    x *= x
-    y *= y
-    x += y
-    nearest: NDArray[np.float64] = np.sqrt(x.min(axis=1)) / later.near
+    offsets = points[:, None] - begins
+    shares = (offsets * along.conj()).real * np.where(joined, 1.0 / np.where(joined, squares, 1.0), 0.0)
+    nearest: NDArray[np.float64] = np.abs(offsets - np.clip(shares, 0.0, 1.0) * along).min(axis=1)
     return nearest
 
 
 def sectors(chosen: NDArray[np.bool_], count: int = 12) -> int:
-    """In how many equal parts of the sweep some are chosen, two at least."""
+    """Return in how many equal parts of the sweep some are chosen, two at least."""
     parts = np.array_split(chosen, count)
     return sum(np.count_nonzero(part) >= 2 for part in parts)
 
 
 def headings(step_deg: int) -> tuple[float, ...]:
-    """All mountings but the right one, rad."""
+    """Return all mountings but the right one, rad."""
     return tuple(math.radians(turned) for turned in range(step_deg, 360, step_deg))
 
 
@@ -172,8 +148,8 @@ _TOUCHES: Final = 0.3
 """What is so near to the body's middle, m, may be touched: its radius, and a decimetre. Own choice."""
 _STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
 _HYPOTHESES: Final = (
-    Hypothesis(HoldCause.WHEELS, Liar.WHEELS),
-    Hypothesis(HoldCause.GYRO, Liar.GYRO),
+    Hypothesis(HoldCause.WHEELS, Suspect.WHEELS),
+    Hypothesis(HoldCause.GYRO, Suspect.GYRO),
     *(Hypothesis(HoldCause.SCAN_TURNED, turned=turned) for turned in headings(15)),
     *(Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True) for turned in (0.0, *headings(90))),
     *(Hypothesis(HoldCause.SCAN_LATE, late_us=late) for late in (250_000, 500_000, 750_000, 1_000_000)),
@@ -181,7 +157,7 @@ _HYPOTHESES: Final = (
 
 
 def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> int:
-    """How many points more fit if that cause holds; 0 if it does not explain the misfit.
+    """Return how many points more fit if that cause holds; 0 if it does not explain the misfit.
 
     `told`, `instead`: (n,) misfits of what the sensors told, and under the hypothesis.
     """
@@ -195,13 +171,14 @@ def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.fl
 
 
 class ScanChecks:
-    """Feed it every sweep; it answers with whom the sweeps contradict."""
+    """Takes every sweep and returns the fault that consecutive sweeps show."""
 
     def __init__(self, mount: Pose) -> None:
         """`mount`: of the range sensor on the body."""
         load_kernels()
         self._mount = mount
         self._sweeps: deque[SensorSweep] = deque()
+        """Echoes only."""
         self._suspect: HoldCause | None = None
         self._in_a_row = 0
 
@@ -210,111 +187,93 @@ class ScanChecks:
         self._sweeps.clear()
         self._suspect, self._in_a_row = None, 0
 
-    def take(self, sweep: SensorSweep, motion: MotionTrack) -> HoldCause | None:
-        """The cause that this sweep shows, if it shows any."""
+    def take(self, sweep: SensorSweep, moves: Sequence[Movement]) -> HoldCause | None:
+        """Take in a sweep; `moves`: the last movements of the base."""
+        sweep = chosen_samples(sweep, np.isfinite(sweep.ranges))
+        if not sweep.stamps.size or not moves or sweep.stamps[-1] > moves[-1].instant + _UNHEARD:
+            return None
         if self._sweeps and sweep.stamps[-1] - self._sweeps[-1].stamps[-1] < _PERIOD:
             return None
-        begin, end = motion.begin, motion.end
-        if end is None or sweep.stamps[-1] > end + _UNHEARD:
-            return None
         self._sweeps.append(sweep)
-        while self._sweeps and (begin is None or not self._known(self._sweeps[0], sweep, begin)):
+        oldest = max(moves[0].instant, sweep.stamps[-1] - _OLDEST)
+        while self._sweeps and self._sweeps[0].stamps[0] < oldest:
             self._sweeps.popleft()
         if len(self._sweeps) < 2:
             return None
-        suspect = self._judge(motion)
+        suspect = self._judge({one: pose_track(moves, one) for one in Suspect})
         if suspect is None or suspect is not self._suspect:
             self._in_a_row = 0
         self._suspect = suspect
         self._in_a_row += suspect is not None
         return suspect if self._in_a_row >= _IN_A_ROW else None
 
-    @staticmethod
-    def _known(old: SensorSweep, new: SensorSweep, begin: Instant) -> bool:
-        """True if the old sweep is young enough, and the track goes back to it."""
-        return bool(old.stamps[0] >= begin and new.stamps[-1] - old.stamps[0] <= _OLDEST)
-
-    def _judge(self, motion: MotionTrack) -> HoldCause | None:
-        """The fault that makes the last scans consistent; None: there is none, or it cannot be told."""
-        tracks = motion.tracks()
+    def _judge(self, tracks: Mapping[Suspect, PoseTrack]) -> HoldCause | None:
+        """Return the fault that makes the last scans consistent; None: there is none, or it is not clear."""
         for way, turn in zip(_WAYS, _TURNS, strict=True):
-            pair = self._pair(tuple(tracks.values()), way, turn)
-            if pair is None:
+            earlier = self._earlier(tracks, way, turn)
+            if earlier is None:
                 return None
-            told = self._misfit(pair, tracks[Liar.NOBODY], Hypothesis())
+            told = self._misfit(earlier, tracks[Suspect.NONE], Hypothesis())
             if told.size >= _FEWEST and np.count_nonzero(told > _OFF) >= _ODD_SHARE * told.size:
-                cause = self._best(pair, tracks, told)
+                cause = self._best(earlier, tracks, told)
                 if cause is not None:
                     return cause
         return None
 
     def _best(
-        self, pair: tuple[SensorSweep, SensorSweep], tracks: dict[Liar, PoseTrack], told: NDArray[np.float64]
+        self, earlier: SensorSweep, tracks: Mapping[Suspect, PoseTrack], told: NDArray[np.float64]
     ) -> HoldCause | None:
-        """The hypothesis that explains most, if any does."""
-        track = tracks[Liar.NOBODY]
-        known = pair[0].stamps[0] - track.instants[0]
-        found = {
-            one: self._misfit(pair, tracks[one.liar], one) for one in _HYPOTHESES if one.late_us <= known
-        }
-        if not stands_before_something(pair, self._mount, track):
-            found[_STILL] = self._misfit(pair, _nowhere(track), _STILL)
-        points = [
-            (explains(one.cause, told, misfit), one.cause) for one, misfit in found.items() if one.cause
+        """Return the cause of the hypothesis that explains most, if any does."""
+        track = tracks[Suspect.NONE]
+        known = earlier.stamps[0] - track.instants[0]
+        found = [
+            (one, self._misfit(earlier, tracks[one.suspect], one))
+            for one in _HYPOTHESES
+            if one.late_us <= known
         ]
+        if not stands_before_obstacle(earlier, self._sweeps[-1], self._mount, track):
+            still = PoseTrack(track.instants, 0 * track.position, 0 * track.heading)
+            found.append((_STILL, self._misfit(earlier, still, _STILL)))
+        points = [(explains(one.cause, told, misfit), one.cause) for one, misfit in found if one.cause]
         most, cause = max(points, key=lambda one: one[0])
         return cause if most > 0 else None
 
-    def _pair(
-        self, tracks: tuple[PoseTrack, ...], way: float, turned: float
-    ) -> tuple[SensorSweep, SensorSweep] | None:
-        """The last sweep, and the last one before it from which the robot has moved enough."""
+    def _earlier(self, tracks: Mapping[Suspect, PoseTrack], way: float, turned: float) -> SensorSweep | None:
+        """Return the last sweep since which the robot has moved enough, by any track."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:
-            ends = np.array([_middle(earlier), _middle(last)])
-            for track in tracks:
-                there = track.at(ends)
-                (dx,), (dy,), (turn,) = np.diff(there.x), np.diff(there.y), np.diff(there.heading)
-                if dx * dx + dy * dy >= way * way or abs(turn) >= turned:
-                    return earlier, last
+            for track in tracks.values():
+                moved, turn = _moved(earlier, last, track)
+                if abs(moved) >= way or abs(turn) >= turned:
+                    return earlier
         return None
 
-    def _misfit(
-        self, pair: tuple[SensorSweep, SensorSweep], track: PoseTrack, hypothesis: Hypothesis
-    ) -> NDArray[np.float64]:
-        earlier = placed(pair[0], self._mount, track, hypothesis)
-        later = placed(of_the_room(pair[1]), self._mount, track, hypothesis)
-        if len(earlier.xy) < _FEWEST:
+    def _misfit(self, earlier: SensorSweep, track: PoseTrack, hypothesis: Hypothesis) -> NDArray[np.float64]:
+        """Return how far points of the last sweep are from the earlier room, as multiples of near: (n,)."""
+        if earlier.ranges.size < _FEWEST:
             return np.empty(0)
-        return misfit(thinned(later), earlier)
+        later = of_the_room(self._sweeps[-1])
+        later = chosen_samples(later, slice(None, None, max(1, later.ranges.size // _POINTS)))
+        room, points = (placed(sweep, self._mount, track, hypothesis) for sweep in (earlier, later))
+        misfit: NDArray[np.float64] = distances(points, room) / (_NEAR + _NEAR_SHARE * later.ranges)
+        return misfit
 
 
-def stands_before_something(pair: tuple[SensorSweep, SensorSweep], mount: Pose, track: PoseTrack) -> bool:
-    """True if a robot that does not turn has something right before it, so that its wheels may slip."""
-    ends = track.at(np.array([_middle(sweep) for sweep in pair]))
-    (dx,), (dy,), (turn,) = np.diff(ends.x), np.diff(ends.y), np.diff(ends.heading)
+def stands_before_obstacle(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:
+    """Return whether the way of a robot that does not turn is blocked, so that its wheels may slip."""
+    moved, turn = _moved(earlier, later, track)
     if abs(turn) >= _TURNS[0]:
         return False
-    c, s = cos_sin(float(ends.heading[0]))
-    backward = dx * c + dy * s < 0
-    angles = mount.heading + pair[1].angles
-    with np.errstate(invalid="ignore"):
-        x = mount.x + pair[1].ranges * arrays.cos(angles)
-        y = mount.y + pair[1].ranges * arrays.sin(angles)
-        ahead = np.where(backward, -x, x)
-        return bool(((ahead > np.abs(y)) & (arrays.hypot(x, y) <= _TOUCHES)).any())
+    seen = complex(mount.x, mount.y) + later.ranges * direction(mount.heading + later.angles)
+    ahead = -seen.real if moved.real < 0 else seen.real
+    return bool(((ahead > np.abs(seen.imag)) & (np.abs(seen) <= _TOUCHES)).any())
 
 
-def _middle(sweep: SensorSweep) -> Instant:
-    """The median of its stamps."""
-    stamps = np.sort(sweep.stamps)
-    return Instant(int(stamps[(stamps.size - 1) // 2] + stamps[stamps.size // 2]) // 2)
-
-
-def _nowhere(track: PoseTrack) -> PoseTrack:
-    """Of a robot that stands."""
-    still = np.zeros(track.x.size)
-    return PoseTrack(track.instants, still, still, still)
+def _moved(earlier: SensorSweep, later: SensorSweep, track: PoseTrack) -> tuple[complex, float]:
+    """Return the way, m, forward + i left, and the turn, rad, between the middles of two sweeps."""
+    poses = track.at(np.array([sweep.stamps[sweep.stamps.size // 2] for sweep in (earlier, later)]))
+    (way,), (turn,) = np.diff(poses.position), np.diff(poses.heading)
+    return complex(way * direction(poses.heading)[0].conj()), float(turn)
 
 
 REST: Final[Duration] = seconds(2)
@@ -328,69 +287,70 @@ _LONGEST_GAP: Final[Duration] = milliseconds(200)
 """Between two feedbacks; after a longer one nothing is known of the motion between."""
 
 
+_KEPT: Final = 160
+"""Movements, 3.2 s."""
+
+
 class Contradictions:
-    """Feed it what the sensors say, and ask it before anything moves."""
+    """Takes what the sensors report; asked before anything moves."""
 
     def __init__(self, mount: Pose | None) -> None:
         """`mount`: of the range sensor on the body; None = there is none."""
-        self._motion = MotionTrack()
+        self._moves: deque[Movement] = deque(maxlen=_KEPT)
         self._checks = MotionChecks()
         self._scans = None if mount is None else ScanChecks(mount)
-        self._last: tuple[Instant, Basic, Inertial | None] | None = None
+        self._last: BaseFeedback | None = None
         self._commanded = (0.0, 0.0)
         self._until: dict[HoldCause, Instant] = {}
         self._strikes: dict[HoldCause, int] = {}
         self.gyro_judged = False
         """Wheels and scans agree on a turn that the gyro has not seen; without scans, wheels and command."""
 
-    def feedback(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
-        """Take in what a base says; see `commanded` for what it was told meanwhile."""
-        last, self._last = self._last, (now, basic, inertial)
-        if last is None or now - last[0] > _LONGEST_GAP or basic.wheel_drop:
+    def feedback(self, feedback: BaseFeedback) -> None:
+        """Take in a feedback of the base; see `commanded` for what it was told meanwhile."""
+        last, self._last = self._last, feedback
+        now, basic, inertial = feedback
+        if last is None or now - last.instant > _LONGEST_GAP or basic.wheel_drop:
             self._forget()
             return
-        before = last[1]
-        left, right = (
-            signed(a - b) * METRES_PER_TICK
-            for a, b in ((basic.left_ticks, before.left_ticks), (basic.right_ticks, before.right_ticks))
-        )
+        left, right = ways_between(last.basic, basic)
         turn = (right - left) / TRACK
-        if inertial is not None and last[2] is not None:
-            turn = wrap(math.radians((inertial.angle_cdeg - last[2].angle_cdeg) / 100))
-        moved = Moved(now, left, right, turn, *self._commanded)
-        self._motion.take(moved)
-        cause = self._checks.take(moved, basic)
+        if inertial is not None and last.inertial is not None:
+            turn = wrap(math.radians((inertial.angle_cdeg - last.inertial.angle_cdeg) / 100))
+        move = Movement(now, Duration(now - last.instant), left, right, turn, *self._commanded)
+        self._moves.append(move)
+        cause = self._checks.take(move, basic)
         if cause is not None:
             self.gyro_judged |= cause is HoldCause.GYRO and self._scans is None
-            self._tell(now, cause)
+            self._report(now, cause)
 
     def commanded(self, v: float, omega: float) -> None:
-        """What the base is told from now on, m/s and rad/s."""
+        """Take in what the base is told from now on, m/s and rad/s."""
         self._commanded = (v, omega)
 
     def sweep(self, now: Instant, sweep: SensorSweep) -> None:
         """Take in a sweep of the range sensor."""
-        cause = None if self._scans is None else self._scans.take(sweep, self._motion)
+        cause = None if self._scans is None else self._scans.take(sweep, self._moves)
         self.gyro_judged |= cause is HoldCause.GYRO
         if cause is not None and self._commanded != (0.0, 0.0):
-            self._tell(now, cause)
+            self._report(now, cause)
 
     def repeated(self, now: Instant, cause: HoldCause) -> None:
-        """The range sensor itself shows that; it is over a rest after it was last said."""
+        """Take in a fault that the range sensor's own data show; it is over a rest after the last call."""
         self._until[cause] = Instant(now + REST)
 
     def on_wheels(self) -> None:
-        """The heading is that of the wheels from now on: the gyro contradicts nobody any more."""
+        """The heading is that of the wheels from now on: the gyro is compared with nothing any more."""
         self.gyro_judged = False
         self._until.pop(HoldCause.GYRO, None)
         self._strikes.pop(HoldCause.GYRO, None)
         self._forget()
 
     def causes(self, now: Instant) -> frozenset[HoldCause]:
-        """For which nothing may move now."""
+        """Return the causes for which nothing may move now."""
         return frozenset(cause for cause, until in self._until.items() if now < until)
 
-    def _tell(self, now: Instant, cause: HoldCause) -> None:
+    def _report(self, now: Instant, cause: HoldCause) -> None:
         until = self._until.get(cause)
         if until is not None and now < until:
             return
@@ -406,7 +366,7 @@ class Contradictions:
             self._forget()
 
     def _forget(self) -> None:
-        self._motion.forget()
+        self._moves.clear()
         self._checks.forget()
         if self._scans is not None:
             self._scans.forget()

@@ -2,6 +2,7 @@
 
 import select
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, Generic, Protocol, Self, TypeVar
@@ -10,10 +11,11 @@ import msgspec
 
 from actors.instant import Instant, seconds
 from actors.robot_model import RobotDescription
-from actors.runtime.core import Core
+from actors.runtime.core import Address, Inputs, Output
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.serial_port import PortError, SerialPort
 
 OPENNI: Final = "openni"
@@ -53,13 +55,9 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     step_us: int
     radio: str
     """Path of the board's port."""
-    address: int
-    pan: int
-    channel: int
-    """11 to 26."""
-    power_dbm: float
+    settings: BoardSettings
     board: bool = True
-    """False: at the port is a transceiver of a laboratory's, without a board (`transceiver_line`)."""
+    """False: at the port is a transceiver of a laboratory's, without a board."""
 
 
 BaseProgram = ActorSetup[BaseSetup, ProcessSetup]
@@ -83,13 +81,31 @@ class Clock:
         return 1.0 if instant is None else max(0.0, (instant - self.now()) / 1e6)
 
 
-class TimedCore(Core, Protocol):
-    """A core that is told the time, and which message comes next."""
+class TimedCore(ABC):
+    """A core that is told the time, and by `expect` which message comes next; else time has passed."""
 
-    now: Instant
+    def __init__(self) -> None:
+        self.now = Instant(0)
+        self.step = 0
+        self.finished = False
+        self._expected: Address | None = None
 
     def expect(self, key: str) -> None:
         """The next advance takes the message that has come on that key."""
+        self._expected = next(address for address in self.listens() if address.key == key)
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """Return what was announced by `expect`."""
+        expected = self._expected
+        return () if expected is None or expected.key in have else (expected,)
+
+    @abstractmethod
+    def listens(self) -> Sequence[Address]:
+        """Return every address that a message may come in on."""
+
+    @abstractmethod
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Take in one message, or the passing of time."""
 
 
 class Devices(Protocol):
@@ -140,7 +156,7 @@ def conduct(
 
 
 _RETRY = seconds(1)
-"""A port that is not there is tried again so often."""
+"""Between attempts to open a port that is not there."""
 P = TypeVar("P", bound=SerialPort)
 R = TypeVar("R")
 
@@ -150,59 +166,55 @@ class ReconnectingPort(Generic[P]):
 
     def __init__(self, open_port: Callable[[], P], say: Callable[[str], None]) -> None:
         """`say` is told, in a sentence and once for each reason, when the port is away."""
+        self.port: P | None = None
+        """Another object each time that it is opened; None while it is not."""
         self._open = open_port
         self._tell = say
-        self._port: P | None = None
         self._retry_at = Instant(0)
         self._said = ""
 
-    @property
-    def port(self) -> P | None:
-        """Another object each time that it is opened; None while it is not."""
-        return self._port
-
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
-        return () if self._port is None else (self._port.fileno(),)
+        """Return what to wait for."""
+        return () if self.port is None else (self.port.fileno(),)
 
     def connect(self, now: Instant) -> bool:
         """Open the port if it is away, at most once a second; True if it has just been opened."""
-        if self._port is not None or now < self._retry_at:
+        if self.port is not None or now < self._retry_at:
             return False
         self._retry_at = Instant(now + _RETRY)
         try:
-            self._port = self._open()
+            self.port = self._open()
         except PortError as error:
             self._say(str(error))
             return False
-        self._say("")
+        self._said = ""
         return True
 
-    def exchange(self, what: Callable[[P], R]) -> R | None:
-        """What `what` gives when it is called with the port; None if the port is away, or goes meanwhile."""
-        if self._port is None:
+    def exchange(self, use: Callable[[P], R]) -> R | None:
+        """Return what `use` returns for the port; None if the port is away, or goes meanwhile."""
+        if self.port is None:
             return None
         try:
-            return what(self._port)
+            return use(self.port)
         except PortError as error:
             self._say(str(error))
-            self.close()
+            ReconnectingPort.close(self)
             return None
 
     def close(self) -> None:
         """Give the port back."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        if self.port is not None:
+            self.port.close()
+            self.port = None
 
     def _say(self, sentence: str) -> None:
-        if sentence and sentence != self._said:
+        if sentence != self._said:
             self._tell(sentence)
         self._said = sentence
 
 
-class WireDriver(Protocol):
-    """What a Kobuki's and a lidar's driver have in common."""
+class DeviceDriver(Protocol):
+    """What the drivers of Kobuki and lidar have in common."""
 
     def due(self, now: Instant) -> bytes:
         """The bytes to write now."""
@@ -211,39 +223,30 @@ class WireDriver(Protocol):
         """The last bytes to write."""
 
 
-class Wire:
-    """One device on one port, which may come and go."""
+class DeviceLine(ReconnectingPort[SerialPort]):
+    """One device and its driver on one port, which may come and go."""
 
     def __init__(
         self,
         open_port: Callable[[], SerialPort],
-        driver: WireDriver,
+        driver: DeviceDriver,
         take: Callable[[Instant, bytes], None],
         say: Callable[[str], None],
     ) -> None:
-        """`take`: gives the driver what has come. `say` is told, in a sentence, when the port is away."""
-        self._line = ReconnectingPort(open_port, say)
+        """`take` gives the driver what has come; `say` as in ReconnectingPort."""
+        super().__init__(open_port, say)
         self._driver = driver
         self._take = take
 
-    def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
-        return self._line.descriptors()
-
-    @property
-    def port(self) -> SerialPort | None:
-        """Another object each time that it is opened; None while it is not."""
-        return self._line.port
-
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; open the port anew if it has gone."""
-        self._line.connect(now)
-        self._take(now, self._line.exchange(lambda port: port.read()) or b"")
+        self.connect(now)
+        self._take(now, self.exchange(lambda port: port.read()) or b"")
         if due := self._driver.due(now):
-            self._line.exchange(lambda port: port.write(due))
+            self.exchange(lambda port: port.write(due))
 
     def close(self) -> None:
-        """Say farewell to the device, and give the port back."""
+        """Send the driver's last bytes, and give the port back."""
         last = self._driver.farewell()
-        self._line.exchange(lambda port: port.write(last))
-        self._line.close()
+        self.exchange(lambda port: port.write(last))
+        super().close()

@@ -10,6 +10,7 @@ import msgspec
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Odometry
+from actors.runtime import regular_file
 from actors.runtime.background import Background
 
 SPREAD: Final = 0.3
@@ -55,22 +56,15 @@ def write(path: Path, last: LastPose) -> None:
 
     On a full disk the file is written over: an old pose would be believed at the next start.
     """
-    fresh, text = path.with_suffix(".new"), msgspec.json.encode(last)
+    data = msgspec.json.encode(last)
     try:
-        _write(fresh, "wb", text)
+        regular_file.write(path, data, durable=True)
     except OSError:
-        fresh.unlink(missing_ok=True)
-        _write(path, "r+b", text)
-    else:
-        fresh.replace(path)
-
-
-def _write(path: Path, mode: str, text: bytes) -> None:
-    with path.open(mode) as file:
-        file.write(text)
-        file.truncate()
-        file.flush()
-        os.fsync(file.fileno())
+        with path.open("r+b") as file:
+            file.write(data)
+            file.truncate()
+            file.flush()
+            os.fsync(file.fileno())
 
 
 class PoseKeeper:

@@ -1,13 +1,12 @@
 """Consistency checks that need no scan: wheels, gyro, command, the base's clock and its bumper.
 
-Judged only while the base is commanded to move: a standing robot may be pushed, turned and carried. A motion
+Judged only while the base is commanded to move: a standing robot may be pushed, turned and carried. A pose
 track integrates the last feedbacks under the hypothesis that wheels or gyro are faulty: without wheels there
 is the command for the distance, without the gyro there are the wheels for the heading.
 """
 
-import itertools
-import math
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Final, NamedTuple
 
@@ -20,22 +19,21 @@ from firmware_bridge.kobuki.motion import TRACK
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import Basic
 
-_KEPT: Final = 160
-"""Feedbacks, 3.2 s."""
 
+class Suspect(Enum):
+    """The sensor that is assumed to be faulty."""
 
-class Liar(Enum):
-    """Who is held to say what is not so."""
-
-    NOBODY = auto()
+    NONE = auto()
     WHEELS = auto()
     GYRO = auto()
 
 
-class Moved(NamedTuple):
-    """What moved from one feedback to the next."""
+class Movement(NamedTuple):
+    """The motion from one feedback to the next."""
 
     instant: Instant
+    """Of the later one."""
+    time: Duration
     left: float
     """Way of a wheel by its encoder, m."""
     right: float
@@ -51,61 +49,37 @@ class PoseTrack(NamedTuple):
     """Poses in a frame of their own."""
 
     instants: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    position: NDArray[np.complex128]
+    """x + iy, m."""
     heading: NDArray[np.float64]
-    """Unwrapped."""
+    """Unwrapped, rad."""
 
     def at(self, instants: NDArray[np.int64]) -> "PoseTrack":
-        """The poses at any instants; before the first and after the last those."""
+        """Return the poses at any instants; before the first and after the last those."""
         before = np.maximum(np.searchsorted(self.instants, instants, side="right") - 1, 0)
         after = np.minimum(before + 1, self.instants.size - 1)
         gaps = np.maximum(self.instants[after] - self.instants[before], 1)
         shares = np.clip((instants - self.instants[before]) / gaps, 0.0, 1.0)
-        axes = (self.x, self.y, self.heading)
-        return PoseTrack(instants, *(axis[before] + shares * (axis[after] - axis[before]) for axis in axes))
+        position = self.position[before] + shares * (self.position[after] - self.position[before])
+        heading = self.heading[before] + shares * (self.heading[after] - self.heading[before])
+        return PoseTrack(instants, position, heading)
 
 
-class MotionTrack:
-    """The last feedbacks, as differences."""
-
-    def __init__(self) -> None:
-        self._moves: deque[Moved] = deque(maxlen=_KEPT)
-
-    def take(self, moved: Moved) -> None:
-        """Take in one more."""
-        self._moves.append(moved)
-
-    def forget(self) -> None:
-        """Begin anew."""
-        self._moves.clear()
-
-    @property
-    def begin(self) -> Instant | None:
-        """Since when there is a track."""
-        return self._moves[0].instant if self._moves else None
-
-    @property
-    def end(self) -> Instant | None:
-        """Until when there is one."""
-        return self._moves[-1].instant if self._moves else None
-
-    def tracks(self) -> dict[Liar, PoseTrack]:
-        """The track under each hypothesis."""
-        rows = np.array(self._moves, np.float64).reshape(-1, len(Moved._fields))
-        return {liar: _track(rows, liar) for liar in Liar}
+def direction(angles: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return unit vectors, as complex numbers."""
+    units: NDArray[np.complex128] = arrays.cos(angles) + 1j * arrays.sin(angles)
+    return units
 
 
-def _track(rows: NDArray[np.float64], liar: Liar) -> PoseTrack:
-    instants, left, right, turn, v, _ = rows.T
-    times = np.diff(instants, prepend=instants[:1]) * 1e-6
-    forward = v * times if liar is Liar.WHEELS else (left + right) / 2
-    if liar is Liar.GYRO:
+def pose_track(moves: Sequence[Movement], suspect: Suspect) -> PoseTrack:
+    """Return the track of these movements without the sensor that is suspected."""
+    instants, time, left, right, turn, v, _ = np.array(moves, np.float64).T
+    forward = v * time * 1e-6 if suspect is Suspect.WHEELS else (left + right) / 2
+    if suspect is Suspect.GYRO:
         turn = (right - left) / TRACK
     heading = np.cumsum(turn)
-    course = heading - turn / 2
-    x, y = np.cumsum(forward * arrays.cos(course)), np.cumsum(forward * arrays.sin(course))
-    return PoseTrack(instants.astype(np.int64), x, y, heading)
+    position = np.cumsum(forward * direction(heading - turn / 2))
+    return PoseTrack(instants.astype(np.int64), position, heading)
 
 
 _TURN: Final = 0.2
@@ -131,28 +105,31 @@ _STAMP_RANGE: Final = 1 << 16
 
 
 class MotionChecks:
-    """Feed it every feedback; it answers with whom it contradicts."""
+    """Takes every feedback and returns the fault that it shows."""
 
     def __init__(self) -> None:
-        self._moves: deque[Moved] = deque()
+        self._moves: deque[Movement] = deque()
         self._backed = 0.0
         self._stamp: tuple[Instant, int] | None = None
         self._odd_stamps = 0
 
-    def take(self, moved: Moved, basic: Basic) -> HoldCause | None:
-        """The cause that this feedback shows, if it shows any."""
-        clock = self._clock(moved.instant, basic.stamp_ms)
-        if clock is not None:
-            return clock
-        if (bumper := self._bumper(moved, basic)) is not None:
-            return bumper
-        if basic.wheel_drop or basic.bumper or (moved.v == 0 and moved.omega == 0):
-            self._moves.clear()
+    def take(self, move: Movement, basic: Basic) -> HoldCause | None:
+        """Take in one feedback."""
+        cause = self._clock(move.instant, basic.stamp_ms) or self._bumper(move, basic)
+        if cause is not None:
+            return cause
+        if basic.wheel_drop or basic.bumper or (move.v == 0 and move.omega == 0):
+            self.forget()
             return None
-        self._moves.append(moved)
-        while moved.instant - self._moves[0].instant > _WINDOW:
+        self._moves.append(move)
+        while move.instant - self._moves[0].instant > _WINDOW:
             self._moves.popleft()
-        return self._turns() or self._blocked()
+        rows = np.array(self._moves, np.float64)[::-1]  # the newest first
+        _, time, left, right, turn, v, omega = rows.T
+        aside = omega * TRACK / 2
+        ways = np.cumsum((left, right), axis=1)
+        told = np.cumsum(((v - aside) * time, (v + aside) * time), axis=1) * 1e-6
+        return _turns(ways[:, -1], told[:, -1], np.cumsum(turn)[-1]) or _blocked(np.cumsum(time), ways, told)
 
     def forget(self) -> None:
         """Begin anew."""
@@ -167,51 +144,40 @@ class MotionChecks:
         self._odd_stamps = self._odd_stamps + 1 if odd else 0
         return HoldCause.BASE_CLOCK if self._odd_stamps >= _STAMPS else None
 
-    def _bumper(self, moved: Moved, basic: Basic) -> HoldCause | None:
-        self._backed = self._backed - min(0.0, (moved.left + moved.right) / 2) if basic.bumper else 0.0
+    def _bumper(self, move: Movement, basic: Basic) -> HoldCause | None:
+        self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if basic.bumper else 0.0
         return HoldCause.BUMPER_STUCK if self._backed > _BACKED else None
 
-    def _turns(self) -> HoldCause | None:
-        """Wheels against gyro; who of them lies is said by what was commanded, where that is clear."""
-        wheels = math.fsum(move.right - move.left for move in self._moves) / TRACK
-        gyro = math.fsum(move.turn for move in self._moves)
-        if abs(wheels - gyro) <= _TURN + _TURN_SHARE * max(abs(wheels), abs(gyro)):
-            return None
-        times = self._times()
-        told = math.fsum(move.omega * time for move, time in zip(self._moves, times, strict=True))
-        if abs(wheels - told) < _CLEARLY * abs(gyro - told):
-            return HoldCause.GYRO
-        if abs(gyro - told) < _CLEARLY * abs(wheels - told):
-            left, right = self._told_ways(times)
-            off_left = abs(math.fsum(move.left for move in self._moves) - left)
-            off_right = abs(math.fsum(move.right for move in self._moves) - right)
-            if off_right < _CLEARLY * off_left:
-                return HoldCause.LEFT_WHEEL
-            if off_left < _CLEARLY * off_right:
-                return HoldCause.RIGHT_WHEEL
-        return HoldCause.TURNS
 
-    def _blocked(self) -> HoldCause | None:
-        """Wheels against what they are told, over the last stretch that is long enough."""
-        told_left = told_right = left = right = 0.0
-        moves = list(self._moves)
-        for before, move in zip(reversed(moves[:-1]), reversed(moves), strict=False):
-            time = (move.instant - before.instant) * 1e-6
-            told_left += (move.v - move.omega * TRACK / 2) * time
-            told_right += (move.v + move.omega * TRACK / 2) * time
-            left, right = left + move.left, right + move.right
-            lasted = moves[-1].instant - before.instant >= _TOLD_FOR
-            if lasted and max(abs(told_left), abs(told_right)) >= _TOLD:
-                least = _TURNED * max(abs(told_left), abs(told_right))
-                return HoldCause.BLOCKED if max(abs(left), abs(right)) < least else None
+def _turns(ways: NDArray[np.float64], told: NDArray[np.float64], gyro: float) -> HoldCause | None:
+    """Compare wheels and gyro; what was commanded tells which of them is wrong, where that is clear.
+
+    `ways`, `told`: (2,), m, of left and right wheel.
+    """
+    wheels, omega = (ways[1] - ways[0]) / TRACK, (told[1] - told[0]) / TRACK
+    if abs(wheels - gyro) <= _TURN + _TURN_SHARE * max(abs(wheels), abs(gyro)):
         return None
+    if abs(wheels - omega) < _CLEARLY * abs(gyro - omega):
+        return HoldCause.GYRO
+    if abs(gyro - omega) < _CLEARLY * abs(wheels - omega):
+        off_left, off_right = np.abs(ways - told)
+        if off_right < _CLEARLY * off_left:
+            return HoldCause.LEFT_WHEEL
+        if off_left < _CLEARLY * off_right:
+            return HoldCause.RIGHT_WHEEL
+    return HoldCause.TURNS
 
-    def _times(self) -> list[float]:
-        pairs = itertools.pairwise(move.instant for move in self._moves)
-        return [0.0, *((after - before) * 1e-6 for before, after in pairs)]
 
-    def _told_ways(self, times: list[float]) -> tuple[float, float]:
-        turned = [move.omega * TRACK / 2 for move in self._moves]
-        rows = list(zip(self._moves, turned, times, strict=True))
-        left = math.fsum((move.v - turn) * time for move, turn, time in rows)
-        return left, math.fsum((move.v + turn) * time for move, turn, time in rows)
+def _blocked(
+    times: NDArray[np.float64], ways: NDArray[np.float64], told: NDArray[np.float64]
+) -> HoldCause | None:
+    """Compare the wheels with what they are told, over the last stretch that is long enough.
+
+    `times`: (n,), µs; `ways`, `told`: (2, n), m, back from now.
+    """
+    farthest = np.abs(told).max(axis=0)
+    enough = (times >= _TOLD_FOR) & (farthest >= _TOLD)
+    if not enough.any():
+        return None
+    at = int(enough.argmax())
+    return HoldCause.BLOCKED if np.abs(ways[:, at]).max() < _TURNED * farthest[at] else None

@@ -12,14 +12,13 @@ from actors.instant import Duration, Instant, in_seconds, milliseconds, seconds
 from actors.messages import Odometry, Scan
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import guardian
-from firmware_bridge.kobuki.driver import BatteryLevel, Fed, KobukiDriver
+from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import Basic, Inertial
 from firmware_bridge.onboard.contradictions import Contradictions
-from firmware_bridge.onboard.device_loop import Wire
+from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.range_sensors.sensor import SensorSweep
+from firmware_bridge.range_sensors.sensor import RangeReader
 from firmware_bridge.serial_port import SerialPort
 
 _PULSE: Final[Duration] = milliseconds(10)
@@ -34,15 +33,8 @@ _FAREWELL_S: Final = 1.0
 """How long it is waited for in the end; it goes on without that."""
 
 
-class Port(Protocol):
-    """What the guardian is given."""
-
-    def fileno(self) -> int:
-        """The descriptor."""
-
-
-class LastWord:
-    """One guardian after the other, if need be; nothing may move while none `holds` the port."""
+class GuardianLink:
+    """The link to the guardian process; it is replaced when it fails. Nothing may move unless it `holds`."""
 
     def __init__(
         self, name: str, start: Callable[[int, str], "subprocess.Popen[bytes]"] | None = None
@@ -52,39 +44,41 @@ class LastWord:
         self._start = start or start_guardian
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._given: Port | None = None
-        """The port that the guardian was told of last."""
+        self._port: SerialPort | None = None
+        """The port of the last message to the guardian."""
         self._number = 0
-        """Of the last message that told of a port."""
+        """Of that message."""
         self._confirmed = False
         self._pulsed = self._begin_at = Instant(0)
-        self._ended: list[subprocess.Popen[bytes]] = []
+        self._killed: list[subprocess.Popen[bytes]] = []
         self._waiting: Instant | None = None
         """Since when there is a pulse that has not come back."""
         self.started = 0
         """Guardians so far."""
 
-    def serve(self, now: Instant, port: Port | None) -> None:
-        """Let the guardian know that the base lives, and of the port it has; to be called all the time."""
-        self._hear(now)
+    def serve(self, now: Instant, port: SerialPort | None) -> None:
+        """Send a pulse, and the base's port when it is another one; to be called all the time."""
+        self._receive(now)
         if self._waiting is not None and now - self._waiting > _HUNG:
-            self._end(now)
+            self._kill(now)
         if self._channel is None:
             if now < self._begin_at:
                 return
             self._begin()
-        if port is not self._given:
-            self._give(now, port)
+        if port is not self._port:
+            self._number = (self._number + 1) & 0xFF
+            self._port, self._confirmed = port, False
+            self._send(now, (b"c" if port is None else b"o") + bytes((self._number,)), port)
         elif now - self._pulsed >= _PULSE:
             self._send(now, b"p")
 
     def holds(self, now: Instant) -> bool:
-        """True while the guardian lives, and has the port."""
+        """Return whether the guardian lives, and has the port."""
         late = self._waiting is not None and now - self._waiting > PATIENCE
-        return self._channel is not None and self._confirmed and self._given is not None and not late
+        return self._channel is not None and self._confirmed and self._port is not None and not late
 
     def close(self) -> None:
-        """Leave the last word to the guardian, and wait until the wheels stand, if that is soon."""
+        """Leave the last stop to the guardian, and wait until the wheels stand, if that is soon."""
         if self._channel is not None:
             self._channel.close()
             self._channel = None
@@ -93,48 +87,38 @@ class LastWord:
                 self._process.wait(_FAREWELL_S)
 
     def _begin(self) -> None:
-        self._ended = [process for process in self._ended if process.poll() is None]
+        self._killed = [process for process in self._killed if process.poll() is None]
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = self._start(theirs.fileno(), self._name)
         ours.setblocking(False)
-        self._channel, self._given, self._waiting = ours, None, None
-        self._confirmed = False
+        self._channel = ours
         self.started += 1
 
-    def _end(self, now: Instant) -> None:
-        """This guardian is of no use any more."""
+    def _kill(self, now: Instant) -> None:
+        """End a guardian that has failed."""
         self._begin_at = Instant(now + _PAUSE)
         if self._channel is not None:
             self._channel.close()
         if self._process is not None:
             self._process.kill()
-            self._ended.append(self._process)
-        self._channel = self._process = self._given = self._waiting = None
+            self._killed.append(self._process)
+        self._channel = self._process = self._port = self._waiting = None
         self._confirmed = False
 
-    def _give(self, now: Instant, port: Port | None) -> None:
-        self._number = (self._number + 1) & 0xFF
-        self._given, self._confirmed = port, False
-        if port is None:
-            self._send(now, b"c" + bytes((self._number,)))
-        else:
-            self._send(now, b"o" + bytes((self._number,)), [port.fileno()])
-
-    def _send(self, now: Instant, message: bytes, ports: list[int] | None = None) -> None:
+    def _send(self, now: Instant, message: bytes, port: SerialPort | None = None) -> None:
         assert self._channel is not None
         self._pulsed = now
         self._waiting = now if self._waiting is None else self._waiting
         try:
-            socket.send_fds(self._channel, [message], ports or [])
+            socket.send_fds(self._channel, [message], [] if port is None else [port.fileno()])
         except BlockingIOError:
-            if ports:
-                self._given = None  # to be told again
+            if port is not None:
+                self._port = None  # to be sent again
         except OSError:
-            self._end(now)
+            self._kill(now)
 
-    def _hear(self, now: Instant) -> None:
-        """What has come back."""
+    def _receive(self, now: Instant) -> None:
         while self._channel is not None:
             try:
                 message = self._channel.recv(16)
@@ -143,7 +127,7 @@ class LastWord:
             except OSError:
                 message = b""
             if not message:
-                self._end(now)
+                self._kill(now)
                 return
             self._waiting = None
             if message == b"o" + bytes((self._number,)):
@@ -167,11 +151,13 @@ Say = Callable[[str], None]
 
 
 class MotionUnknownError(AcrcError):
-    """Odometry that is no longer what it says."""
+    """The base may have moved unheard, so that odometry does not count that motion."""
 
 
-class Ranger(Protocol):
+class RangeDevice(Protocol):
     """A range sensor that is plugged in."""
+
+    reader: RangeReader
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
@@ -179,39 +165,16 @@ class Ranger(Protocol):
     def serve(self, now: Instant) -> None:
         """Take in what it has measured."""
 
-    def scan(self) -> Scan | None:
-        """The last sweep, once."""
-
-    def sees(self, now: Instant) -> bool:
-        """True while it measures, and anything is seen."""
-
-    def sweep(self) -> SensorSweep | None:
-        """The samples of the last turn or image, once."""
-
-    def doubts(self) -> tuple[HoldCause, ...]:
-        """What it says that no sensor that measures says."""
-
     def close(self) -> None:
         """Let it rest."""
 
 
-class Lidar:
+class Lidar(DeviceLine):
     """An RPLIDAR on a port."""
 
     def __init__(self, open_port: Callable[[], SerialPort], driver: Rplidar, say: Say) -> None:
-        self._wire = Wire(open_port, driver, driver.take, say)
-        self.descriptors = self._wire.descriptors
-        self.serve = self._wire.serve
-        self.close = self._wire.close
-        self.scan = driver.scan
-        self.sees = driver.sees
-        self.sweep = driver.sweep
-        self._driver = driver
-
-    def doubts(self) -> tuple[HoldCause, ...]:
-        """That it repeats itself, as a whole or in part."""
-        whole, part = self._driver.repeats, self._driver.stands_still
-        return (HoldCause.REPEATS,) if whole else (HoldCause.SCAN_PART,) if part else ()
+        super().__init__(open_port, driver, driver.take, say)
+        self.reader: RangeReader = driver
 
 
 class DepthRanger:
@@ -221,9 +184,7 @@ class DepthRanger:
         self._feed = feed
         self._scanner = scanner
         self._say = say
-        self.scan = scanner.scan
-        self.sees = scanner.sees
-        self.sweep = scanner.sweep
+        self.reader: RangeReader = scanner
         self.close = feed.close
         self.errors = 0
         """Images that cannot be this camera's."""
@@ -231,10 +192,6 @@ class DepthRanger:
     def descriptors(self) -> Sequence[int]:
         """None."""
         return ()
-
-    def doubts(self) -> tuple[HoldCause, ...]:
-        """That it repeats itself."""
-        return (HoldCause.REPEATS,) if self._scanner.repeats else ()
 
     def serve(self, now: Instant) -> None:
         """Take in an image if there is a new one."""
@@ -249,14 +206,14 @@ class DepthRanger:
 
 
 class TurtleBot:
-    """A Kobuki, a guardian that has the last word to it, and a range sensor if there is one."""
+    """A Kobuki with its guardian, and a range sensor if there is one."""
 
     def __init__(
         self,
-        base: Callable[[], SerialPort],
+        open_base: Callable[[], SerialPort],
         kobuki: KobukiDriver,
-        ranger: Ranger | None,
-        last_word: LastWord,
+        ranger: RangeDevice | None,
+        guardian_link: GuardianLink,
         say: Say,
         mount: Pose = ORIGIN,
     ) -> None:
@@ -264,9 +221,9 @@ class TurtleBot:
         self._contradictions = Contradictions(None if ranger is None else mount)
         self._held: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
-        self._wire = Wire(base, kobuki, self._feed, say)
+        self._line = DeviceLine(open_base, kobuki, self._take, say)
         self._ranger = ranger
-        self._last_word = last_word
+        self._guardian = guardian_link
         self._say = say
 
     @property
@@ -276,34 +233,35 @@ class TurtleBot:
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
-        return [*self._wire.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
+        return [*self._line.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
 
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; nothing may move unseen, or without a guardian."""
-        self._last_word.serve(now, self._wire.port)
-        self._kobuki.hold(HoldCause.UNWATCHED, not self._last_word.holds(now))
+        self._guardian.serve(now, self._line.port)
+        self._kobuki.hold(HoldCause.UNWATCHED, not self._guardian.holds(now))
         if self._ranger is not None:
             self._ranger.serve(now)
-            self._kobuki.hold(HoldCause.BLIND, not self._ranger.sees(now))
-            for cause in self._ranger.doubts():
-                self._contradictions.repeated(now, cause)
-            if (sweep := self._ranger.sweep()) is not None:
+            reader = self._ranger.reader
+            self._kobuki.hold(HoldCause.BLIND, not reader.sees(now))
+            if reader.fault is not None:
+                self._contradictions.repeated(now, reader.fault)
+            if (sweep := reader.sweep()) is not None:
                 self._contradictions.sweep(now, sweep)
-        self._wire.serve(now)
+        self._line.serve(now)
 
     def close(self) -> None:
-        """Stand, whatever was wanted."""
-        self._wire.close()
-        self._last_word.close()
+        """Stand, whatever was commanded."""
+        self._line.close()
+        self._guardian.close()
         if self._ranger is not None:
             self._ranger.close()
 
     def odometry(self) -> Odometry:
-        """Pose since it was switched on, and velocity."""
+        """Return the pose since it was switched on, and the velocity."""
         return self._kobuki.odometry.read()
 
     def check_odometry(self) -> None:
-        """Raises MotionUnknownError if the base may have moved unheard."""
+        """Raise MotionUnknownError if the base may have moved unheard."""
         if self._kobuki.odometry.unknown:
             raise MotionUnknownError(
                 "the base was not heard for too long, or has been switched off and on: "
@@ -311,29 +269,30 @@ class TurtleBot:
             )
 
     def bumper(self) -> int:
-        """Bits as in Senses, of the time since the last call."""
+        """Return the bits as in Senses, of the time since the last call."""
         return self._kobuki.pressed()
 
     def scan(self) -> Scan | None:
-        """The last sweep, once."""
-        return None if self._ranger is None else self._ranger.scan()
+        """Return the last scan, once."""
+        return None if self._ranger is None else self._ranger.reader.scan()
 
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
-        """Want a velocity, decided from what was sensed at `issued`; the safety stop has the last word."""
+        """Command a velocity, decided from what was sensed at `issued`; the safety stop may refuse it."""
         self._kobuki.command(now, vx, omega, issued)
 
     def held(self) -> tuple[str, ...]:
-        """Why the safety stop lets it not drive as is wanted; and whether its battery runs low."""
+        """Return why the safety stop does not let it drive as commanded, and whether its battery runs low."""
         stops = tuple(stop.cause.value for stop in self._kobuki.allowed.stops)
         return (*stops, "the battery is low") if self._kobuki.battery is BatteryLevel.LOW else stops
 
-    def _feed(self, now: Instant, data: bytes) -> None:
-        for event in self._kobuki.take(now, data):
-            if isinstance(event, Fed):
-                self._compare(event)
-            else:
-                self._say(f"{in_seconds(now):.3f} {event}")
+    def _take(self, now: Instant, data: bytes) -> None:
         odometry = self._kobuki.odometry
+        for feedback in self._kobuki.take(now, data):
+            self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
+            trusted = feedback._replace(inertial=None) if odometry.on_wheels else feedback
+            self._contradictions.feedback(trusted)
+        for change in self._kobuki.changes():
+            self._say(f"{in_seconds(now):.3f} {change}")
         if self._contradictions.gyro_judged and odometry.gyro_is_still:
             odometry.trust_wheels()
             self._contradictions.on_wheels()
@@ -342,11 +301,3 @@ class TurtleBot:
         for cause in causes ^ self._held:
             self._kobuki.hold(cause, cause in causes)
         self._held = causes
-
-    def _compare(self, fed: Fed) -> None:
-        """Compare what the base says with what else is known."""
-        basic = next(packet for packet in fed.packets if isinstance(packet, Basic))
-        inertial = next((packet for packet in fed.packets if isinstance(packet, Inertial)), None)
-        self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
-        gyro = None if self._kobuki.odometry.on_wheels else inertial
-        self._contradictions.feedback(fed.instant, basic, gyro)

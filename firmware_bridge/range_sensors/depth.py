@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Duration, Instant, milliseconds
-from actors.messages import Scan
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
-from firmware_bridge.range_sensors.sensor import REACH, Rays, Repeats, SensorSweep
+from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.range_sensors.sensor import REACH, RangeReader, Repeats, SensorSweep
 
 WIDTH, HEIGHT = 640, 480
 FIELD_OF_VIEW_DEG: Final = 58.0
@@ -46,33 +46,31 @@ def column_slopes() -> NDArray[np.float64]:
     return (np.arange(WIDTH, dtype=np.float64) - (WIDTH - 1) / 2) / focal_length
 
 
-class DepthScanner:
-    """Makes scans of depth images; a RangeSensor."""
+class DepthScanner(RangeReader):
+    """Makes scans of depth images."""
 
     def __init__(self, model: SensorModel) -> None:
         """Raises DepthError if the camera's field of view is narrower than the model's rays."""
-        self._rays = Rays(model)
+        super().__init__(model)
         slopes = column_slopes()
         self._angles = -np.array([atan(slope) for slope in slopes.tolist()])
         self._lengths = np.sqrt(1.0 + slopes * slopes) / 1000
-        first, last = self._rays.angles[[0, -1]]
+        first, last = self.rays.angles[[0, -1]]
         if self._angles[-1] - REACH > first or self._angles[0] + REACH < last:
             raise DepthError(
                 f"the camera sees {FIELD_OF_VIEW_DEG:g}°, but the robot model's sensor has rays over "
                 f"{model.field_of_view_deg:g}°; it should be a sensor that sees no more than the camera"
             )
-        self._scan: Scan | None = None
         self._seen: Instant | None = None
-        self._sweep: SensorSweep | None = None
         self._repeats = Repeats(_KEPT, _REPEATED, _REPEATED)
 
     @property
-    def repeats(self) -> bool:
-        """True while it repeats earlier images, which a measuring camera never does."""
-        return self._repeats.found
+    def fault(self) -> HoldCause | None:
+        """It repeats earlier images, which a measuring camera never does."""
+        return HoldCause.REPEATS if self._repeats.found else None
 
     def sees(self, now: Instant) -> bool:
-        """True while images come in which something is seen."""
+        """Return whether images come in which something is seen."""
         return self._seen is not None and now - self._seen <= SIGHT
 
     def take(self, stamp: Instant, depth: NDArray[np.uint16]) -> None:
@@ -91,18 +89,7 @@ class DepthScanner:
         ranges[(ranges < _RANGE_MIN) | (ranges > _RANGE_MAX)] = np.inf
         self._seen = stamp
         self._repeats.take(hashlib.blake2b(depth.tobytes(), digest_size=16).digest())
-        self._scan = self._rays.scan(stamp, self._angles, ranges)
-        self._sweep = SensorSweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges)
-
-    def scan(self) -> Scan | None:
-        """As for RangeSensor."""
-        scan, self._scan = self._scan, None
-        return scan
-
-    def sweep(self) -> SensorSweep | None:
-        """The ranges of the last image, once."""
-        sweep, self._sweep = self._sweep, None
-        return sweep
+        self.measured(stamp, SensorSweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges))
 
 
 _PATIENCE_S: Final = 0.1

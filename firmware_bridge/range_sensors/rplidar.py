@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Duration, Instant, milliseconds
-from actors.messages import Scan
 from actors.robot_model import RangeSensor as SensorModel
-from firmware_bridge.range_sensors.sensor import Rays, Repeats, SensorSweep, StillBeams
-from firmware_bridge.serial_port import RPLIDAR, SerialPort
+from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.range_sensors.sensor import RangeReader, Repeats, SensorSweep, StillBeams
 
 REQUEST: Final = 0xA5
 
@@ -247,19 +246,17 @@ class RplidarCounts:
     """Bytes before a descriptor that belonged to nothing."""
 
 
-class Rplidar:
-    """One lidar on one wire; a RangeSensor."""
+class Rplidar(RangeReader):
+    """One lidar on one wire; a scan is stamped in the middle of its turn."""
 
     def __init__(self, model: SensorModel, started: Instant) -> None:
-        self._rays = Rays(model)
+        super().__init__(model)
         self._pending = bytearray()
         self._asked = False
         self._samples = SampleReader()
         self._turn: list[tuple[int, int]] | None = None
         """Angle and distance of each sample of this turn; None before the first turn's start."""
         self._turn_began = started
-        self._scan: Scan | None = None
-        self._sweep: SensorSweep | None = None
         self._sector: list[Sample] = []
         self._repeats = Repeats(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
         self._still = StillBeams()
@@ -282,28 +279,15 @@ class Rplidar:
         """What the last start has brought."""
         return self._samples.counts
 
-    def scan(self) -> Scan | None:
-        """As for RangeSensor; stamped in the middle of the turn."""
-        scan, self._scan = self._scan, None
-        return scan
-
-    def sweep(self) -> SensorSweep | None:
-        """The samples of the last turn, once."""
-        sweep, self._sweep = self._sweep, None
-        return sweep
-
     @property
-    def repeats(self) -> bool:
-        """True while it sends again what it has sent before, as no lidar that measures does."""
-        return self._repeats.found
-
-    @property
-    def stands_still(self) -> bool:
-        """True while a part of the turn stays the same, turn after turn."""
-        return self._still.found
+    def fault(self) -> HoldCause | None:
+        """It sends again what it has sent before, or a part of the turn stays the same."""
+        if self._repeats.found:
+            return HoldCause.REPEATS
+        return HoldCause.SCAN_PART if self._still.found else None
 
     def sees(self, now: Instant) -> bool:
-        """True while its head turns and something is seen."""
+        """Return whether its head turns and something is seen."""
         if self.phase is not LidarPhase.SCANNING or self._echo is None:
             return False
         return now - min(self._echo, self._turning_at) <= _SIGHT
@@ -413,13 +397,11 @@ class Rplidar:
         if not turn[:, 1].any():
             self.counts.blind += 1
             return
-        angles = _TURNING * turn[:, 0]
-        stamp = Instant((self._turn_began + now) // 2)
+        angles, ranges = _TURNING * turn[:, 0], turn[:, 1] / 4000
         self.counts.scans += 1
-        ranges = turn[:, 1] / 4000
-        self._scan = self._rays.scan(stamp, angles, ranges)
         stamps = np.linspace(self._turn_began, now, angles.size, endpoint=False).astype(np.int64)
-        self._sweep = SensorSweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
+        sweep = SensorSweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
+        self.measured(Instant((self._turn_began + now) // 2), sweep)
         self._still.take(angles, turn[:, 1].astype(np.int64))
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
@@ -438,10 +420,3 @@ _REQUESTS = {
     LidarPhase.INFO: LidarRequest.INFO,
     LidarPhase.STARTING: LidarRequest.SCAN,
 }
-
-
-def open_port(path: str = RPLIDAR.symlink, patience: float = 0.005) -> SerialPort:
-    """The lidar's port, 115200 baud, its motor turning; a read waits up to `patience` s. Raises PortError."""
-    port = SerialPort(path, RPLIDAR, patience)
-    port.set_dtr(False)
-    return port

@@ -1,6 +1,7 @@
 """Samples of range sensors: conversion to scans along the rays of the robot model, and frozen data."""
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from typing import Final, NamedTuple
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor
+from firmware_bridge.kobuki.safety import HoldCause
 
 REACH: Final = math.radians(1.0)
 """How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
@@ -86,6 +88,38 @@ class Rays:
         nearest = np.where(ahead < behind, ranges[after], ranges[before])
         found: NDArray[np.float64] = np.where(np.minimum(ahead, behind) <= self._reach, nearest, np.inf)
         return found
+
+
+class RangeReader(ABC):
+    """The newest scan and sweep of a range sensor; base of the drivers of lidar and depth camera."""
+
+    def __init__(self, model: RangeSensor) -> None:
+        self.rays = Rays(model)
+        self._scan: Scan | None = None
+        self._sweep: SensorSweep | None = None
+
+    @abstractmethod
+    def sees(self, now: Instant) -> bool:
+        """Return whether it measures, and anything is seen."""
+
+    @property
+    @abstractmethod
+    def fault(self) -> HoldCause | None:
+        """What its data show alone: that it repeats itself, as a whole or in part."""
+
+    def scan(self) -> Scan | None:
+        """Return the last scan, once."""
+        scan, self._scan = self._scan, None
+        return scan
+
+    def sweep(self) -> SensorSweep | None:
+        """Return the samples of the last turn or image, once."""
+        sweep, self._sweep = self._sweep, None
+        return sweep
+
+    def measured(self, stamp: Instant, sweep: SensorSweep) -> None:
+        """Take in a turn or image; `stamp`: of the scan that it makes."""
+        self._scan, self._sweep = self.rays.scan(stamp, sweep.angles, sweep.ranges), sweep
 
 
 _BEAMS: Final = 360

@@ -11,7 +11,7 @@ from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos, sin
 from firmware_bridge.kobuki.base import BaseParameters, BodyTruth, EmulatedKobuki
-from firmware_bridge.kobuki.driver import Event, Fed, KobukiDriver
+from firmware_bridge.kobuki.driver import KobukiDriver, StateChange
 
 ROUND = milliseconds(5)
 SUBSTEP_US = 5_000
@@ -94,8 +94,7 @@ class Rig:
         self.body = Unicycle(pose, room)
         self.base = EmulatedKobuki(self.body, np.random.default_rng(7), base or BaseParameters())
         self.driver = KobukiDriver(START)
-        self.told: list[Event] = []
-        """The driver's events but `Fed`."""
+        self.changes: list[StateChange] = []
         self.written: list[tuple[Instant, bytes]] = []
         self.fed = 0
 
@@ -108,9 +107,8 @@ class Rig:
             self.now = Instant(self.now + ROUND)
             if wish is not None:
                 self.driver.command(self.now, *wish)
-            events = self.driver.take(self.now, self.base.run(self.now))
-            self.fed += sum(isinstance(event, Fed) for event in events)
-            self.told += [event for event in events if not isinstance(event, Fed)]
+            self.fed += len(self.driver.take(self.now, self.base.run(self.now)))
+            self.changes += self.driver.changes()
             if data := self.driver.due(self.now):
                 self.written.append((self.now, data))
                 self.base.take(self.now, data)

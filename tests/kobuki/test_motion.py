@@ -20,9 +20,10 @@ from firmware_bridge.kobuki.wire import (
     HEADER,
     LONGEST,
     BaseControl,
+    BaseFeedback,
     Basic,
     Command,
-    Feedback,
+    FeedbackPacket,
     FrameReader,
     GeneralOutput,
     Inertial,
@@ -68,7 +69,7 @@ def test_a_command_has_these_bytes(command: Command, wire: str) -> None:
 
 
 @pytest.mark.parametrize(("feedback", "wire"), FEEDBACK)
-def test_a_feedback_packet_has_these_bytes(feedback: Feedback, wire: str) -> None:
+def test_a_feedback_packet_has_these_bytes(feedback: FeedbackPacket, wire: str) -> None:
     assert encode_feedback(feedback) == bytes.fromhex(wire)
     assert decode_feedback(bytes.fromhex(wire)) == [feedback]
 
@@ -84,7 +85,7 @@ def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
 INT16 = st.integers(-0x8000, 0x7FFF)
 UINT16 = st.integers(0, 0xFFFF)
 UINT8 = st.integers(0, 0xFF)
-ANY_FEEDBACK: st.SearchStrategy[Feedback] = st.one_of(
+ANY_FEEDBACK: st.SearchStrategy[FeedbackPacket] = st.one_of(
     st.builds(
         Basic, UINT16, UINT8, UINT8, UINT8, UINT16, UINT16, *[st.integers(-128, 127)] * 2, *[UINT8] * 4
     ),
@@ -103,7 +104,7 @@ ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
     st.integers(1, 40),
 )
 def test_whatever_is_said_is_heard_however_it_is_cut(
-    feedbacks: list[list[Feedback]], commands: list[Command], chunk: int
+    feedbacks: list[list[FeedbackPacket]], commands: list[Command], chunk: int
 ) -> None:
     wire = b"".join(encode_frame(b"".join(map(encode_feedback, packets))) for packets in feedbacks)
     reader = FrameReader(decode_feedback)
@@ -185,7 +186,7 @@ class Stream:
             self._next & 0xFFFF, 0, 0, 0, *numbers[:2], *(n - 128 for n in numbers[2:4]), *numbers[4:]
         )
         inertial = Inertial(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
-        packets: list[Feedback] = [basic, inertial, Unknown(MARK, self._next.to_bytes(12, "little"))]
+        packets: list[FeedbackPacket] = [basic, inertial, Unknown(MARK, self._next.to_bytes(12, "little"))]
         self._next += 1
         return encode_frame(b"".join(map(encode_feedback, packets)))
 
@@ -199,7 +200,7 @@ class Stream:
         return data
 
 
-def number(packets: list[Feedback]) -> int:
+def number(packets: list[FeedbackPacket]) -> int:
     """Number of a received frame; -1 if it was never generated."""
     kinds, last = [type(packet) for packet in packets], packets[-1]
     if kinds == [Basic, Inertial, Unknown] and isinstance(last, Unknown) and last.kind == MARK:
@@ -336,14 +337,15 @@ def test_a_gyro_free_of_noise_is_believed_whatever_wheels_add_up_to_on_a_long_st
     assert odometry.heading == 0.0
 
 
-def basic(stamp_ms: int, left: int, right: int) -> Basic:
-    return Basic(stamp_ms, 0, 0, 0, left, right, 0, 0, 0, 0, 160, 0)
+def feedback(at_us: int, stamp_ms: int, left: int, right: int, angle: int) -> BaseFeedback:
+    basic = Basic(stamp_ms, 0, 0, 0, left, right, 0, 0, 0, 0, 160, 0)
+    return BaseFeedback(Instant(at_us), basic, Inertial(angle, 0))
 
 
 def fed(readings: list[tuple[int, int, int, int]]) -> KobukiOdometry:
     odometry = KobukiOdometry()
     for ms, left, right, angle in readings:
-        odometry.take(Instant(1000 * ms), basic(ms & 0xFFFF, left, right), Inertial(angle, 0))
+        odometry.take(feedback(1000 * ms, ms & 0xFFFF, left, right, angle))
     return odometry
 
 
@@ -357,7 +359,7 @@ def test_a_base_that_was_switched_off_and_on_goes_on_from_where_it_was() -> None
     odometry = fed([(40_000, 0, 0, 0), (40_020, 100, 100, 0)])
     before = odometry.read().x
     for ms, ticks in ((5, 30_000), (25, 30_100), (45, 30_200)):
-        odometry.take(Instant(41_000_000 + 1000 * ms), basic(ms, ticks, ticks), Inertial(9000, 0))
+        odometry.take(feedback(41_000_000 + 1000 * ms, ms, ticks, ticks, 9000))
     assert odometry.counts.restarts == 1
     assert odometry.read().x == pytest.approx(before + 100 * 85.292e-6, rel=1e-5)
     assert odometry.read().heading == 0.0

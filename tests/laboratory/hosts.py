@@ -20,7 +20,7 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.laboratory.laboratory import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.serial_port import KOBUKI, SerialPort
+from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
@@ -151,7 +151,7 @@ class LidarHost:
     """A lidar's host, that keeps the last scans."""
 
     def __init__(self, path: Path) -> None:
-        self._port = rplidar.open_port(str(path))
+        self._port = SerialPort(str(path), RPLIDAR)
         self._lidar = Rplidar(load_model("turtlebot2").sensor, now())
         self.scans: list[Scan] = []
 

@@ -27,7 +27,7 @@ from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, Disturbance,
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory, LaboratorySetup
-from firmware_bridge.onboard.vehicle import LastWord, Lidar, TurtleBot
+from firmware_bridge.onboard.vehicle import GuardianLink, Lidar, TurtleBot
 from firmware_bridge.range_sensors.rplidar import FULL_TURN_Q6, Rplidar, Sample
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.serial_port import SerialPort
@@ -162,7 +162,7 @@ class MemoryPort(SerialPort):
     def close(self) -> None: ...
 
 
-class PassiveGuardian(LastWord):
+class PassiveGuardian(GuardianLink):
     """A guardian without a process, which never intervenes."""
 
     def __init__(self) -> None:

@@ -46,7 +46,7 @@ from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
 from firmware_bridge.onboard.device_loop import BridgeSetup, Clock, ReconnectingPort
-from firmware_bridge.onboard.vehicle import LastWord, TurtleBot
+from firmware_bridge.onboard.vehicle import GuardianLink, TurtleBot
 from firmware_bridge.serial_port import PortError, SerialPort
 from tests.beeclick.lab import boards
 from tests.kobuki.rig import Rig
@@ -331,7 +331,7 @@ def test_what_holds_the_base_is_told(fault: str, value: float, told: tuple[str, 
     rig.run(1.0, (0.1, 0.0))
     setattr(rig.base.faults, fault, value)
     rig.run(0.5, (0.1, 0.0))
-    vehicle = TurtleBot(Plug().open, rig.driver, None, LastWord("base"), lambda line: None)
+    vehicle = TurtleBot(Plug().open, rig.driver, None, GuardianLink("base"), lambda line: None)
     assert vehicle.held() == told
 
 
@@ -462,7 +462,7 @@ def test_a_new_epoch_begins_with_an_empty_transceiver_and_its_tags_are_its_own()
 
 
 def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.CaptureFixture[str]) -> None:
-    bridge = Bridge(BridgeSetup("r1", 100_000, "/nowhere/beeclick", 1, 0xBABA, 26, 0.0), Clock())
+    bridge = Bridge(BridgeSetup("r1", 100_000, "/nowhere/beeclick", BoardSettings(1)), Clock())
     core, now = bridge.core, Instant(10_000_000)
     core.now = now
     core.expect(TRANSMIT.key("r1"))

@@ -23,7 +23,7 @@ from firmware_bridge.kobuki import guardian, motion
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.kobuki.guardian import Standstill
 from firmware_bridge.kobuki.wire import BaseControl, Basic, encode_command, encode_feedback, encode_frame
-from firmware_bridge.onboard.vehicle import LastWord, start_guardian
+from firmware_bridge.onboard.vehicle import GuardianLink, start_guardian
 from firmware_bridge.serial_port import KOBUKI, SerialPort
 from tests.kobuki.rig import Room, Unicycle
 
@@ -86,9 +86,9 @@ class BaseProcess:
     """What a base process does to its port and its guardian; the test is that process."""
 
     def __init__(self, link: Path) -> None:
-        self.port: SerialPort = SerialPort(str(link), KOBUKI, patience=0.0)
+        self.port: SerialPort = SerialPort(str(link), KOBUKI)
         self.guardians: list[subprocess.Popen[bytes]] = []
-        self.word = LastWord(str(link), self._start)
+        self.word = GuardianLink(str(link), self._start)
 
     def serve(self, until: Callable[[], bool], patience_s: float = 10.0) -> None:
         """Go round, without a command, until then."""
@@ -192,7 +192,7 @@ def test_the_guardian_outlives_other_signals_and_stops_the_base_on_a_port_that_w
     process.word.serve(now(), None)
     assert not process.word.holds(now())
     time.sleep(0.1)
-    process.port = SerialPort(str(line.link), KOBUKI, patience=0.0)
+    process.port = SerialPort(str(line.link), KOBUKI)
     process.serve(lambda: process.word.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)

@@ -38,6 +38,7 @@ from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import load_scenario
+from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.onboard import base, last_pose
 from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
 from tests.fleet.texts import fleet, robot
@@ -142,7 +143,7 @@ def test_two_at_once_get_two(computer: Computer) -> None:
 
 
 ROOT = Path(__file__).parents[2]
-PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
+PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", BoardSettings(1))
 
 
 @pytest.fixture
@@ -199,7 +200,7 @@ def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
         keys.mkdir()
         for name in ("authority.pem", "certificate.pem", "key.pem"):
             (keys / name).touch()
-        prepared = Onboard(alone, replace(PORTS, listen=listen, keys=str(keys)), lambda: 0)
+        prepared = Onboard(alone, PORTS._replace(listen=listen, keys=str(keys)), lambda: 0)
         onboard.lay_out(prepared)
         onboard.issue(prepared)
         program = onboard.base_program(prepared, 0)

@@ -12,9 +12,9 @@ from actors.geometry import Pose
 from actors.instant import Instant, milliseconds
 from firmware_bridge.kobuki.motion import METRES_PER_TICK
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import Basic, Inertial
+from firmware_bridge.kobuki.wire import BaseFeedback, Basic, Inertial
 from firmware_bridge.onboard.contradictions import REST, Contradictions, ScanChecks, of_the_room
-from firmware_bridge.onboard.motion_checks import MotionTrack, Moved
+from firmware_bridge.onboard.motion_checks import Movement
 from firmware_bridge.range_sensors.sensor import SensorSweep
 from tests.helpers import in_order
 from tests.kobuki.rig import Room
@@ -210,7 +210,8 @@ class Wheels:
             stamp = self.now // 1000 & 0xFFFF
             said = Basic(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
             self.judge.commanded(*told)
-            self.judge.feedback(self.now, said, Inertial(round(np.degrees(self.angle) * 100), 0))
+            gyro = Inertial(round(np.degrees(self.angle) * 100), 0)
+            self.judge.feedback(BaseFeedback(self.now, said, gyro))
         return self.judge.causes(self.now)
 
 
@@ -264,13 +265,15 @@ def seen(pose: Pose, at_us: int, random: np.random.Generator) -> SensorSweep:
 
 def judged(truth: Pose, forward: float) -> set[HoldCause | None]:
     """What four sweeps from `truth` say while the wheels go forward by so much between each two."""
-    checks, motion, random = ScanChecks(Pose(0.0, 0.0, 0.0)), MotionTrack(), np.random.default_rng(1)
+    checks, random = ScanChecks(Pose(0.0, 0.0, 0.0)), np.random.default_rng(1)
+    moves: list[Movement] = []
     said: set[HoldCause | None] = set()
     for at in range(4):
         for step in range(5):
             instant = Instant(180_000 * at + 36_000 * (step + 1))
-            motion.take(Moved(instant, forward / 5, forward / 5, 0.0, forward / 0.18, 0.0))
-        said.add(checks.take(seen(truth, 180_000 * (at + 1), random), motion))
+            way, speed = forward / 5, forward / 0.18
+            moves.append(Movement(instant, milliseconds(36), way, way, 0.0, speed, 0.0))
+        said.add(checks.take(seen(truth, 180_000 * (at + 1), random), moves))
     return said
 
 
@@ -290,4 +293,5 @@ def test_walls_are_witnesses_and_people_are_not() -> None:
     ranges[80:110] = 1.0  # half a metre wide
     left = of_the_room(sweep._replace(ranges=ranges))
     assert left.ranges.size == 330 and not (left.ranges == 1.0).any()
-    assert of_the_room(sweep._replace(ranges=np.full(360, np.inf))).ranges.size == 0
+    empty = SensorSweep(np.empty(0, np.int64), np.empty(0), np.empty(0))
+    assert of_the_room(empty).ranges.size == 0

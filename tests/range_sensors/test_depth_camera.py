@@ -15,6 +15,7 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors import depth as depth_camera
 from firmware_bridge.range_sensors.depth import (
     Camera,
@@ -122,9 +123,9 @@ def test_a_camera_that_repeats_one_image_is_noticed_after_three() -> None:
     for at, image in enumerate(images):
         scanner.take(Instant(33_000 * at), image)
     for at in range(3):
-        assert not scanner.repeats
+        assert scanner.fault is None
         scanner.take(Instant(33_000 * (5 + at)), images[at])
-    assert scanner.repeats
+    assert scanner.fault is HoldCause.REPEATS
     assert scanner.sweep() is not None and scanner.sweep() is None
 
 
