@@ -9,7 +9,6 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from acrc_testbed.benchmarks.localisation_tracking import (
     BEYOND,
@@ -17,7 +16,6 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     NEES_BOUNDS,
     PRESETS,
     STEP_US,
-    Course,
     CourseLogError,
     FilterRun,
     Preset,
@@ -146,57 +144,37 @@ def load_other(file: Path) -> dict[str, Other]:
     return {other.log: other for other in others}
 
 
-def paired(
-    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]], others: Mapping[str, Other]
-) -> list[PairedRow]:
-    """A row per preset and log, and one for all logs. `ours`: runs by log and preset, as others have them."""
+_Runs = Mapping[str, Mapping[Preset, Sequence[FilterRun]]]
+"""Our runs by log and preset."""
+
+
+def paired(ours: _Runs, others: Mapping[str, Other]) -> list[PairedRow]:
+    """Return a row per preset and log and, of several logs, one for all of them; odometry alone has none."""
     found = []
-    for preset in dict.fromkeys(preset for by_preset in ours.values() for preset in by_preset):
-        its = [_row(log, preset, by[preset], others[log]) for log, by in ours.items()]
+    for preset in PRESETS:
+        its = [_row(log, preset, by[preset], others[log].runs) for log, by in ours.items()]
         found += its
         if len(its) > 1:
             found.append(_together(preset, its, ours, others))
     return found
 
 
-def as_good(
-    found: Sequence[PairedRow],
-    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
-    others: Mapping[str, Other],
-    preset: str,
-) -> bool:
-    """Whether that preset errs no more than the other one, over all logs, and is lost no more often."""
+def as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Other]) -> bool:
+    """Return whether preset `chapter` errs no more than the other one over all logs, and is lost no more."""
+    preset = PRESETS[0]
     ratio = [row.ratio for row in found if row.preset == preset][-1]
-    lost = sum(run.lost for by_preset in ours.values() for run in by_preset[preset])
-    of = sum(len(by_preset[preset]) for by_preset in ours.values())
+    lost = [run.lost for by_preset in ours.values() for run in by_preset[preset]]
     their = [run.lost for log in ours for run in others[log].runs]
-    return ratio <= 1.0 and lost / of <= sum(their) / len(their)
+    return ratio <= 1.0 and sum(lost) / len(lost) <= sum(their) / len(their)
 
 
-def paired_table(found: Sequence[PairedRow]) -> Table:
-    """Return the rows as a table for people."""
-    rows = [
-        {
-            "log": row.log,
-            "preset": row.preset,
-            "error, m": f"{row.ours:.3f}",
-            "other's": f"{row.theirs:.3f}",
-            "ratio": f"{row.ratio:.2f} [{row.low:.2f}, {row.high:.2f}]",
-            "lost": row.lost,
-            "NEES": row.nees,
-        }
-        for row in found
+def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[OtherRun]) -> PairedRow:
+    ours, theirs = (np.array([run.rmse for run in side]) for side in (runs, others))
+    low, high = np.percentile(resampled(ours) / resampled(theirs), (2.5, 97.5)).tolist()
+    nees = [
+        [float(np.median(run.nees)) for run in runs],
+        [run.nmed for run in others if run.nmed is not None],
     ]
-    return table_of(rows, "beside another localisation, on the same logs")
-
-
-def _row(log: str, preset: str, runs: Sequence[FilterRun], other: Other) -> PairedRow:
-    ours = np.array([run.rmse for run in runs])
-    theirs = np.array([run.rmse for run in other.runs])
-    drawn = resampled(ours) / resampled(theirs)
-    low, high = np.percentile(drawn, (2.5, 97.5)).tolist()
-    lost = f"{sum(run.lost for run in runs)}/{len(runs)}, {sum(run.lost for run in other.runs)}/{len(theirs)}"
-    nees = (_median([float(np.median(run.nees)) for run in runs]), _median([r.nmed for r in other.runs]))
     return PairedRow(
         log=log,
         preset=preset,
@@ -205,41 +183,38 @@ def _row(log: str, preset: str, runs: Sequence[FilterRun], other: Other) -> Pair
         ratio=float(ours.mean() / theirs.mean()),
         low=low,
         high=high,
-        lost=lost,
-        nees=f"{nees[0]}, {nees[1]}",
+        lost=f"{_lost(runs)}, {_lost(others)}",
+        nees=", ".join(f"{np.median(known):.2f}" if known else "-" for known in nees),
     )
 
 
 def _together(
-    preset: str,
-    its: Sequence[PairedRow],
-    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
-    others: Mapping[str, Other],
+    preset: Preset, its: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Other]
 ) -> PairedRow:
-    ratios = np.log([row.ratio for row in its])
-    low, high = np.exp(np.percentile(resampled(ratios), (2.5, 97.5))).tolist()
-    own = [run.lost for row in its for run in ours[row.log][preset]]
-    their = [run.lost for row in its for run in others[row.log].runs]
+    logs = np.log([(row.ours, row.theirs, row.ratio) for row in its])
+    low, high = np.exp(np.percentile(resampled(logs[:, 2]), (2.5, 97.5))).tolist()
+    own = [run for row in its for run in ours[row.log][preset]]
+    their = [run for row in its for run in others[row.log].runs]
+    mean, other, ratio = np.exp(logs.mean(axis=0)).tolist()
     return PairedRow(
-        log=f"all {len(its)}",
-        preset=preset,
-        ours=_geometric([row.ours for row in its]),
-        theirs=_geometric([r.theirs for r in its]),
-        ratio=float(np.exp(ratios.mean())),
-        low=low,
-        high=high,
-        lost=f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}",
-        nees="",
+        f"all {len(its)}", preset, mean, other, ratio, low, high, f"{_lost(own)}, {_lost(their)}", ""
     )
 
 
-def _geometric(values: Sequence[float]) -> float:
-    return float(np.exp(np.mean(np.log(values))))
+def _lost(runs: Sequence[FilterRun] | Sequence[OtherRun]) -> str:
+    return f"{sum(run.lost for run in runs)}/{len(runs)}"
 
 
-def _median(values: Sequence[float | None]) -> str:
-    known = [value for value in values if value is not None]
-    return f"{np.median(known):.2f}" if known else "-"
+def _table_row(row: PairedRow) -> dict[str, str]:
+    return {
+        "log": row.log,
+        "preset": row.preset,
+        "error, m": f"{row.ours:.3f}",
+        "other's": f"{row.theirs:.3f}",
+        "ratio": f"{row.ratio:.2f} [{row.low:.2f}, {row.high:.2f}]",
+        "lost": row.lost,
+        "NEES": row.nees,
+    }
 
 
 def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
@@ -262,10 +237,10 @@ def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
             for log, by_preset in runs.items()
         ]
         return Measured(figures, [*tables, LEGEND])
-    beside = {log: {str(preset): by[preset] for preset in PRESETS} for log, by in runs.items()}
-    rows = paired(beside, known)
+    rows = paired(runs, known)
+    table = table_of([_table_row(row) for row in rows], "beside another localisation, on the same logs")
     figures = {"logs": figures, "against": [asdict(row) for row in rows]}
-    return Measured(figures, (paired_table(rows),), as_good(rows, beside, known, PRESETS[0]))
+    return Measured(figures, [table], as_good(rows, runs, known))
 
 
 def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> Sequence[Path]:
@@ -284,11 +259,10 @@ def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> S
 
 def _run_all(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
     course = read(file)
-    return {
-        preset: [_run(course, preset, 1 + seed) for seed in range(seeds)] for preset in (*PRESETS, "odometry")
-    }
 
+    def run(preset: Preset, seed: int) -> FilterRun:
+        track = replay(course, localisation(course, preset, seed))
+        return beside_truth(seed, course.truth, course.odometry, track)
 
-def _run(course: Course, preset: Preset, seed: int) -> FilterRun:
-    track = replay(course, localisation(course, preset, seed))
-    return beside_truth(seed, course.truth, course.odometry, track)
+    presets: tuple[Preset, ...] = (*PRESETS, "odometry")
+    return {preset: [run(preset, 1 + seed) for seed in range(seeds)] for preset in presets}

@@ -10,8 +10,9 @@ import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,25 +63,22 @@ class Course:
         return self.start.frame(Pose(*self.odometry[0].tolist()))
 
 
-@dataclass(frozen=True)
-class LogLimits:
-    """Largest log that is read."""
-
-    text_bytes: int = 400_000_000
-    """Of a table: two hours of scans at 10 Hz with 640 rays have 350 MB."""
-    small_bytes: int = 65_536
-    """Of about.json and map.yaml."""
-    image_bytes: int = 32_000_000
-    """Of map.png, as it lies in the archive."""
-    farthest: float = 1e6
-    """No coordinate lies beyond this, m."""
+TEXT_BYTES: Final = 400_000_000
+"""Largest table of a log: two hours of scans at 10 Hz with 640 rays have 350 MB."""
+_SMALL_BYTES: Final = 65_536
+"""Largest about.json and map.yaml."""
+_IMAGE_BYTES: Final = 32_000_000
+"""Largest map.png, as it lies in the archive."""
+_FARTHEST: Final = 1e6
+"""Largest coordinate, m."""
+_Coordinate = Annotated[float, msgspec.Meta(ge=-_FARTHEST, le=_FARTHEST)]
 
 
-def read(file: Path, limits: LogLimits = LogLimits()) -> Course:
+def read(file: Path) -> Course:
     """Return the course of a log; ground truth is interpolated between rows. Raises CourseLogError."""
     try:
         with zipfile.ZipFile(file) as archive:
-            return _Log(file, archive, limits).course()
+            return _Log(file, archive).course()
     except zipfile.BadZipFile as error:
         wrong = f"this is not a localisation log, which is a ZIP archive: {error}."
         raise CourseLogError(f"{file}: {wrong}") from error
@@ -91,10 +89,9 @@ def read(file: Path, limits: LogLimits = LogLimits()) -> Course:
 class _Log:
     """Reader of one log."""
 
-    def __init__(self, file: Path, archive: zipfile.ZipFile, limits: LogLimits) -> None:
+    def __init__(self, file: Path, archive: zipfile.ZipFile) -> None:
         self._file = file
         self._archive = archive
-        self._limits = limits
 
     def course(self) -> Course:
         sensor, start = self._about()
@@ -106,23 +103,14 @@ class _Log:
                 f"truth.csv goes from {stamps[0]} to {stamps[-1]} µs, but must hold all of odometry.csv, "
                 f"{instants[0]} to {instants[-1]} µs"
             )
-        if not np.array_equal(stamps, instants):
-            truth = _between(instants, stamps, truth)
-        scanned, scans = self._scans(sensor.rays)
-        return Course(
-            grid=grid,
-            sensor=sensor,
-            start=start,
-            instants=instants,
-            odometry=odometry,
-            truth=truth,
-            stamps=scanned,
-            scans=scans,
-        )
+        if not np.array_equal(stamps, instants):  # headings turn the short way round
+            columns = (truth[:, 0], truth[:, 1], np.unwrap(truth[:, 2]))
+            truth = np.stack([np.interp(instants, stamps, column) for column in columns], axis=1)
+        return Course(grid, sensor, start, instants, odometry, truth, *self._scans(sensor.rays))
 
     def _about(self) -> tuple[RangeSensor, Pose]:
         try:
-            about = json.loads(self._bytes("about.json", self._limits.small_bytes))
+            about = json.loads(self._bytes("about.json", _SMALL_BYTES))
         except (ValueError, RecursionError) as error:
             raise self._wrong(f"about.json is not JSON: {error}") from error
         if not isinstance(about, dict) or (about.get("format"), about.get("version")) != (FORMAT, VERSION):
@@ -132,22 +120,20 @@ class _Log:
         except AcrcError as error:
             raise self._wrong(f"in about.json, {error}") from None
         start = about.get("start")
-        if not isinstance(start, list) or len(start) != 3 or not all(map(self._is_near, start)):
+        try:
+            x, y, heading = msgspec.convert(start, tuple[_Coordinate, _Coordinate, _Coordinate])
+        except msgspec.ValidationError:
             raise self._wrong(
                 f"start in about.json is {start!r}, but must be x and y in m and a heading in rad"
-            )
-        return sensor, Pose(start[0], start[1], wrap(start[2]))
-
-    def _is_near(self, value: Any) -> bool:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return number and abs(value) <= self._limits.farthest
+            ) from None
+        return sensor, Pose(x, y, wrap(heading))
 
     def _grid(self) -> OccupancyGrid:
         """Return the map; `load_map` reads it from a temporary folder."""
         with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
             header, image = Path(folder) / "map.yaml", Path(folder) / "map.png"
-            header.write_bytes(self._bytes("map.yaml", self._limits.small_bytes))
-            image.write_bytes(self._bytes("map.png", self._limits.image_bytes))
+            header.write_bytes(self._bytes("map.yaml", _SMALL_BYTES))
+            image.write_bytes(self._bytes("map.png", _IMAGE_BYTES))
             try:
                 return load_map(header)
             except MapError as error:
@@ -155,8 +141,8 @@ class _Log:
 
     def _poses(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         times, poses = self._numbers(name, POSES)
-        if not (np.abs(poses) <= self._limits.farthest).all():
-            raise self._wrong(f"{name} has a value beyond ± {self._limits.farthest:g} or NaN")
+        if not (np.abs(poses) <= _FARTHEST).all():
+            raise self._wrong(f"{name} has a value beyond ± {_FARTHEST:g} or NaN")
         beyond = (poses[:, 2] <= -np.pi) | (poses[:, 2] > np.pi)
         poses[beyond, 2] = [wrap(angle) for angle in poses[beyond, 2].tolist()]
         return times, poses
@@ -170,7 +156,7 @@ class _Log:
 
     def _numbers(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the first column of a table, times, and the other columns."""
-        raw = self._bytes(name, self._limits.text_bytes)
+        raw = self._bytes(name, TEXT_BYTES)
         header, _, rows = raw.decode("ascii", "replace").partition("\n")
         if header.strip() != columns:
             short = columns if len(columns) < 80 else f"{columns[:30]}… with {columns.count(',')} rays"
@@ -205,14 +191,6 @@ class _Log:
 
     def _wrong(self, what: str) -> CourseLogError:
         return CourseLogError(f"{self._file}: {what}.")
-
-
-def _between(
-    instants: NDArray[np.int64], stamps: NDArray[np.int64], poses: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Interpolate poses at other instants, headings the short way round."""
-    columns = (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
-    return np.stack([np.interp(instants, stamps, column) for column in columns], axis=1)
 
 
 Preset = Literal["chapter", "robust", "odometry"]

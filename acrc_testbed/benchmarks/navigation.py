@@ -10,16 +10,16 @@ import math
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import Measured
+from acrc_testbed.benchmarks.measured import Measured, table_of
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -114,31 +114,25 @@ def check(folder: Path) -> Measured:
     files = {name: _by_category(of_file) for name, of_file in logs.items()}
     costs = next((found for _, found in _of_files(folder, "inflation.npz", _inflation)), None)
     plans = dict(found for _, found in _of_files(folder, "global_*.npz", _plans))
-    figures: dict[str, Any] = _as_dicts(cycles)
-    figures["files"] = {name: _as_dicts(of_file) for name, of_file in files.items()}
-    figures["plans"] = {name: asdict(one) for name, one in plans.items()}
-    figures["inflation"] = costs
-    shown: list[Table | str] = [_cycles_shown(cycles), _files_shown(files), *_maps_told(plans, costs)]
+    own: dict[str, Any] = {**cycles, "files": files, "plans": plans, "inflation": costs}
+    figures = msgspec.to_builtins(own)
+    title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
+    shown = [
+        table_of([_cycles_row(name, one) for name, one in cycles.items()], title),
+        table_of([_file_row(*one) for one in files.items()], "same, within one sample, of n cycles"),
+        *_maps_told(plans, costs),
+    ]
     return Measured(figures, shown, _holds(cycles, plans, costs))
 
 
 def _by_category(judged: Sequence[JudgedCycle]) -> dict[str, CycleFigures]:
-    """All of these cycles, and those of each category."""
-    named = {
-        name: [one for one in judged if one.category == number] for number, name in enumerate(CATEGORIES)
-    }
-    return {"all": _figures(judged), **{name: _figures(of_it) for name, of_it in named.items()}}
-
-
-def _as_dicts(cycles: Mapping[str, CycleFigures]) -> dict[str, Any]:
-    return {name: asdict(one) for name, one in cycles.items()}
+    """Return the figures of all of these cycles, and of those of each category."""
+    named = {name: [one for one in judged if one.category == index] for index, name in enumerate(CATEGORIES)}
+    return {name: _figures(cycles) for name, cycles in {"all": judged, **named}.items()}
 
 
 def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
-    """The name of each of these files, and what comes of it.
-
-    Raises RowsError: a file is somebody's, with any arrays in it.
-    """
+    """Compare each of these files, which may hold any arrays. Raises RowsError."""
     for file in sorted(folder.glob(pattern)):
         try:
             with np.load(file, allow_pickle=False) as rows:
@@ -282,25 +276,18 @@ def _holds(
     return agree and lengths and (costs is None or costs["equal"] >= LEAST_EQUAL)
 
 
-def _cycles_shown(cycles: Mapping[str, CycleFigures]) -> Table:
-    columns = ("cycles", "n", "same", "within one sample", "regret: median", "90 %", "refused")
-    title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
-    table = Table(*columns, "only ours", "only theirs", title=title)
-    for name, one in cycles.items():
-        shares = (f"{one.same:.1%}", f"{one.within_one:.1%}")
-        regrets = (f"{one.regret_median:.3f}", f"{one.regret_90:.3f}")
-        counts = (f"{one.refused:.1%}", str(one.only_ours), str(one.only_theirs))
-        table.add_row(name.replace("_", " "), str(one.cycles), *shares, *regrets, *counts)
-    return table
+def _cycles_row(name: str, of: CycleFigures) -> dict[str, object]:
+    return {
+        "cycles": name.replace("_", " "), "n": of.cycles, "same": f"{of.same:.1%}",
+        "within one sample": f"{of.within_one:.1%}", "regret: median": f"{of.regret_median:.3f}",
+        "90 %": f"{of.regret_90:.3f}", "refused": f"{of.refused:.1%}", "only ours": of.only_ours,
+        "only theirs": of.only_theirs,
+    }  # fmt: skip
 
 
-def _files_shown(files: Mapping[str, Mapping[str, CycleFigures]]) -> Table:
-    names = [name.replace("_", " ") for name in ("all", *CATEGORIES)]
-    table = Table("file", *names, title="same, within one sample, of n cycles")
-    for file, cycles in files.items():
-        cells = [f"{one.same:.1%}, {one.within_one:.1%}, {one.cycles}" for one in cycles.values()]
-        table.add_row(file, *cells)
-    return table
+def _file_row(file: str, cycles: Mapping[str, CycleFigures]) -> dict[str, str]:
+    cells = {name: f"{one.same:.1%}, {one.within_one:.1%}, {one.cycles}" for name, one in cycles.items()}
+    return {"file": file} | {name.replace("_", " "): cell for name, cell in cells.items()}
 
 
 def _maps_told(plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None) -> list[str]:

@@ -30,7 +30,6 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     CourseLogError,
     EstimatedTrack,
     FilterRun,
-    LogLimits,
     beside_truth,
     nees,
     weighed,
@@ -131,8 +130,12 @@ def test_a_faulty_log_gets_one_sentence(
     with pytest.raises(CourseLogError, match=re.escape(sentence)) as caught:
         tracking.read(bad)
     assert str(caught.value).startswith(f"{bad}: ") and "\n" not in str(caught.value)
+
+
+def test_a_table_may_have_so_many_bytes(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracking, "TEXT_BYTES", 1000)
     with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
-        tracking.read(written, LogLimits(text_bytes=1000))
+        tracking.read(written)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -209,8 +212,9 @@ def run_with(errors: Sequence[float], announced: Sequence[int] = (), turn: float
 def test_the_interval_of_a_ratio_is_that_of_its_runs() -> None:
     def row(ours: Sequence[float], theirs: Sequence[float]) -> comparison.PairedRow:
         other = Other("x", [OtherRun(rmse, lost=rmse > 1) for rmse in theirs])
-        (only,) = comparison.paired({"x": {"p": [run_with([value] * 3) for value in ours]}}, {"x": other})
-        return only
+        runs = [run_with([value] * 3) for value in ours]
+        one, _ = comparison.paired({"x": {"chapter": runs, "robust": runs}}, {"x": other})
+        return one
 
     clear = row([0.02, 0.021, 0.019, 0.02], [0.04, 0.041, 0.039, 0.04])
     assert clear.ratio == pytest.approx(0.5, rel=1e-6) and clear.high < 0.53
