@@ -15,16 +15,15 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from statistics import median
-from types import TracebackType
 from typing import Final, Self
 
 import msgspec
 import yaml
-from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import ACRC, Measured
+from acrc_testbed.benchmarks.measured import ACRC, Measured, table_of
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
@@ -81,43 +80,38 @@ class RigHost:
             done |= new
 
 
-class Hosts:
-    """Hosts h1, h2, … that reach "here" and not one another; a context manager that ends them."""
+class Hosts(ExitStack):
+    """Hosts h1, h2, … that reach "here" and not one another, until the context ends."""
 
     here: RigHost
     each: tuple[RigHost, ...]
 
     def __init__(self, count: int, *, disk_bytes: int = 0) -> None:
         """`disk_bytes`: size of each host's own disk; 0: none."""
-        self._count = count
-        self._disk_bytes = disk_bytes
+        super().__init__()
+        self._count, self._disk_bytes = count, disk_bytes
 
     def __enter__(self) -> Self:
         """Raises HostsError where hosts cannot be made."""
         if os.geteuid() != 0 or not all(map(shutil.which, ("ip", "nsenter", "unshare"))):
             raise HostsError("hosts are network namespaces: they need root, and the programs ip and nsenter")
         with ExitStack() as stack:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc-host-"))
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc-host-")))
             names = ["here", *(f"h{number}" for number in range(1, self._count + 1))]
             holders = [self._hold(stack, name, folder) for name in names]
             _link(holders)
-            disk = Path(folder) if self._disk_bytes else None
-            self.here = RigHost("here", HERE, None, holders[0])
-            self.each = tuple(
-                RigHost(names[number], f"10.77.{number}.2", disk, holders[number])
-                for number in range(1, self._count + 1)
+            disk = folder if self._disk_bytes else None
+            self.here, *each = (
+                RigHost(name, f"10.77.{number}.2" if number else HERE, disk if number else None, holder)
+                for number, (name, holder) in enumerate(zip(names, holders, strict=True))
             )
-            for host in (self.here, *self.each):
+            self.each = tuple(each)
+            for host in (self.here, *each):
                 stack.callback(host.signal, signal.SIGKILL)
-            self._stack = stack.pop_all()
+            self.push(stack.pop_all())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.close()
-
-    def _hold(self, stack: ExitStack, name: str, folder: str) -> int:
+    def _hold(self, stack: ExitStack, name: str, folder: Path) -> int:
         size = 0 if name == "here" else self._disk_bytes
         words = ("unshare", "--net", "--uts", "--mount", "sh", "-c", _HOLD, name, str(size), folder)
         holder = subprocess.Popen(
@@ -172,11 +166,12 @@ def _ip(holder: int, lines: Sequence[str]) -> None:
     subprocess.run(words, input="\n".join(lines) + "\n", text=True, check=True)
 
 
-class TlsCluster:
-    """A Dask scheduler on "here" and a worker on each host, with TLS; a context manager that ends them."""
+class TlsCluster(ExitStack):
+    """A Dask scheduler on "here" and a worker on each host, with TLS, until the context ends."""
 
     def __init__(self, hosts: Hosts, folder: Path) -> None:
         """`folder`: made for keys, temporary files and logs (here.log, h1.log, …)."""
+        super().__init__()
         self.folder = folder.absolute()
         self.environment = os.environ | {"DASK_CONFIG": str(self.folder / "keys")}
         self._hosts = hosts
@@ -186,19 +181,16 @@ class TlsCluster:
         """Return when all workers have joined. Raises HostsError where one does not."""
         self.folder.mkdir(parents=True)
         _write_keys(self.folder / "keys", self.folder / "scratch")
-        try:
+        with ExitStack() as stack:
+            stack.callback(self._end)
             where = ("--protocol", "tls", "--host", HERE, "--port", ADDRESS.rpartition(":")[2])
             self._start(self._hosts.here, f"Scheduler at: {ADDRESS}", "dask_scheduler", *where)
             for host in self._hosts.each:
                 self.start_worker(host)
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
+            self.push(stack.pop_all())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def _end(self) -> None:
         for name in self._processes:
             self.kill(name)
         for host in self._hosts.each:
@@ -284,11 +276,16 @@ def measure(robots: Sequence[int] | None = None, duration: float | None = None) 
                     notes[str(error)] = None
                     break
                 found += (_figures(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers)
-    table = Table("robots", "hosts", "delay, ms", "steps/s", "world and radio, ms", "a robot, ms")
-    for one in found:
-        figures = (f"{one.steps_per_s:.1f}", f"{one.centre_ms:.2f}", f"{one.robot_ms:.2f}")
-        table.add_row(str(one.robots), str(one.hosts or "none"), f"{one.delay_ms:g}", *figures)
-    return Measured({"cores": os.cpu_count(), "swarms": [asdict(one) for one in found]}, (table, *notes))
+    rows = [
+        {
+            "robots": one.robots, "hosts": one.hosts or "none", "delay, ms": f"{one.delay_ms:g}",
+            "steps/s": f"{one.steps_per_s:.1f}", "world and radio, ms": f"{one.centre_ms:.2f}",
+            "a robot, ms": f"{one.robot_ms:.2f}",
+        }
+        for one in found
+    ]  # fmt: skip
+    figures = {"cores": os.cpu_count(), "swarms": [asdict(one) for one in found]}
+    return Measured(figures, (table_of(rows, "a swarm over hosts"), *notes))
 
 
 def _figures(
@@ -296,17 +293,8 @@ def _figures(
 ) -> HostedFigures:
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
-        words = [
-            *ACRC,
-            "run",
-            "--robots",
-            str(robots),
-            "--json",
-            "--duration",
-            f"{seconds:g}",
-            "--out",
-            str(out),
-        ]
+        given = {"--robots": str(robots), "--duration": f"{seconds:g}", "--out": str(out)}
+        words = [*ACRC, "run", "--json", *chain(*given.items())]
         environment: Mapping[str, str] = os.environ
         if hosts is not None and cluster is not None:
             words, environment = hosts.here.command([*words, "--on", ADDRESS]), cluster.environment

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from rich.table import Table
 
 from acrc_testbed.benchmarks.measured import Measured, table_of
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
@@ -117,7 +118,7 @@ def check(folder: Path) -> Measured:
     own: dict[str, Any] = {**cycles, "files": files, "plans": plans, "inflation": costs}
     figures = msgspec.to_builtins(own)
     title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
-    shown = [
+    shown: list[Table | str] = [
         table_of([_cycles_row(name, one) for name, one in cycles.items()], title),
         table_of([_file_row(*one) for one in files.items()], "same, within one sample, of n cycles"),
         *_maps_told(plans, costs),

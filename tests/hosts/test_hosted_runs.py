@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
+from acrc_testbed.benchmarks.measured import ACRC
 from acrc_testbed.explanation.account import account
 from acrc_testbed.recordings import record_check
 from acrc_testbed.recordings.record_replay import recheck
@@ -48,17 +49,7 @@ def eventually(holds: Callable[[], object]) -> bool:
 class HostedRun:
     def __init__(self, hosts: Hosts, cluster: TlsCluster, out: Path, *words: str) -> None:
         self.out, self.hosts = out, hosts
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "acrc_testbed.command_line",
-            "run",
-            "--on",
-            ADDRESS,
-            "--out",
-            str(out),
-        ]
+        command = [*ACRC, "run", "--on", ADDRESS, "--out", str(out)]
         self.process = subprocess.Popen(
             hosts.here.command([*command, *words]),
             cwd=ROOT,
