@@ -229,8 +229,8 @@ class ControlServer:
         lines_sent, seen, late = 0, 0, 0
         try:
             await put(self._scene.floor())
-            wake.set()
             self._scene.changed = True
+            self.renew()
             while await wake.wait():
                 wake.clear()
                 lines = [one for one in self._link.lines if one.version > lines_sent]
