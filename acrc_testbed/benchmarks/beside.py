@@ -18,7 +18,7 @@ from rich.table import Table
 from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average, spent
 from actors.console import screen
 from actors.installation.repository import REPOSITORY, clone
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import RecordDetail
@@ -169,12 +169,9 @@ def measure(
     """
     if commit is None:
         raise OptionError("COMMIT: is missing; must be as in acrc bench beside HEAD~1")
-    if bus not in get_args(Bus):
-        raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
-    if navigation is not None and navigation not in NAVIGATION_PRESETS:
-        raise wrong_value("--navigation", navigation, " or ".join(NAVIGATION_PRESETS))
-    if record is not None and record not in get_args(RecordDetail):
-        raise wrong_value("--record", record, " or ".join(get_args(RecordDetail)))
+    check_choice("--bus", bus, get_args(Bus))
+    check_choice("--navigation", navigation, NAVIGATION_PRESETS)
+    check_choice("--record", record, get_args(RecordDetail))
     if scenario is not None and not scenario.is_file():
         raise wrong_value("--scenario", scenario, "a file")
     path = None if scenario is None else scenario.resolve()

@@ -25,7 +25,7 @@ from acrc_testbed.benchmarks.swarm_runs import (
 )
 from actors.console import screen
 from actors.installation.repository import clone
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.runtime.shell import MemoryBus
 from deploy.run import swarm
 from deploy.run.options import Bus
@@ -257,8 +257,7 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
 
     `write`: keep the counts in memory as those of this version of Python.
     """
-    if bus is not None and bus not in get_args(Bus):
-        raise wrong_value("--bus", bus, " or ".join(get_args(Bus)))
+    check_choice("--bus", bus, get_args(Bus))
     if duration < _LEAST_S:
         raise wrong_value("--duration", f"{duration:g}", f"at least {_LEAST_S:g} for budget")
     if write and (bus == "zenoh" or duration != SECONDS):

@@ -79,6 +79,12 @@ def output_file(option: str, path: Path, *suffixes: str) -> Path:
     return path
 
 
+def check_choice(option: str, value: str | None, choices: Iterable[str]) -> None:
+    """Raise OptionError if the value is none of the choices; None: the option was not given."""
+    if value is not None and value not in choices:
+        raise wrong_value(option, value, " or ".join(choices))
+
+
 def wrong_value(option: str, value: object, right: str) -> OptionError:
     """The error that `option` has this value; `right` goes on after "must be"."""
     text = str(value)

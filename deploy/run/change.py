@@ -8,7 +8,6 @@ instant, with the values that it had.
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -112,37 +111,25 @@ def with_events(
 
     The world takes one message at a boundary, so there it becomes part of the first one.
     """
-    own = {step: list(group) for step, group in groupby(_by_step(events, step_us), key=attrgetter("step"))}
+    own: dict[int, tuple[Order, ...]] = {}
+    for event in events:
+        step = boundary(event.at_s, step_us)
+        own[step] = (*own.get(step, ()), event.order)
     given: list[TimedControl] = []
-    for taken in recorded:
-        control = taken
-        for step in [step for step in own if step <= taken.step]:
-            orders_there = tuple(one.order for one in own.pop(step))
-            if step == taken.step:
-                told = decode(at(CONTROL).topic, CONTROL.key(), taken.payload)
-                assert isinstance(told, Control)
-                control = TimedControl(step, _encoded((*orders_there, *told.orders), told.ticket))
-            else:
-                given.append(TimedControl(step, _encoded(orders_there)))
-        given.append(control)
-    given += [TimedControl(step, _encoded(tuple(one.order for one in group))) for step, group in own.items()]
-    return given
-
-
-@dataclass(frozen=True)
-class _Boundary:
-    step: int
-    order: Order
+    for step, payload in recorded:
+        if step in own:
+            told = decode(at(CONTROL).topic, CONTROL.key(), payload)
+            assert isinstance(told, Control)
+            given.append(TimedControl(step, _encoded((*own.pop(step), *told.orders), told.ticket)))
+        else:
+            given.append(TimedControl(step, payload))
+    given += [TimedControl(step, _encoded(orders_there)) for step, orders_there in own.items()]
+    return sorted(given, key=attrgetter("step"))
 
 
 def boundary(at_s: float, step_us: int) -> int:
     """The first step that does not begin before the instant."""
     return -(-seconds(at_s) // step_us)
-
-
-def _by_step(events: Sequence[BranchEvent], step_us: int) -> list[_Boundary]:
-    there = [_Boundary(boundary(one.at_s, step_us), one.order) for one in events]
-    return sorted(there, key=attrgetter("step"))
 
 
 def _encoded(given: tuple[Order, ...], ticket: str = "") -> bytes:

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, get_args
 
-from actors.installation.usage import OptionError, wrong_value
+from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits
@@ -21,7 +21,6 @@ SLOWEST = 0.01
 _SLOWEST_STEP_S = 0.1
 """The longest step that a scenario may have."""
 Bus = Literal["zenoh", "memory"]
-Spawn = Literal["forkserver", "exec"]
 
 
 @dataclass(frozen=True)
@@ -87,12 +86,9 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
 
     The folder of its `out` is absolute then. Raises OptionError.
     """
-    if options.bus not in get_args(Bus):
-        raise wrong_value("--bus", options.bus, _choice(get_args(Bus)))
-    if options.record not in get_args(RecordDetail):
-        raise wrong_value("--record", options.record, _choice(get_args(RecordDetail)))
-    if options.spawn not in get_args(Spawn):
-        raise wrong_value("--spawn", options.spawn, _choice(get_args(Spawn)))
+    check_choice("--bus", options.bus, get_args(Bus))
+    check_choice("--record", options.record, get_args(RecordDetail))
+    check_choice("--spawn", options.spawn, ("forkserver", "exec"))
     speed = _speed(options.speed)
     for sentence in (*_faults(options), *_hosts_faults(options), *_hardware_faults(options, limit)):
         raise OptionError(sentence)
@@ -182,7 +178,3 @@ def _speed(text: str) -> str:
     if not value >= SLOWEST or math.isinf(value):
         raise wrong_value("--speed", text, '"max" or a number from 0.01 on, such as 1 or 4')
     return text
-
-
-def _choice(names: tuple[str, ...]) -> str:
-    return " or ".join(names)

@@ -1,22 +1,29 @@
 """A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
+
+import msgspec
 
 from acrc_testbed.recordings.record_check import STAMP, check, read_pass
 from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
+from acrc_testbed.recordings.run_recordings import all_recordings, recordings, setup_of
 from acrc_testbed.recordings.sandboxed import say_unhashed
+from actors.instant import in_seconds
+from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Truth
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.codec import decode
-from actors.runtime.recording import Direction, Note, read_recording
+from actors.runtime.recording import Entry, read_recording
 from actors.runtime.replay_bus import ReplayError, first_difference, topic_of
+from actors.topic import Message, sender
 from actors.wording import brief
 from cleaning.strategies import entry
 from deploy.run import swarm
@@ -25,7 +32,9 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 
 SCENARIO: Final = "scenario.toml"
-_FOREVER: Final = 1 << 62
+INFRA: Final = ("world", "radio")
+CAUSAL_ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
+"""In a step, causes before effects: Senses counts what Received brings. So does Aired, a step before."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     scenario = load_scenario(out / SCENARIO)
     modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)
     files = all_recordings(out)
-    missing = [actor for actor in ("world", "radio") if actor not in files]
+    missing = [actor for actor in INFRA if actor not in files]
     if missing:
         raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
     orders = OrderBus(recorded_orders(files["world"]))
@@ -68,8 +77,10 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
         with shown(again, (EVERYBODY,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
-            good_until = _FOREVER if told.complete else (told.good_until or 0)
-            _compare(files, all_recordings(again), good_until)
+            until = math.inf if told.complete else (told.good_until or 0)
+            first = divergence(out, again, plan.world.step_us, ("recording", "replay"), until)
+            if first is not None:
+                raise ReplayError(first.words)
             if told.complete:
                 raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
@@ -85,59 +96,115 @@ def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedM
     return recorded
 
 
-def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until: int) -> None:
-    """Raise ReplayError for what differs first, by step, of all that world and radio sent and took."""
-    found: list[tuple[int, str, Direction, str, int]] = []
-    for actor in ("world", "radio"):
-        one, other = read_pass(actor, recorded[actor]), read_pass(actor, again[actor])
-        for (way, key), trail in one.trails.items():
-            if topic_of(key).is_from_outside:
-                continue
-            place = _first_difference(trail, other.trails.get((way, key), bytearray()), good_until)
-            if place is not None:
-                step, _ = STAMP.unpack_from(trail, place * STAMP.size)
-                found.append((step, actor, way, key, place))
-    if not found:
-        return
-    step, actor, way, key, place = min(found)
-    raise ReplayError(f"step {step}: {key}: {_in_words(recorded[actor], again[actor], way, key, place)}")
+@dataclass(frozen=True)
+class Divergence:
+    """The first difference between two runs."""
+
+    step: int
+    key: str
+    words: str
+    """Step, message, field and both values."""
+    robots: Mapping[str, float]
+    """When each robot first did otherwise, s; absent: never."""
 
 
-def _first_difference(one: bytearray, other: bytearray, good_until: int) -> int | None:
-    """The number of the first message of `one`, up to that step, which `other` has not; None if all agree."""
-    for place, (step, sha256) in enumerate(STAMP.iter_unpack(bytes(one))):
-        if step > good_until:
+class _Difference(NamedTuple):
+    """A message that one run has, and the other has otherwise or not at all; in causal order."""
+
+    step: int
+    rank: int
+    key: str
+    one: bytes | None
+    """The hash of the message in the first run; None if it is missing."""
+    other: bytes | None
+
+
+class _Trails:
+    """The hashes of the messages that world and radio of one run have sent and received, by key."""
+
+    def __init__(self, out: Path) -> None:
+        self._files = recordings(out)
+        self.by_key: dict[str, dict[tuple[int, int], bytes]] = {}
+        """By step, and number among the key's messages of that step."""
+        for actor in INFRA:
+            for (_, key), trail in read_pass(actor, self._files[actor]).trails.items():
+                numbers: Counter[int] = Counter()
+                hashes = self.by_key.setdefault(key, {})
+                for step, sha256 in STAMP.iter_unpack(bytes(trail)):
+                    hashes.setdefault((step, numbers[step]), sha256)
+                    numbers[step] += 1
+
+    def message(self, key: str, sha256: bytes | None) -> Message | None:
+        """Return the message with this hash, as one of its receivers has recorded it."""
+        receivers = (key.split("/")[2], *INFRA)
+        for path in (path for actor, path in self._files.items() if actor.split(".")[0] in receivers):
+            for item in read_recording(path) if sha256 else ():
+                if isinstance(item, Entry) and item.sha256 == sha256 and item.payload is not None:
+                    return decode(topic_of(key), key, item.payload)
+        return None
+
+
+def divergence(
+    one: Path,
+    other: Path,
+    step_us: int,
+    names: tuple[str, str] = ("run", "branch"),
+    until: float = math.inf,
+) -> Divergence | None:
+    """Return the first difference of the recordings of `other` from those of `one`; `until`: the last step.
+
+    That a jammer is switched on, or a loss ordered, is a change that somebody made, not what follows from it.
+    Of a branch only the topics in CAUSAL_ORDER count: the others also show what was ordered.
+    """
+    first, second = _Trails(one), _Trails(other)
+    differences = sorted(
+        difference
+        for key in dict.fromkeys((*first.by_key, *second.by_key))
+        if topic_of(key).pattern in CAUSAL_ORDER
+        or ("branch" not in names and not topic_of(key).is_from_outside)
+        for difference in _differences(key, first.by_key.get(key, {}), second.by_key.get(key, {}))
+        if difference.step <= until
+    )
+    robots: dict[str, float] = {}
+    for difference in differences:
+        if (robot := sender(difference.key)) is not None:
+            robots.setdefault(robot, in_seconds(difference.step * step_us))
+    for difference in differences:
+        if (words := _in_words(difference, first, second, names)) is not None:
+            step, key = difference.step, difference.key
+            return Divergence(step, key, f"step {step}: {key}: {words}", robots)
+    return None
+
+
+def _differences(
+    key: str, one: Mapping[tuple[int, int], bytes], other: Mapping[tuple[int, int], bytes]
+) -> Iterator[_Difference]:
+    """Yield the messages on a key that differ, up to the first that cannot come of what was ordered alone."""
+    pattern = topic_of(key).pattern
+    rank = CAUSAL_ORDER.index(pattern) if pattern in CAUSAL_ORDER else len(CAUSAL_ORDER)
+    for place in sorted(one.keys() | other.keys()):
+        if one.get(place) != other.get(place):
+            yield _Difference(place[0], rank, key, one.get(place), other.get(place))
+            if key != TRUTH.key():
+                return
+
+
+def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: tuple[str, str]) -> str | None:
+    """Describe a difference; None if it is a jammer or an ordered loss alone."""
+    then = first.message(difference.key, difference.one)
+    now = second.message(difference.key, difference.other)
+    if difference.one is None:
+        return f"only in the {names[1]}: {brief(now)}"
+    if difference.other is None:
+        return f"only in the {names[0]}: {brief(then)}"
+    if isinstance(now, Truth) and isinstance(then, Truth):
+        now, then = (msgspec.structs.replace(truth, jams=(), losses=()) for truth in (now, then))
+        if now == then:
             return None
-        if other[place * STAMP.size : (place + 1) * STAMP.size] != STAMP.pack(step, sha256):
-            return place
-    return None
-
-
-def _in_words(recorded: Path, again: Path, way: Direction, key: str, place: int) -> str:
-    """What differs in a message that both have; that there is none, where one has not."""
-    then = _payload(recorded, way, key, place)
-    now = _payload(again, way, key, place)
-    if then is None or now is None:
-        return "other bytes than those recorded, of which only the hash is kept"
-    topic = topic_of(key)
-    found = first_difference(decode(topic, key, now), decode(topic, key, then))
+    found = None if now is None or then is None else first_difference(now, then)
     if found is None:
-        return "other bytes for the same message"
-    return f"{found.field} is {brief(found.one)}; recorded was {brief(found.other)}"
-
-
-def _payload(path: Path, way: Direction, key: str, place: int) -> bytes | None:
-    """The message of that number on a key; None if it was kept as a hash, or there is none."""
-    for number, item in enumerate(_on(path, way, key)):
-        if number == place:
-            return item
-    return None
-
-
-def _on(path: Path, way: Direction, key: str) -> Iterator[bytes | None]:
-    for item in read_recording(path):
-        if not isinstance(item, Note) and item.direction == way and item.key == key:
-            yield item.payload
+        return "other bytes"
+    return f"{found.field} is {brief(found.one)}; in the {names[0]} it was {brief(found.other)}"
 
 
 def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> ReplayReport:
