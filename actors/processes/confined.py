@@ -26,7 +26,6 @@ from actors.runtime.isolation.sandbox import (
     Names,
     isolate,
     own_folder,
-    robot_view,
 )
 from actors.runtime.linux import leave
 
@@ -65,7 +64,7 @@ def _prepared(request: dict[str, Any]) -> Handover:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     recording = os.open(names.record, flags, 0o644)
     robot = {"title": title, "module": request["module"], "argv": request["argv"]}
-    return Handover(robot_view(names), json.dumps(robot).encode(), (_LOG, recording))
+    return Handover(names.view(), json.dumps(robot).encode(), (_LOG, recording))
 
 
 def main(argv: Sequence[str]) -> int:

@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol, Self
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names, outside_paths
+from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names
 from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 from actors.runtime.process_table import ProcessGlance, passed_on, python
 from actors.runtime.recording import read_notes
@@ -48,7 +48,7 @@ class Program:
 
     def in_our_words(self, told: str) -> str:
         """What the program has said, its paths as they are called outside of its sandbox."""
-        return told if self.names is None else outside_paths(told, self.names)
+        return told if self.names is None else self.names.outside_paths(told)
 
 
 @dataclass

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
 from actors.robot.behaviour.loading import RecordedModules
-from actors.runtime.isolation.sandbox import LimitError, ProcessLimits, limits
+from actors.runtime.isolation.sandbox import ProcessLimits, limits
 from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 
@@ -97,7 +97,7 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
             "--timeout", f"{options.timeout_s:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
     return replace(
-        options, out=out_folder.checked(options.out, mesh=options.bus == "zenoh"), limits=_limits(limit)
+        options, out=out_folder.checked(options.out, mesh=options.bus == "zenoh"), limits=limits(limit)
     )
 
 
@@ -159,13 +159,6 @@ def folder_name(scenario: Path) -> str:
     """What a run's folder is called: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
-
-
-def _limits(words: Sequence[str]) -> ProcessLimits:
-    try:
-        return limits(tuple(words))
-    except LimitError as error:
-        raise OptionError(str(error)) from None
 
 
 def _speed(text: str) -> str:

@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
@@ -36,47 +36,47 @@ class Gate:
     endpoint: str
     """`tls/HOST:PORT`."""
     keys: Path
-    """Folder with the router's own keys, see `access.tls.load_keys`."""
+    """Folder with the router's own keys, see `tls.load_keys`."""
     robots: Mapping[str, tuple[str, ...]]
-    """By the common name of a host's certificate, for whom it may speak and hear."""
+    """Each host's robots, by the common name of its certificate."""
 
 
 @dataclass(frozen=True)
 class Credentials:
-    """Where the credentials of one run lie, and the sockets at which the router awaits each actor."""
+    """The files with the credentials of one run, and the sockets at which the router listens."""
 
     robots: tuple[str, ...]
     others: tuple[str, ...]
     dictionary: Path
     """All names and passwords, for the router only."""
     files: Mapping[str, Path]
-    """Per actor, its `user:password`."""
+    """Each actor's `user:password`."""
     sockets: Mapping[str, Path]
-    """Per actor, the router's socket; the actors that are no robots share one."""
+    """The router's socket for each actor; the actors that are no robots share one."""
     gate: Gate | None = None
-    """None: everybody is on this computer."""
+    """None: all actors are on this computer."""
 
     def endpoint(self, actor: str) -> str:
-        """Where `actor` connects to."""
+        """Return the address that `actor` connects to."""
         return unix_endpoint(self.sockets[actor])
 
 
 def unnamed(socket: Path) -> Path:
-    """Where the router listens until `reveal` gives the socket its name."""
+    """Return where the router listens until `reveal` gives the socket its name."""
     return socket.with_suffix(".new")
 
 
 def reveal(issued: Credentials) -> None:
-    """Give the router's sockets their names, once its subscriptions stand.
+    """Give the router's sockets their names, once its subscriptions are declared.
 
-    Whoever could connect before that might say Ready to nobody.
+    The Ready of an actor that connects before would be lost.
     """
     for socket in sorted(set(issued.sockets.values())):
         unnamed(socket).rename(socket)
 
 
 def unix_endpoint(socket: Path) -> str:
-    """A Unix socket as Zenoh spells it."""
+    """Return a Unix socket as Zenoh spells it."""
     return f"unixsock-stream/{socket}"
 
 
@@ -88,10 +88,9 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
     long for a socket.
     """
     _check_names([*robot_folders, *others])
-    places = {robot: (folder.resolve(), "credentials") for robot, folder in robot_folders.items()}
-    places |= {other: (infra.resolve(), f"{other}.credentials") for other in others}
-    sockets = {actor: folder / "router.sock" for actor, (folder, _) in places.items()}
-    files = {actor: folder / name for actor, (folder, name) in places.items()}
+    files = {robot: folder.resolve() / "credentials" for robot, folder in robot_folders.items()}
+    files |= {other: infra.resolve() / f"{other}.credentials" for other in others}
+    sockets = {actor: file.with_name("router.sock") for actor, file in files.items()}
     for socket in sockets.values():
         _check_length(socket)
     lines = {actor: f"{actor}:{secrets.token_urlsafe(_PASSWORD_BYTES)}" for actor in files}
@@ -158,7 +157,7 @@ def write_router_file(path: Path, issued: Credentials) -> None:
 
 def read_router_file(path: Path) -> Credentials:
     """What `write_router_file` wrote; AcrcError where that cannot be read."""
-    return typed_json.read(path, Credentials, "router file", hook=_path)
+    return typed_json.read(path, Credentials, "router file", hook=lambda kind, value: kind(value))
 
 
 def remove_router_file(path: Path) -> None:
@@ -169,20 +168,15 @@ def remove_router_file(path: Path) -> None:
     if not path.exists():
         return
     issued = read_router_file(path)
-    sockets = set(issued.sockets.values())
-    hidden = {unnamed(socket) for socket in sockets}
-    locks = {socket.with_name(f"{socket.name}.lock") for socket in hidden}
+    sockets = sorted(set(issued.sockets.values()))
+    hidden = [unnamed(socket) for socket in sockets]
+    locks = [socket.with_name(f"{socket.name}.lock") for socket in hidden]
+    keys = [] if issued.gate is None else [issued.gate.keys / PRIVATE_KEY_FILE]
     foreign = []
-    keys = () if issued.gate is None else (issued.gate.keys / PRIVATE_KEY_FILE,)
-    private = (*issued.files.values(), issued.dictionary, *keys)
-    for leftover in (*sorted(sockets | hidden | locks), *private, path):
+    for leftover in (*sockets, *hidden, *locks, *issued.files.values(), issued.dictionary, *keys, path):
         try:
             leftover.unlink(missing_ok=True)
         except OSError as error:  # a folder lies there, which is somebody else's
             foreign.append(f"{leftover} ({error.strerror})")
     if foreign:
         raise AcrcError(f"what the run has put there could not be removed: {', '.join(foreign)}")
-
-
-def _path(kind: type[Any], value: object) -> Any:
-    return kind(value)

@@ -7,6 +7,7 @@ layers.
 
 import functools
 import os
+import re
 import resource
 import socket
 import struct
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +24,7 @@ from typing import Annotated, Final, NamedTuple, NoReturn
 
 import msgspec
 
+from actors.installation.usage import wrong_value
 from actors.runtime import failure, linux
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import mounts, syscall_filter
@@ -195,12 +197,12 @@ def available() -> str | None:
 
 
 class StrategyFolders(msgspec.Struct, frozen=True):
-    """Folders that isolated robots saw under other names; absolute paths at the time of the run."""
+    """Folders that sandboxed robots saw under other names; absolute paths at the time of the run."""
 
     out: str
-    """The run's folder; a robot's own lies in it."""
+    """The run's folder."""
     code: tuple[str, ...] = ()
-    """The folders that a strategy was looked for in."""
+    """The folders that the strategy's module was looked for in."""
 
 
 @dataclass(frozen=True)
@@ -208,18 +210,41 @@ class Names:
     """Paths outside the sandbox that have other names inside."""
 
     folder: str
-    """The robot's own folder of the run; its part `own` can be written to."""
+    """The robot's folder of the run; its part `own` is writable."""
     record: str
     """The new file of its recording."""
     code: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     """Paths beside the code that the robot must not see: the run's folder, the scenario."""
 
+    def places(self) -> Iterator[tuple[Path, str]]:
+        """Yield each folder's path inside, and its path outside."""
+        yield FOLDER, self.folder
+        yield from zip(code_places(len(self.code)), self.code, strict=True)
+
+    def outside_paths(self, text: str) -> str:
+        """Replace the sandbox's paths in a robot's output by those outside."""
+        for inside, outside in self.places():
+            text = text.replace(f"{inside}/", f"{outside}/")
+        return text
+
+    def view(self) -> mounts.FileView:
+        """Return the robot's file tree."""
+        (_, folder), *code = ((inside, Path(outside)) for inside, outside in self.places())
+        hidden = (*map(Path, self.hidden), folder.parent)
+        plain, not_seen = mounts.file_view(own_folder(folder), hidden), mounts.unseen(hidden)
+        shown = {**plain.shown, FOLDER: folder}
+        for inside, outside in code:
+            shown |= {
+                inside / path.relative_to(outside): path for path in mounts.code_entries(outside, not_seen)
+            }
+        return mounts.FileView(plain.own, (own_folder(FOLDER),), shown)
+
 
 def own_folder(folder: Path) -> Path:
-    """In the folder of an actor, the part that it may write to, and that no other process writes to or reads.
+    """Return the part of an actor's folder that is writable for it, and that no other process uses.
 
-    What others rely on lies beside it: recordings and logs, which the actor keeps open and cannot replace.
+    Recordings and logs lie beside it: the actor keeps them open and cannot replace them.
     """
     return folder / "own"
 
@@ -227,28 +252,6 @@ def own_folder(folder: Path) -> Path:
 def code_places(count: int) -> tuple[Path, ...]:
     """Return the paths inside the sandbox of so many folders with code."""
     return tuple(CODE / str(number) for number in range(1, count + 1))
-
-
-def outside_paths(text: str, names: Names) -> str:
-    """Replace the sandbox's paths in a robot's output by those outside."""
-    for seen, path in ((FOLDER, names.folder), *zip(code_places(len(names.code)), names.code, strict=True)):
-        text = text.replace(f"{seen}/", f"{path}/")
-    return text
-
-
-def robot_view(names: Names) -> mounts.FileView:
-    """Return the file tree of a robot whose folders have other names inside."""
-    folder = Path(names.folder)
-    hidden = (*map(Path, names.hidden), folder.parent)
-    plain = mounts.file_view(own_folder(folder), hidden)
-    not_seen = mounts.unseen(hidden)
-    entries = {
-        seen / found.relative_to(path): found
-        for seen, path in zip(code_places(len(names.code)), map(Path, names.code), strict=True)
-        for found in mounts.code_entries(path, not_seen)
-    }
-    shown = {**plain.shown, FOLDER: folder, **entries}
-    return mounts.FileView(plain.own, (own_folder(FOLDER),), shown)
 
 
 @dataclass(frozen=True)
@@ -287,112 +290,101 @@ def warn(choice_warning: str) -> None:
         screen(stderr=True).print(f"acrc: {choice_warning}", style="yellow")
 
 
-# A container's own filter on system calls comes first: Docker's refuses the namespaces, and with `--cap-add
-# SYS_ADMIN` still pivot_root(2). docs/trust.md has a table.
+class _Container(NamedTuple):
+    """A kind of container, how to recognise it, and what its system call filter must allow."""
+
+    kind: str
+    variables: tuple[str, ...]
+    file: str
+    remedy: str
+
+
+# Docker's own filter refuses the namespaces, and with `--cap-add SYS_ADMIN` still pivot_root(2).
 _DOCKER: Final = (
     "start it with --security-opt seccomp=deploy/container/seccomp.json, where AppArmor is on also with "
     "--security-opt apparmor=unconfined"
 )
-_REMEDIES: Final = {
-    "Apptainer": "allow unprivileged user namespaces on the machine that it runs on",
-    "Kubernetes": "give it securityContext.seccompProfile.type: Unconfined, where AppArmor is on also "
-    "appArmorProfile.type: Unconfined",
-    "Podman": _DOCKER,
-    "Docker": _DOCKER,
-}
-_OTHERWISE: Final = "let it make user namespaces and mounts"
-_CONTAINER_VARIABLES: Final = {
-    "APPTAINER_CONTAINER": "Apptainer",
-    "SINGULARITY_CONTAINER": "Apptainer",
-    "KUBERNETES_SERVICE_HOST": "Kubernetes",
-}
-_CONTAINER_FILES: Final = {
-    ".singularity.d": "Apptainer",
-    "run/.containerenv": "Podman",
-    ".dockerenv": "Docker",
-}
-_NAMED_IN: Final = "container"
-"""Variable with the container's kind, as systemd's Container Interface has it."""
-_OWN_WORDS: Final = {"docker": "Docker", "podman": "Podman", "kubernetes": "Kubernetes"}
-_ON_THE_MACHINE: Final = "allow unprivileged user namespaces on this machine"
+_KUBERNETES: Final = (
+    "give it securityContext.seccompProfile.type: Unconfined, where AppArmor is on also "
+    "appArmorProfile.type: Unconfined"
+)
+_APPTAINER: Final = "allow unprivileged user namespaces on the machine that it runs on"
+_CONTAINERS: Final = (
+    _Container("Apptainer", ("APPTAINER_CONTAINER", "SINGULARITY_CONTAINER"), ".singularity.d", _APPTAINER),
+    _Container("Kubernetes", ("KUBERNETES_SERVICE_HOST",), "", _KUBERNETES),
+    _Container("Podman", (), "run/.containerenv", _DOCKER),
+    _Container("Docker", (), ".dockerenv", _DOCKER),
+)
+_KIND: Final = "container"
+"""Variable with the container's kind, by systemd's Container Interface."""
 
 
 def container_kind(environment: Mapping[str, str] = os.environ, root: Path = Path("/")) -> str:
-    """What sort of container this is; empty: none that is known."""
-    for name, sort in _CONTAINER_VARIABLES.items():
-        if environment.get(name):
-            return sort
-    for name, sort in _CONTAINER_FILES.items():
-        if (root / name).exists():
-            return sort
-    named = environment.get(_NAMED_IN, "")
-    return _OWN_WORDS.get(named, named)
+    """Return the kind of this container; empty: no known one."""
+    for kind, variables, file, _ in _CONTAINERS:
+        if any(map(environment.get, variables)) or (file and (root / file).exists()):
+            return kind
+    named = environment.get(_KIND, "")
+    return next((one.kind for one in _CONTAINERS if one.kind.lower() == named), named)
 
 
 def container_variables(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """The variables that tell it, for a process that is told nothing else."""
-    return {name: environment[name] for name in (*_CONTAINER_VARIABLES, _NAMED_IN) if name in environment}
+    """Return the variables that name it, for a process with no others."""
+    names = (_KIND, *(name for one in _CONTAINERS for name in one.variables))
+    return {name: environment[name] for name in names if name in environment}
 
 
 def remedy() -> str:
-    """What lets robots be isolated here."""
-    sort = container_kind()
-    return f"this is a container ({sort}): {_REMEDIES.get(sort, _OTHERWISE)}" if sort else _ON_THE_MACHINE
+    """Return what lets robots be isolated here."""
+    if not (kind := container_kind()):
+        return "allow unprivileged user namespaces on this machine"
+    remedies = {one.kind: one.remedy for one in _CONTAINERS}
+    return f"this is a container ({kind}): {remedies.get(kind, 'let it make user namespaces and mounts')}"
 
 
 def advice() -> str:
-    """The same, or the way round; how each IsolationError's sentence ends."""
+    """Return the end of each sentence about missing isolation."""
     return f"{remedy()}, or run with --no-isolate"
 
 
 _MB: Final = 1_000_000
 _STACK_BYTES: Final = 64 * 1024 * 1024
-"""What the first thread's stack may grow to, B; own choice, eight times what most systems give."""
+"""Stack of the first thread; own choice, eight times what most systems give."""
 
 Amount = Annotated[int, msgspec.Meta(ge=1, lt=10**9)]
 
 
-class LimitError(AcrcError):
-    """A limit that is none."""
-
-
 class ProcessLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How much one robot's process may have; own choices, far above what a strategy needs."""
+    """Resource limits of one robot's process; own choices, far above what a strategy needs."""
 
     memory_mb: Amount = 4096
-    """Its data, MB (RLIMIT_DATA); what it asks for beyond is a MemoryError in the strategy's line. A robot
-    itself has about 300. All its processes together are looked at twice a second."""
+    """Data, MB (RLIMIT_DATA); beyond it, the strategy's line raises MemoryError. A robot itself has about
+    300. The sum of all its processes is checked twice a second."""
     open_files: Amount = 256
     """Open files (RLIMIT_NOFILE)."""
     file_mb: Amount = 16_384
     """Each file that it writes, its log and its recording among them, MB (RLIMIT_FSIZE)."""
     disk_mb: Amount = 32_768
-    """All files in its folder together, MB; looked at twice a second. One that it has deleted and keeps open
+    """All files in its folder together, MB; checked twice a second. One that it has deleted and keeps open
     is not counted, nor what an open robot writes elsewhere."""
     disk_files: Amount = 100_000
     """Files and folders there."""
     processes: Amount = 64
-    """Processes and threads (RLIMIT_NPROC, which is none for root; looked at twice a second); isolated robots
+    """Processes and threads (RLIMIT_NPROC, which root does not have; checked twice a second); isolated robots
     only, for else the system counts all of the user's."""
 
 
-def limits(words: tuple[str, ...]) -> ProcessLimits:
-    """The limits with these set, each as `name=number`. Raises LimitError."""
-    known = ProcessLimits.__struct_fields__
-    found = ProcessLimits()
+def limits(words: Collection[str]) -> ProcessLimits:
+    """Return the limits with these set, each as `name=number`. Raises OptionError."""
+    chosen = {}
     for word in words:
         name, _, number = word.partition("=")
-        if (
-            name not in known
-            or not number.isascii()
-            or not number.isdigit()
-            or not 0 < int(number[:10]) < 10**9
-        ):
-            raise LimitError(
-                f'--limit: {word}; must be one of {", ".join(known)}, "=" and a number from 1 to 999999999'
-            )
-        found = msgspec.structs.replace(found, **{name: int(number[:10])})
-    return found
+        if name not in ProcessLimits.__struct_fields__ or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
+            names = ", ".join(ProcessLimits.__struct_fields__)
+            right = f'one of {names}, "=" and a number from 1 to 999999999'
+            raise wrong_value("--limit", word, right)
+        chosen[name] = int(number)
+    return ProcessLimits(**chosen)
 
 
 def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
@@ -408,7 +400,7 @@ def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
 
 
 def _lower(kind: int, most: int) -> None:
-    """New threads' stacks are as large as the soft limit of the stack, so that one stays where it is less."""
+    """Lower a limit; new threads' stacks are as large as the stack's soft limit, so a smaller one stays."""
     soft, hard = resource.getrlimit(kind)
     allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
     keeps = kind == resource.RLIMIT_STACK and soft != resource.RLIM_INFINITY
