@@ -40,17 +40,19 @@ from deeco.link import Reception, Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
 
+Order = dict[str, Any]
+"""What was asked for in a step: fields of its Decision."""
+
 
 class RobotPositioning:
     """Positioning as of the newest view."""
 
-    def __init__(self, pose: Pose) -> None:
+    def __init__(self, pose: Pose, order: Order) -> None:
         self.pose = pose
         self.covariance = CERTAIN
         self.is_lost = 0.0
         self.moving = False
-        self._peers: tuple[Point, ...] | None = None
-        self._relocalise = False
+        self._order = order
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
@@ -58,30 +60,22 @@ class RobotPositioning:
         self.covariance, self.is_lost = view.covariance, view.lost
 
     def disregard(self, peers: Sequence[Point]) -> None:
-        """Do not believe range readings that end at other robots."""
-        self._peers = tuple(peers)
+        """Mask range readings that end at other robots."""
+        self._order["peers"] = tuple(peers)
 
     def relocalise(self) -> None:
-        """Look for the robot all over the map."""
-        self._relocalise = True
-
-    def give(self) -> tuple[tuple[Point, ...] | None, bool]:
-        """What was said in the step of where others are, None if nothing was; and whether to look anew."""
-        peers, self._peers = self._peers, None
-        relocalise, self._relocalise = self._relocalise, False
-        return peers, relocalise
+        """Search for the robot on the whole map."""
+        self._order["relocalise"] = True
 
 
 class RobotNavigation:
     """Keeps the last order of a step, and shows it as carried out."""
 
-    def __init__(self) -> None:
+    def __init__(self, order: Order) -> None:
         self.goal: Goal | None = None
-        self._order: Point | GoalOrder = GoalOrder.KEEP
-        self._paused: bool | None = None
         self.plan: Plan | None = None
         self.backing_out = False
-        self._back_out: float | None = None
+        self._order = order
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
@@ -89,35 +83,29 @@ class RobotNavigation:
 
     def back_out(self, distance: float) -> None:
         """Drive backward along the own trail."""
-        self._back_out = distance
+        self._order["back_out"] = distance
         self.backing_out = True
 
     def go_to(self, point: Point) -> None:
         """Make `point` the goal."""
-        self._order = point
+        self._order["goal"] = point
         self.plan = None
         self.goal = Goal(point, GoalStatus.ACTIVE)
 
     def stop(self) -> None:
         """Have no goal, and stand."""
-        self._order = GoalOrder.CANCEL
-        self.goal = self.plan = self._back_out = None
+        self._order["goal"] = GoalOrder.CANCEL
+        self._order.pop("back_out", None)
+        self.goal = self.plan = None
         self.backing_out = False
 
     def pause(self) -> None:
         """Stand, and keep the goal."""
-        self._paused = True
+        self._order["paused"] = True
 
     def resume(self) -> None:
         """Go on to the goal."""
-        self._paused = False
-
-    def give(self) -> tuple[Point | GoalOrder, bool | None, float | None]:
-        """The step's order, whether to stand, how far to back out; None if nothing was said of that."""
-        order, self._order = self._order, GoalOrder.KEEP
-        paused, self._paused = self._paused, None
-        back_out, self._back_out = self._back_out, None
-        return order, paused, back_out
+        self._order["paused"] = False
 
 
 class RobotTaskList:
@@ -128,45 +116,30 @@ class RobotTaskList:
         self.at_start = len(places)
         self.epoch = epoch
 
-    def take(self, view: View) -> None:
-        """Take in the view of a new step."""
-        self.places += view.places
-
 
 class RobotPlaceMonitor:
-    """Collects what is said of places during a step."""
+    """Collects the reports about places during a step."""
 
-    def __init__(self) -> None:
-        self._reports: list[PlaceReport] = []
-        self._given_up: list[PlaceGivenUp] = []
-        self._route: tuple[PlaceKey, ...] | None = None
-        self._told: tuple[PlaceKey, ...] | None = None
-
-    def take(self) -> None:
-        """The robot is given places: it is taken to mean to visit them, so say anew."""
-        self._told = None
+    def __init__(self, order: Order) -> None:
+        self.told: tuple[PlaceKey, ...] | None = None
+        """The route as last reported; None: it is to be reported anew."""
+        self._order = order
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
-        """Say that a place has been cleaned."""
-        self._reports.append(PlaceReport(place.owner, place.place, now))
+        """Report that a place has been cleaned."""
+        self._add("reports", PlaceReport(place.owner, place.place, now))
 
     def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
-        """Say that nobody is to try for a place any more, and why."""
-        self._given_up.append(PlaceGivenUp(place.owner, place.place, now, reason))
+        """Report that no robot is to try for a place any more, and why."""
+        self._add("given_up", PlaceGivenUp(place.owner, place.place, now, reason))
 
     def remaining(self, route: Sequence[PlaceKey]) -> None:
-        """Say which places the robot still means to visit, in their order."""
-        self._route = tuple(route)
+        """Report the places still to be visited, in their order, unless they are those reported last."""
+        keys = tuple(route)
+        self._order["route"] = None if keys == self.told else keys
 
-    def give(self) -> tuple[tuple[PlaceReport, ...], tuple[PlaceGivenUp, ...], tuple[PlaceKey, ...] | None]:
-        """The step's reports, places given up, and the route if it is not what was told before."""
-        reports, self._reports = tuple(self._reports), []
-        given_up, self._given_up = tuple(self._given_up), []
-        route, self._route = self._route, None
-        if route == self._told:
-            return reports, given_up, None
-        self._told = route if route is not None else self._told
-        return reports, given_up, route
+    def _add(self, field: str, report: PlaceReport | PlaceGivenUp) -> None:
+        self._order[field] = (*self._order.get(field, ()), report)
 
 
 _TAGS: Final = 2**32
@@ -238,77 +211,58 @@ class _Hosted:
     def __init__(self, start: Start, component: Knowledge, ensembles: Sequence[object]) -> None:
         self._start = start
         self._component = component
-        self._ensembles = ensembles
+        self.ensembles = tuple(ensembles)
         self._phase = Duration(int(start.generator.integers(start.exchange.publish)))
-        self._positioning = RobotPositioning(start.pose)
-        self._navigation = RobotNavigation()
+        self._order = order = Order()
+        self._positioning = RobotPositioning(start.pose, order)
+        self._navigation = RobotNavigation(order)
         self._tasks = RobotTaskList(start.places, start.epoch)
-        self._monitor = RobotPlaceMonitor()
+        self._monitor = RobotPlaceMonitor(order)
         self._log = DecisionLog(component)
         self._counted: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
         self._tag = 0
         self._former: Node | None = None
-        self._node = self._deploy(START)  # what is missing is said before the first step
+        self.node = self._deploy(START)  # what is missing is said before the first step
         self._begun = False
-
-    @property
-    def node(self) -> Node:
-        """The robot's node; for those who execute a robot again to look into it."""
-        return self._node
-
-    @property
-    def ensembles(self) -> tuple[object, ...]:
-        """The ensembles of that node, for the same people."""
-        return tuple(self._ensembles)
 
     def succeed(self, former: "_Hosted") -> bool:
         """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
         component = self._component
-        knowledge = former._node.knowledge(former._component.id)
+        knowledge = former.node.knowledge(former._component.id)
         inherited = component.inherits(knowledge) if isinstance(component, Heir) else None
         if inherited is None:
             return False
         self._component = inherited
         self._log = DecisionLog(inherited, former._log)
         self._counted, self._tag = former._counted, former._tag
-        self._former = former._node
+        self._former = former.node
         return True
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Let the node do what is due."""
-        if not self._begun or view.instant > self._node.now:
+        if not self._begun or view.instant > self.node.now:
             self._reach(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
         if view.places:
-            self._tasks.take(view)
-            self._monitor.take()
+            self._tasks.places += view.places
+            self._monitor.told = None  # the robot is taken to mean to visit them
         try:
-            sent = self._node.advance(until, self._receptions(view.radio))
+            sent = self.node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
             raise BehaviourError(str(error)) from error
-        frames = self._frames(sent, view.instant)
-        reports, given_up, route = self._monitor.give()
-        goal, paused, back_out = self._navigation.give()
-        peers, relocalise = self._positioning.give()
-        return Decision(
-            goal=goal,
-            frames=frames,
-            reports=reports,
-            given_up=given_up,
-            route=route,
-            paused=paused,
-            peers=peers,
-            back_out=back_out,
-            relocalise=relocalise,
-        )
+        decision = Decision(frames=self._frames(sent, view.instant), **self._order)
+        self._order.clear()
+        if decision.route is not None:
+            self._monitor.told = decision.route
+        return decision
 
     def outcome(self) -> dict[str, object]:
         """Return what node and link counted, what the adaptation decided, and the component's own outcome."""
-        counts = self._node.outcome()
+        counts = self.node.outcome()
         counts["counters"] |= dict(sorted(self._counted.items()))
-        say = getattr(self._node.knowledge(self._component.id), "outcome", None)
+        say = getattr(self.node.knowledge(self._component.id), "outcome", None)
         own = say() if callable(say) else {}
         return {**own, "deeco": NodeReport(**counts), "adaptation": self._log.report()}
 
@@ -317,7 +271,7 @@ class _Hosted:
         try:
             return Node(
                 [self._component],
-                self._ensembles,
+                self.ensembles,
                 ports={
                     Positioning: self._positioning,
                     Navigation: self._navigation,
@@ -341,10 +295,10 @@ class _Hosted:
         """The robot's first step is the node's start; after a gap, in which it was frozen, it goes on."""
         if not self._begun:
             self._begun = True
-            if instant != self._node.now:
-                self._node = self._deploy(instant)
-        elif instant > self._node.now:
-            self._node.skip(instant)
+            if instant != self.node.now:
+                self.node = self._deploy(instant)
+        elif instant > self.node.now:
+            self.node.skip(instant)
 
     def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
         heard: list[Reception] = []
@@ -363,21 +317,19 @@ class _Hosted:
         while len(self._backlog) > _BACKLOG:
             self._backlog.pop()
             self._counted["frames_dropped"] += 1
-        number = min(len(self._backlog), _AT_ONCE)
-        return tuple(self._outgoing(self._backlog.popleft(), begin) for _ in range(number))
-
-    def _outgoing(self, frame: Transmission, begin: Instant) -> Outgoing:
-        self._tag = (self._tag + 1) % _TAGS
-        return Outgoing(self._start.epoch * _TAGS + self._tag, max(frame.instant, begin), frame.data)
+        frames = []
+        for _ in range(min(len(self._backlog), _AT_ONCE)):
+            frame = self._backlog.popleft()
+            self._tag = (self._tag + 1) % _TAGS
+            tag, instant = self._start.epoch * _TAGS + self._tag, max(frame.instant, begin)
+            frames.append(Outgoing(tag, instant, frame.data))
+        return tuple(frames)
 
 
 def _network(start: Start) -> NetworkParameters:
-    exchange = start.exchange
-    relay = None
+    exchange, relay = start.exchange, None
     if exchange.relay:
         relay = RelayParameters(
-            hop_limit=exchange.hop_limit,
-            longest=exchange.relay_delay,
-            relay_below_dbm=exchange.relay_below,
+            hop_limit=exchange.hop_limit, longest=exchange.relay_delay, relay_below_dbm=exchange.relay_below
         )
     return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)

@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from enum import Enum
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Final, NamedTuple, Protocol, TypeAlias
+from typing import Annotated, Final, NamedTuple, NoReturn, Protocol, TypeAlias, cast
 
 from msgspec import Meta
 from numpy.random import Generator
@@ -253,9 +253,6 @@ EVERYBODY_DBM: Final = 0.0
 """No transceiver reports more (`actors.radio.frame` ends at -35 dBm)."""
 FARTHEST_BACK: Final = 3.0
 """Farther than this nobody backs out, m: so long is the trail that a robot remembers."""
-_NO_MAP: Final = LookupError("this Start was made without a floor plan")
-
-
 _Interval = Annotated[Duration, Meta(ge=milliseconds(1), le=seconds(LONGEST_S))]
 
 
@@ -283,37 +280,17 @@ _AS_IT_IS: Final = ExchangeSettings()
 
 
 class _NoFloorPlan:
-    """Stands where nobody has given a robot its map: whatever is asked, there is none."""
+    """The floor of a Start that was made without one: it has no doors, and every question is an error."""
 
     doors: tuple[Door, ...] = ()
 
-    def random_place(self) -> Point:
-        """There is none."""
-        raise _NO_MAP
+    def __getattr__(self, name: str) -> NoReturn:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise LookupError("this Start was made without a floor plan")
 
-    def is_free(self, point: Point) -> bool:
-        """Nobody knows."""
-        raise _NO_MAP
 
-    def length(self, start: Point, goal: Point) -> float | None:
-        """Nobody knows."""
-        raise _NO_MAP
-
-    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
-        """Nobody knows."""
-        raise _NO_MAP
-
-    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
-        """Nobody knows."""
-        raise _NO_MAP
-
-    def door(self, point: Point) -> int | None:
-        """Nobody knows."""
-        raise _NO_MAP
-
-    def region(self, point: Point) -> int | None:
-        """Nobody knows."""
-        raise _NO_MAP
+_NO_FLOOR: Final = cast(FloorPlan, _NoFloorPlan())
 
 
 @dataclass(frozen=True)
@@ -336,7 +313,7 @@ class Start:
     """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
     exchange: ExchangeSettings = _AS_IT_IS
     """How the node exchanges knowledge with others, if there is a node."""
-    floor: FloorPlan = field(default_factory=_NoFloorPlan)
+    floor: FloorPlan = _NO_FLOOR
     """The robot's map; what it draws, it draws from `generator`."""
 
 

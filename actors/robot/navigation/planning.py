@@ -1,14 +1,15 @@
 """Global planning on the floor plan: ways that keep to the middle of doors, from one potential per goal."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, Protocol, TypeVar
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from actors.array_types import Flags, Floats, Indices, Int32s, Octets
 from actors.floor import raster
@@ -19,6 +20,8 @@ from actors.robot.navigation.cost_map import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 from actors.robot.navigation.ray_tracing import check_reach, inscribed, squared_within
 from actors.settings import NotNegative, Positive, PositiveCount, Settings
+
+N = TypeVar("N", bound=np.generic)
 
 
 class PlanningParameters(Settings, frozen=True):
@@ -219,12 +222,17 @@ def around(
     return (slice(bottom, top), slice(left, right)), marked
 
 
-def _coarse(fine: Floats, factor: int) -> Floats:
-    """The least value of each block of factor × factor cells; beyond the north and east edges all is 0."""
+def blocks(fine: NDArray[N], factor: int) -> NDArray[N]:
+    """Return a grid as blocks, (rows, factor, columns, factor), with 0 beyond the north and east edges."""
     rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
-    padded = np.zeros((rows * factor, columns * factor))
+    padded = np.zeros((rows * factor, columns * factor), fine.dtype)
     padded[: fine.shape[0], : fine.shape[1]] = fine
-    least: Floats = padded.reshape(rows, factor, columns, factor).min(axis=(1, 3))
+    return padded.reshape(rows, factor, columns, factor)
+
+
+def _coarse(fine: Floats, factor: int) -> Floats:
+    """Return the least value of each block of factor × factor cells; beyond the edges all is 0."""
+    least: Floats = blocks(fine, factor).min(axis=(1, 3))
     return least
 
 
@@ -237,9 +245,9 @@ class Planner:
         self._ground = ground
         self._parameters = parameters
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
-        self._fields: OrderedDict[Cell, Int32s] = OrderedDict()
         in_memory = int(parameters.cached_mb * 1e6) // ground.costs.nbytes
-        self._room = max(1, min(parameters.cached, in_memory))
+        kept = lru_cache(max(1, min(parameters.cached, in_memory)))
+        self._field = kept(lambda goal: potential(ground.costs, *goal))
 
     def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
@@ -275,15 +283,3 @@ class Planner:
 
     def _nearest(self, admitted: Flags, point: Point) -> Cell | None:
         return nearest_cell(self._ground.grid, admitted, point, self._parameters.tolerance)
-
-    def _field(self, goal: Cell) -> Int32s:
-        """The potential of the goal, new or kept."""
-        field = self._fields.get(goal)
-        if field is None:
-            field = potential(self._ground.costs, *goal)
-            while len(self._fields) >= self._room:
-                self._fields.popitem(last=False)
-            self._fields[goal] = field
-        else:
-            self._fields.move_to_end(goal)
-        return field

@@ -1,7 +1,6 @@
 """Routes on a floor: shortest ways over its regions, and the floor plan that strategies may ask."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
@@ -15,7 +14,7 @@ from actors.floor.doors import Regions, regions
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Door, Point
-from actors.robot.navigation.planning import Ground
+from actors.robot.navigation.planning import Ground, blocks
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 _TOLERANCE: Final = 0.5
@@ -33,7 +32,8 @@ class Routes:
         self._ground = ground
         self._factor = max(1, int(ground.reach / (ground.grid.resolution * math.sqrt(2.0))))
         self._grid, self._costs = _coarse(ground, self._factor)
-        self._fields: OrderedDict[Cell, Int32s] = OrderedDict()
+        costs = self._costs
+        self._field = lru_cache(_FIELDS)(lambda goal: potential(costs, *goal))
         self._doors_between = lru_cache(_PAIRS)(self._find_doors)
 
     def length(self, start: Point, goal: Point) -> float | None:
@@ -66,29 +66,20 @@ class Routes:
 
     def region(self, point: Point) -> int | None:
         """The number of the region around a point, from 1; None in a door, and where the robot cannot be."""
-        label = self._label(self._ground.grid.cell(point)) if self._ground.grid.is_free(point) else 0
+        label = self._label(point)
         return label if 0 < label <= self.regions.count else None
 
     def door(self, point: Point) -> int | None:
         """The index of the door around a point; None elsewhere."""
-        label = self._label(self._ground.grid.cell(point)) if self._ground.grid.is_free(point) else 0
+        label = self._label(point)
         return label - self.regions.count - 1 if label > self.regions.count else None
 
-    def _label(self, cell: Cell) -> int:
-        return int(self.regions.labels[cell])
+    def _label(self, point: Point) -> int:
+        grid = self._ground.grid
+        return int(self.regions.labels[grid.cell(point)]) if grid.is_free(point) else 0
 
     def _cell(self, point: Point) -> Cell | None:
         return nearest_cell(self._grid, self._costs > 0, point, _TOLERANCE)
-
-    def _field(self, goal: Cell) -> Int32s:
-        field = self._fields.get(goal)
-        if field is not None:
-            self._fields.move_to_end(goal)
-            return field
-        while len(self._fields) >= _FIELDS:
-            self._fields.popitem(last=False)
-        self._fields[goal] = potential(self._costs, *goal)
-        return self._fields[goal]
 
     def _find_doors(self, first: Cell, last: Cell) -> tuple[int, ...] | None:
         field = self._field(last)
@@ -109,7 +100,7 @@ class Routes:
     @cached_property
     def _coarse_labels(self) -> Int32s:
         """(rows, columns) of the large cells; a cell with a door in it is one of that door."""
-        labels: Int32s = _blocks(self.regions.labels, self._factor).max(axis=(1, 3))
+        labels: Int32s = blocks(self.regions.labels, self._factor).max(axis=(1, 3))
         return labels
 
 
@@ -121,20 +112,12 @@ def routes(ground: Ground) -> Routes:
     return _ROUTES.get(ground, lambda: Routes(ground))
 
 
-def _blocks(fine: Int32s, factor: int) -> Int32s:
-    """(rows, factor, columns, factor), with 0 beyond the north and east edges."""
-    rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
-    padded = np.zeros((rows * factor, columns * factor), np.int32)
-    padded[: fine.shape[0], : fine.shape[1]] = fine
-    return padded.reshape(rows, factor, columns, factor)
-
-
 def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, Int32s]:
     """The ground on larger cells, passable where one of their cells is; and costs of 1 there.
 
     No wall vanishes: where the body's centre cannot be is everywhere wider than two large cells' diagonals.
     """
-    costs = _blocks((ground.costs > 0).astype(np.int32), factor).max(axis=(1, 3))
+    costs = blocks((ground.costs > 0).astype(np.int32), factor).max(axis=(1, 3))
     costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
     cells = np.where(costs > 0, FREE, OCCUPIED).astype(np.uint8)
     return OccupancyGrid(cells, ground.grid.resolution * factor, ground.grid.origin), costs
