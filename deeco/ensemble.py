@@ -208,46 +208,51 @@ _NOW: Final = object()
 _CONTACT: Final = object()
 
 
+class Bound:
+    """A function of knowledge with its ports; those of instant and contact are set for each call."""
+
+    def __init__(self, function: Callable[..., Any], arguments: list[Any]) -> None:
+        self.function = function
+        self.arguments = arguments
+        self.now = tuple(place for place, value in enumerate(arguments) if value is _NOW)
+        """Places in `arguments` of the instant."""
+        self._contact = tuple(place for place, value in enumerate(arguments) if value is _CONTACT)
+
+    def pair(self, coordinator: Any, member: Any, now: Instant, contact: Contact) -> Any:
+        """Call the method of an ensemble."""
+        for place in self.now:
+            self.arguments[place] = now
+        for place in self._contact:
+            self.arguments[place] = contact
+        return self.function(coordinator, member, *self.arguments)
+
+
 class Binding:
     """What a node provides, by type; beside it Instant, which is now, and in ensembles Contact."""
 
     def __init__(self, provided: Mapping[Any, object]) -> None:
-        self._provided = dict(provided)
+        self._process = {Instant: _NOW, **provided}
+        self._pair = {Contact: _CONTACT, **self._process}
+        self._there = ", ".join(describe(one) for one in provided) or "nothing"
 
-    def process(
-        self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
-    ) -> Callable[[Any, Instant], Any]:
-        """The process as a function of knowledge and instant. Raises DeploymentError if a port is missing."""
-        arguments = tuple(self._argument(port, name, contact=False) for port in ports)
-        if not arguments:
-            return lambda knowledge, now: function(knowledge)
-        if _NOW not in arguments:
-            return lambda knowledge, now: function(knowledge, *arguments)
-        *others, last = arguments
-        if last is _NOW and _NOW not in others:
-            return lambda knowledge, now: function(knowledge, *others, now)
-        return lambda knowledge, now: function(knowledge, *(now if a is _NOW else a for a in arguments))
+    def process(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:
+        """Bind a process. Raises DeploymentError if a port is missing; `name` is for errors."""
+        return self._bound(function, ports, name, self._process)
 
-    def pair(
-        self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
-    ) -> Callable[[Any, Any, Instant, Contact], Any]:
-        """An ensemble's method as a function of coordinator, member, instant and contact to the peer."""
-        arguments = tuple(self._argument(port, name, contact=True) for port in ports)
-        if not arguments:
-            return lambda coordinator, member, now, contact: function(coordinator, member)
-        if arguments == (_NOW,):
-            return lambda coordinator, member, now, contact: function(coordinator, member, now)
-        return lambda coordinator, member, now, contact: function(
-            coordinator, member, *(now if a is _NOW else contact if a is _CONTACT else a for a in arguments)
-        )
+    def pair(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:
+        """Bind a method of an ensemble, as `process`."""
+        return self._bound(function, ports, name, self._pair)
 
-    def _argument(self, port: tuple[str, Any], name: str, *, contact: bool) -> object:
-        parameter, kind = port
-        if kind in self._provided:
-            return self._provided[kind]
-        if kind is Instant:
-            return _NOW
-        if contact and kind is Contact:
-            return _CONTACT
-        there = ", ".join(describe(one) for one in self._provided) or "nothing"
-        raise DeploymentError(f"{name} needs a {describe(kind)} ({parameter!r}); this node provides {there}")
+    def _bound(
+        self,
+        function: Callable[..., Any],
+        ports: tuple[tuple[str, Any], ...],
+        name: str,
+        provided: Mapping[Any, object],
+    ) -> Bound:
+        for parameter, kind in ports:
+            if kind not in provided:
+                raise DeploymentError(
+                    f"{name} needs a {describe(kind)} ({parameter!r}); this node provides {self._there}"
+                )
+        return Bound(function, [provided[kind] for _, kind in ports])

@@ -59,14 +59,13 @@ class Fragmenter:
         first, source, left = self._next, self._source, self._limits.frame_data
         for size in sizes:
             left -= HEADER.size + size
+        self._next = (first + len(wholes)) % _IDS
         if wholes and left >= 0:  # as mostly: all in one frame
-            self._next = (first + len(wholes)) % _IDS
             heads = [
                 HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
             ]
             return [b"".join([part for pair in zip(heads, wholes, strict=True) for part in pair])]
         frames = min((self._layout(sizes, thrifty) for thrifty in (False, True)), key=len)
-        self._next = (first + len(wholes)) % _IDS
         return [
             b"".join(
                 HEADER.pack(len(wholes[whole]), size, start, (first + whole) % _IDS, source)
@@ -114,8 +113,6 @@ class Fragmenter:
 
 _Key = tuple[int, int, int]
 """Link address of the sender, srcNode, dataId."""
-_LEAST: Final = CHECKSUM.size + 1
-_SHORTEST: Final = HEADER.size + _LEAST
 
 
 @dataclass
@@ -164,16 +161,6 @@ class Reassembly:
         self._open: dict[_Key, _Open] = {}
         self._counters = ReassemblyCounters()
 
-    @property
-    def open_packets(self) -> int:
-        """How many packets are not whole yet."""
-        return len(self._open)
-
-    @property
-    def open_bytes(self) -> int:
-        """How many bytes they take."""
-        return sum(len(one.data) for one in self._open.values())
-
     def counters(self) -> dict[str, int]:
         """What became of everything that was heard, by the names in ReassemblyCounters."""
         return asdict(self._counters)
@@ -186,7 +173,7 @@ class Reassembly:
         end = len(frame)
         if self._open:
             self.give_up(now)
-        elif end >= _SHORTEST:  # most frames are one whole packet, and nothing else is open
+        elif end >= SHORTEST:  # most frames are one whole packet, and nothing else is open
             total, size, start, _, _ = HEADER.unpack_from(frame)
             if size == total == end - HEADER.size and not start and total <= self._most_whole:
                 packet = self._checked(frame[HEADER.size :])
@@ -196,7 +183,7 @@ class Reassembly:
         while position + HEADER.size < end:
             total, size, start, number, source = HEADER.unpack_from(frame, position)
             position += HEADER.size
-            if not 0 < size <= min(end - position, total - start) or total < _LEAST:
+            if not 0 < size <= min(end - position, total - start) or total <= CHECKSUM.size:
                 break
             payload = frame[position : position + size]
             position += size

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
-from deeco.component import Fact, OnChange, Periodic, Process, processes_of
-from deeco.ensemble import COORDINATOR, MEMBER, Binding, Contact, EnsembleType, Exchange, type_of
+from deeco.component import Fact, Process, processes_of
+from deeco.ensemble import COORDINATOR, MEMBER, Binding, Bound, Contact, EnsembleType, Exchange, type_of
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import Instant, in_seconds
 from deeco.knowledge import Knowledge, is_component, is_role, seen_as
@@ -13,7 +13,7 @@ from deeco.statistics import Statistics
 
 
 class Commit(NamedTuple):
-    """A change of a component's knowledge, for whoever looks on."""
+    """A change of a component's knowledge."""
 
     by: str
     """The process or the ensemble's exchange, as in `Cleaner.sense` or `Adoption.at_member`."""
@@ -40,13 +40,15 @@ class BoundProcess:
         self._adaptation = process.adaptation
         self._component = component
         function = getattr(type(component.value), process.name)
-        self._call = binding.process(function, process.ports, self.name)
+        self._bound = binding.process(function, process.ports, self.name)
 
     def run(self, now: Instant) -> bool:
         """Call the process and commit what it gives; True if that is new knowledge."""
-        component = self._component
+        component, bound = self._component, self._bound
+        for place in bound.now:
+            bound.arguments[place] = now
         try:
-            made = self._call(component.value, now)
+            made = bound.function(component.value, *bound.arguments)
         except Exception as error:
             error.add_note(f"in process {self.name} of {component.id!r} at {in_seconds(now):g} s")
             raise
@@ -56,33 +58,20 @@ class BoundProcess:
 
 
 class LocalComponent:
-    """Holds the knowledge of one component; every change of it goes through `commit`.
+    """Holds the knowledge of one component; `commit` makes every change and tells the witnesses."""
 
-    `witness` is told of each, once it has been made, and changes nothing.
-    """
-
-    def __init__(self, value: Knowledge, binding: Binding, witness: Witness | None = None) -> None:
+    def __init__(self, value: Knowledge, binding: Binding, witnesses: tuple[Witness, ...] = ()) -> None:
         kind = type(value)
         if not is_component(kind):
             raise DeploymentError(f"{kind.__name__} cannot be deployed; its class should have @component")
         self.id = value.id
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
-        self._witness = witness
+        self._witnesses = witnesses
         self.watched: list[tuple[str, Callable[[], str]]] = []
-        """Facts that somebody watches here, by name, and whom to call."""
+        """Names of the facts that are watched, and whom to call."""
         self._facts: list[object] = []
         self._seen: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
-
-    @property
-    def periodic(self) -> tuple[tuple[BoundProcess, Periodic], ...]:
-        """The processes that run by the clock."""
-        return tuple((one, one.schedule) for one in self.processes if isinstance(one.schedule, Periodic))
-
-    @property
-    def triggered(self) -> tuple[tuple[BoundProcess, OnChange], ...]:
-        """The processes that run on a change."""
-        return tuple((one, one.schedule) for one in self.processes if isinstance(one.schedule, OnChange))
 
     def watch(self, facts: Sequence[Fact], then: Callable[[], str]) -> None:
         """Call `then` from `changes` whenever one of the facts has another value than at the call before."""
@@ -124,8 +113,10 @@ class LocalComponent:
                 f"{by} of {self.id!r} at {in_seconds(now):g} s changes the id to {made.id!r}; it should stay"
             )
         self.value = made
-        if self._witness is not None:
-            self._witness(named(Commit, (by, now, value, made, adaptation, peer, heard)))
+        if self._witnesses:
+            commit = named(Commit, (by, now, value, made, adaptation, peer, heard))
+            for witness in self._witnesses:
+                witness(commit)
         return True
 
     def role(self, kind: type[Knowledge]) -> Any:
@@ -142,11 +133,8 @@ class LocalComponent:
         return Contact(now, None, 0)
 
 
-_Call = Callable[[Any, Any, Instant, Contact], Any]
-
-
 class Peer(Protocol):
-    """Somebody else's component, on this node or as a replica."""
+    """Another component, on this node or as a replica."""
 
     @property
     def id(self) -> str:
@@ -160,12 +148,12 @@ class Peer(Protocol):
 
 
 class _Side:
-    """The ensemble with the local component on one side."""
+    """An ensemble with the local component on one side."""
 
-    def __init__(self, kind: EnsembleType, side: str, exchange: Exchange | None, call: _Call | None) -> None:
+    def __init__(self, kind: EnsembleType, exchange: Exchange | None, call: Bound | None, side: str) -> None:
         self.local_is_coordinator = side == COORDINATOR
-        own, peer = kind.coordinator, kind.member
-        self.own, self.peer = (own, peer) if self.local_is_coordinator else (peer, own)
+        both = kind.coordinator, kind.member
+        self.own, self.peer = both if self.local_is_coordinator else reversed(both)
         self.exchange = exchange
         self.call = call
         self.name = f"{kind.name}.at_{side}"
@@ -175,29 +163,37 @@ class Pairing:
     """An ensemble and its parameters, with what the node provides for it."""
 
     def __init__(self, instance: object, binding: Binding, statistics: Statistics) -> None:
-        self.type = type_of(instance)
+        self.type = kind = type_of(instance)
         self._statistics = statistics
-        self._membership = self._bound(instance, "membership", self.type.ports, binding)
-        self._sides = tuple(
-            _Side(self.type, side, exchange, self._exchange_of(instance, exchange, binding))
-            for side, exchange in ((COORDINATOR, self.type.at_coordinator), (MEMBER, self.type.at_member))
-            if not is_component(self._peer_of(side))
-        )
+
+        def bound(method: str, ports: tuple[tuple[str, Any], ...]) -> Bound:
+            return binding.pair(getattr(instance, method), ports, f"{kind.name}.{method}")
+
+        self._membership = bound("membership", kind.ports)
+        self._sides = [
+            _Side(kind, exchange, bound(f"at_{side}", exchange.ports) if exchange else None, side)
+            for side, exchange, peer in (
+                (COORDINATOR, kind.at_coordinator, kind.member),
+                (MEMBER, kind.at_member, kind.coordinator),
+            )
+            if not is_component(peer)
+        ]
         self._boundary: Callable[[Any, Any], bool] | None = getattr(instance, "boundary", None)
 
     def evaluate(
-        self, locals_: tuple[LocalComponent, ...], replicas: Iterable[Peer], now: Instant
+        self, locals_: tuple[LocalComponent, ...], replicas: Sequence[Peer], now: Instant
     ) -> list[LocalComponent]:
-        """Every local component with every other and every replica, in both roles; gives who has learnt."""
-        learnt: dict[str, LocalComponent] = {}
-        heard = list(replicas)
+        """Pair every local component with every other and every replica, in both roles.
+
+        Returns the components whose knowledge has changed.
+        """
+        changed: dict[str, LocalComponent] = {}
         for local in locals_:
-            others: list[Peer] = [other for other in locals_ if other is not local]
-            for peer in others + heard:
+            for peer in (*(other for other in locals_ if other is not local), *replicas):
                 for side in self._sides:
                     if self._meet(side, local, peer, now):
-                        learnt[local.id] = local
-        return list(learnt.values())
+                        changed[local.id] = local
+        return list(changed.values())
 
     def lets_pass(self, sender: Peer, components: Iterable[LocalComponent]) -> bool:
         """True if the ensemble's boundary, if it has one, lets knowledge of the sender be relayed here."""
@@ -210,14 +206,15 @@ class Pairing:
         )
 
     def _meet(self, side: _Side, local: LocalComponent, peer: Peer, now: Instant) -> bool:
+        """Evaluate the membership and, if it holds, the exchange; True if that changed the knowledge."""
         value, role = local.value, peer.role(side.peer)
         if role is None or not isinstance(value, side.own):
             return False
         contact = peer.contact(now)
-        coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
         self._statistics.counters.memberships += 1
         try:
-            if not self._membership(coordinator, member, now, contact):
+            coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
+            if not self._membership.pair(coordinator, member, now, contact):
                 return False
             return side.call is not None and self._exchange(side, side.call, local, peer, now, contact)
         except Exception as error:
@@ -228,7 +225,7 @@ class Pairing:
             raise
 
     def _exchange(
-        self, side: _Side, call: _Call, local: LocalComponent, peer: Peer, now: Instant, contact: Contact
+        self, side: _Side, call: Bound, local: LocalComponent, peer: Peer, now: Instant, contact: Contact
     ) -> bool:
         exchange, value = side.exchange, local.value
         assert exchange is not None
@@ -236,23 +233,10 @@ class Pairing:
         if role is None or not isinstance(value, exchange.own):
             return False
         coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
-        made = call(coordinator, member, now, contact)
+        made = call.pair(coordinator, member, now, contact)
         if made is value:
             return False
         if not local.commit(made, side.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
             return False
         self._statistics.exchanges[self.type.name] += 1
         return True
-
-    def _peer_of(self, side: str) -> type[Knowledge]:
-        return self.type.member if side == COORDINATOR else self.type.coordinator
-
-    def _exchange_of(self, instance: object, exchange: Exchange | None, binding: Binding) -> _Call | None:
-        if exchange is None:
-            return None
-        return self._bound(instance, f"at_{exchange.side}", exchange.ports, binding)
-
-    def _bound(
-        self, instance: object, method: str, ports: tuple[tuple[str, Any], ...], binding: Binding
-    ) -> _Call:
-        return binding.pair(getattr(instance, method), ports, f"{self.type.name}.{method}")

@@ -225,18 +225,6 @@ class NetworkParameters:
     link: LinkParameters = field(default_factory=LinkParameters)
 
 
-@dataclass(frozen=True)
-class NodeSurroundings:
-    """What the network needs to know of its node."""
-
-    own: frozenset[str]
-    """Ids of the node's components."""
-    plan: Callable[[Task, Instant], None]
-    """Have a task done at an instant."""
-    passes: Callable[[Replica], bool]
-    """May the knowledge of this sender be relayed?"""
-
-
 class News(NamedTuple):
     """A replica that is new or has changed."""
 
@@ -251,35 +239,40 @@ class Network:
         self,
         parameters: NetworkParameters,
         book: RoleBook,
-        node: NodeSurroundings,
         *,
+        own: frozenset[str],
+        plan: Callable[[Task, Instant], None],
+        passes: Callable[[Replica], bool],
         address: int,
         epoch: int,
         statistics: Statistics,
         former: "Network | None" = None,
     ) -> None:
-        """`former`: the network so far. This one numbers what it sends from there on, and keeps what has
-        been heard in part.
+        """Continue the numbering and the reassembly of the network `former`.
+
+        `own`: ids of the node's components. `plan`: have a task done at an instant. `passes`: True if the
+        knowledge of a sender may be relayed.
         """
         self._book = book
-        self._node = node
+        self._own = own
+        self._passes = passes
         self._epoch = epoch
         self._limits = parameters.link
         self._statistics = statistics
         self._counters = statistics.counters
-        self._publications: int = 0 if former is None else former._publications
-        self._reassembly: Reassembly = Reassembly(parameters.link) if former is None else former._reassembly
         self._unpacker = Unpacker(parameters.link, known=book.fingerprints)
-        self._fragmenter: Fragmenter = Fragmenter(
-            address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE
-        )
+        self._publications = 0
+        self._reassembly = Reassembly(parameters.link)
+        self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
         if former is not None:
+            self._publications = former._publications
+            self._reassembly = former._reassembly
             self._fragmenter = former._fragmenter
         self._outbox: list[tuple[Instant, bytes]] = []
         self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)
         self._relay: Relay | None = None
         if parameters.relay is not None:
-            self._relay = Relay(parameters.relay, address, node.plan, self._send, self._counters)
+            self._relay = Relay(parameters.relay, address, plan, self._send, self._counters)
 
     def publish(self, now: Instant, knowledge: Sequence[Knowledge]) -> None:
         """Send the roles of the own components; sample the age of what is known of others."""
@@ -294,7 +287,11 @@ class Network:
     def take(self, reception: Reception) -> list[News]:
         """What a frame from the link brings, once it completes a packet."""
         whole = self._reassembly.take(reception.instant, reception.sender, reception.data)
-        return [news for data in whole if (news := self._open(data, reception))]
+        found: list[News] = []
+        for data in whole:
+            if news := self._open(data, reception):
+                found += (news,)
+        return found
 
     def transmissions(self) -> list[Transmission]:
         """The frames of everything sent since the last call; what is sent at one instant shares frames."""
@@ -321,33 +318,32 @@ class Network:
         self._outbox += ((now, data),)
 
     def _open(self, data: bytes, reception: Reception) -> News | None:
-        self._counters.packets += 1
+        counters, relay = self._counters, self._relay
+        counters.packets += 1
         packet = self._unpacker.unpack(data)
         if packet is None:
-            self._counters.packets_junk += 1
+            counters.packets_junk += 1
             return None
-        if packet.component in self._node.own:
-            self._counters.packets_own += 1
+        component = packet.component
+        if component in self._own:
+            counters.packets_own += 1
             return None
-        if self._relay is not None:
-            self._relay.heard(packet)
-        if not self.replicas.is_news(packet.component, packet.version):
-            self._counters.packets_old += 1
+        if relay is not None:
+            relay.heard(packet)
+        if not self.replicas.is_news(component, packet.version):
+            counters.packets_old += 1
             return None
-        return self._admit(packet, data, reception)
-
-    def _admit(self, packet: KnowledgePacket, data: bytes, reception: Reception) -> News | None:
-        unpacked = self._book.unpack(packet.component, packet.roles)
+        unpacked = self._book.unpack(component, packet.roles)
         if unpacked is None:
-            self._counters.packets_junk += 1
+            counters.packets_junk += 1
             return None
         roles, unknown = unpacked
-        self._counters.roles_unknown += unknown
-        contact = made(Contact, (reception.instant, reception.rssi_dbm, packet.hops))
-        replica = Replica(packet.component, packet.version, roles, contact)
-        news = made(News, (self.replicas.get(packet.component), replica))
-        self.replicas.put(news.after)
-        relay, rssi_dbm = self._relay, reception.rssi_dbm
-        if relay is not None and relay.wants(packet, rssi_dbm) and self._node.passes(news.after):
+        counters.roles_unknown += unknown
+        rssi_dbm = reception.rssi_dbm
+        contact = made(Contact, (reception.instant, rssi_dbm, packet.hops))
+        replica = Replica(component, packet.version, roles, contact)
+        news = made(News, (self.replicas.get(component), replica))
+        self.replicas.put(replica)
+        if relay is not None and relay.wants(packet, rssi_dbm) and self._passes(replica):
             relay.take(packet, data, reception.instant, rssi_dbm)
         return news

@@ -5,18 +5,19 @@ of its instants, and gives what the link is to send.
 """
 
 import heapq
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
+from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
-from deeco.component import Fact, has_fact
+from deeco.component import Fact, OnChange, has_fact
 from deeco.ensemble import Binding
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, made, roles_of, roles_under
 from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, Commit, LocalComponent, Pairing, Witness
-from deeco.network import Network, NetworkParameters, News, NodeSurroundings, Replica
+from deeco.network import Network, NetworkParameters, News, Replica
 from deeco.schema import RoleBook
 from deeco.statistics import Statistics
 
@@ -163,8 +164,8 @@ class Node:
         self._agenda = Agenda()
         binding = Binding(ports or {})
         self._onlooker = onlooker()
-        told = witness if self._onlooker is None else self._telling(witness)
-        self._locals = tuple(LocalComponent(value, binding, told) for value in components)
+        witnesses = (*([witness] if witness else ()), *([self._tell] if self._onlooker else ()))
+        self._locals = tuple(LocalComponent(value, binding, witnesses) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")
@@ -173,7 +174,9 @@ class Node:
         self._network: Network = Network(
             parameters,
             RoleBook(self._roles(), parameters.link),
-            NodeSurroundings(frozenset(self._by_id), self._agenda.once, self._passes),
+            own=frozenset(self._by_id),
+            plan=self._agenda.once,
+            passes=self._passes,
             address=address,
             epoch=epoch,
             statistics=self._statistics,
@@ -229,62 +232,47 @@ class Node:
 
     def _plan_components(self, start: Instant) -> None:
         for component in self._locals:
-            for process, schedule in component.periodic:
-                task = self._activation(component, process)
-                self._agenda.repeat(task, Instant(start + schedule.offset), schedule.every, schedule.order)
-            for process, trigger in component.triggered:
-                component.watch(trigger.facts, self._triggered(process))
+            for process in component.processes:
+                schedule = process.schedule
+                if isinstance(schedule, OnChange):
+                    component.watch(schedule.facts, partial(self._trigger, process))
+                    continue
+                task, first = partial(self._activate, component, process), Instant(start + schedule.offset)
+                self._agenda.repeat(task, first, schedule.every, schedule.order)
 
     def _plan_ensembles(self, start: Instant) -> None:
         for pairing in self._pairings:
             kind = pairing.type
             if kind.every is not None:
                 first = Instant(start + kind.offset)
-                self._agenda.repeat(self._evaluation(pairing), first, kind.every, _ENSEMBLES)
-            triggered = self._evaluated(pairing)
+                self._agenda.repeat(partial(self._evaluate, pairing), first, kind.every, _ENSEMBLES)
+            triggered = partial(self._trigger_ensemble, pairing)
             for component in self._locals:
                 facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
                 component.watch(facts, triggered)
 
-    def _activation(self, component: LocalComponent, process: BoundProcess) -> Task:
-        counters, run = self._counters, process.run
+    def _activate(self, component: LocalComponent, process: BoundProcess, now: Instant) -> None:
+        self._now = now
+        self._counters.activations += 1
+        if process.run(now):
+            self._counters.commits += 1
+            if component.watched:
+                self._settle()
 
-        def activate(now: Instant) -> None:
-            self._now = now
-            counters.activations += 1
-            if run(now):
-                counters.commits += 1
-                if component.watched:
-                    self._settle()
+    def _trigger(self, process: BoundProcess) -> str:
+        self._counters.activations += 1
+        self._counters.commits += process.run(self._now)
+        return process.name
 
-        return activate
-
-    def _triggered(self, process: BoundProcess) -> Callable[[], str]:
-        def run() -> str:
-            self._counters.activations += 1
-            self._counters.commits += process.run(self._now)
-            return process.name
-
-        return run
-
-    def _evaluation(self, pairing: Pairing) -> Task:
-        def evaluate(now: Instant) -> None:
-            self._now = now
-            self._evaluate(pairing)
-
-        return evaluate
-
-    def _evaluated(self, pairing: Pairing) -> Callable[[], str]:
-        def evaluate() -> str:
-            pairing.evaluate(self._locals, self._young(pairing), self._now)
-            return pairing.type.name
-
-        return evaluate
-
-    def _evaluate(self, pairing: Pairing) -> None:
-        learnt = pairing.evaluate(self._locals, self._young(pairing), self._now)
+    def _evaluate(self, pairing: Pairing, now: Instant) -> None:
+        self._now = now
+        learnt = pairing.evaluate(self._locals, self._young(pairing), now)
         if any(component.watched for component in learnt):
             self._settle()
+
+    def _trigger_ensemble(self, pairing: Pairing) -> str:
+        pairing.evaluate(self._locals, self._young(pairing), self._now)
+        return pairing.type.name
 
     def _young(self, pairing: Pairing) -> list[Replica]:
         oldest = pairing.type.max_age
@@ -306,16 +294,9 @@ class Node:
         self._now = now
         self._network.publish(now, [component.value for component in self._locals])
 
-    def _telling(self, witness: Witness | None) -> Witness:
-        """What tells the onlooker, too, and of whom an ensemble's knowledge was."""
-
-        def tell(commit: Commit) -> None:
-            if witness is not None:
-                witness(commit)
-            assert self._onlooker is not None
-            self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
-
-        return tell
+    def _tell(self, commit: Commit) -> None:
+        assert self._onlooker is not None
+        self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
 
     def _react(self, news: News) -> None:
         """Evaluate the ensembles that watch a fact which differs now."""
@@ -324,7 +305,7 @@ class Node:
                 self._onlooker.heard(component.id, news.after, self._now)
         for pairing in self._reacting:
             if any(_differs(news, fact) for fact in pairing.type.on_change):
-                self._evaluate(pairing)
+                self._evaluate(pairing, self._now)
 
     def _roles(self) -> tuple[type[Knowledge], ...]:
         wanted = [kind for one in self._locals for kind in roles_of(type(one.value))]
@@ -334,7 +315,10 @@ class Node:
 
     def _passes(self, sender: Replica) -> bool:
         """One ensemble without a boundary, or whose boundary holds, is enough; so is to have no ensemble."""
-        return not self._pairings or any(one.lets_pass(sender, self._locals) for one in self._pairings)
+        for pairing in self._pairings:
+            if pairing.lets_pass(sender, self._locals):
+                return True
+        return not self._pairings
 
 
 def _differs(news: News, fact: Fact) -> bool:

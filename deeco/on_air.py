@@ -6,6 +6,7 @@ import types
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
+from functools import partial
 from math import isfinite
 from operator import attrgetter
 from types import NoneType
@@ -81,26 +82,20 @@ def refuse(value: object, should: str) -> NoReturn:
     raise Unfit(f"{reprlib.repr(value)} should be {should}")
 
 
-def _pack_none(value: Any) -> None:
-    if value is not None:
-        refuse(value, "None")
+def _singletons(says: str, kind: type, values: tuple[Any, ...], should: str) -> Form:
+    """Return the form of values that are told by identity, and travel as they are."""
 
+    def pack(value: Any) -> Any:
+        if not any(value is one for one in values):
+            refuse(value, should)
+        return value
 
-def _unpack_none(value: object) -> None:
-    if value is not None:
-        raise Junk
+    def unpack(value: object) -> Any:
+        if not any(value is one for one in values):
+            raise Junk
+        return value
 
-
-def _pack_bool(value: Any) -> bool:
-    if value is True or value is False:
-        return bool(value)
-    refuse(value, "True or False")
-
-
-def _unpack_bool(value: object) -> bool:
-    if value is True or value is False:
-        return value is True
-    raise Junk
+    return Form(says, frozenset({kind}), pack, unpack)
 
 
 def _pack_int(value: Any) -> int:
@@ -137,8 +132,8 @@ def _unpack_float(value: object) -> float:
     raise Junk
 
 
-NONE: Final = Form("None", frozenset({NoneType}), _pack_none, _unpack_none)
-BOOL: Final = Form("bool", frozenset({bool}), _pack_bool, _unpack_bool)
+NONE: Final = _singletons("None", NoneType, (None,), "None")
+BOOL: Final = _singletons("bool", bool, (True, False), "True or False")
 INT: Final = Form("int", frozenset({int}), _pack_int, _unpack_int)
 FLOAT: Final = Form("float", frozenset({float}), _pack_float, _unpack_float)
 
@@ -386,13 +381,13 @@ def _row(forms: Sequence[Form]) -> Form:
         return pack_items(value)
 
     says = ",".join(form.says for form in forms)
-    return Form(f"[{says}]", frozenset({tuple}), pack, _strict(forms), _depth(forms))
+    return Form(f"[{says}]", frozenset({tuple}), pack, strict(forms), _depth(forms))
 
 
 def _record(cls: type, names: tuple[str, ...], forms: Sequence[Form]) -> Form:
     make = maker(cls, names)
     attributes = getter(names)
-    pack_items, unpack_items = _each([form.pack for form in forms]), _strict(forms)
+    pack_items, unpack_items = _each([form.pack for form in forms]), strict(forms)
 
     def pack(value: Any) -> tuple[Any, ...]:
         if type(value) is not cls:  # of a subclass, fields would be lost
@@ -450,21 +445,21 @@ def _depth(forms: Sequence[Form]) -> int:
 
 
 def _each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-    """All functions, each on its item; written out for pairs, which are most positions."""
+    """Apply all functions, each to its item; written out for pairs, which are most positions."""
     if len(functions) == 2:
         first, second = functions
         return lambda items: (first(items[0]), second(items[1]))
     return lambda items: tuple([function(item) for function, item in zip(functions, items, strict=True)])
 
 
-def _strict(forms: Sequence[Form]) -> Callable[[Any], tuple[Any, ...]]:
-    count = len(forms)
-    unpack_items = _each([form.unpack for form in forms])
+def strict(forms: Sequence[Form]) -> Callable[[Any], tuple[Any, ...]]:
+    """Unpack a tuple of exactly these forms. The function raises Junk for anything else."""
+    functions, count = [form.unpack for form in forms], len(forms)
 
     def unpack(packed: Any) -> tuple[Any, ...]:
         if type(packed) is not tuple or len(packed) != count:
             raise Junk
-        return unpack_items(packed)
+        return tuple([function(item) for function, item in zip(functions, packed, strict=True)])
 
     return unpack
 
@@ -487,6 +482,8 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
         raise Unsound(
             f"{cls.__name__} is made from {wanted}; it should be made from its fields {', '.join(names)}"
         )
+    if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # that of NamedTuple
+        return partial(tuple.__new__, cls)
     if is_plain(cls):
         new = object.__new__
 

@@ -51,68 +51,13 @@ def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
     body: list[object] = [packet.component, *packet.version]
     for role in packet.roles:
         body += role
-    data = bytes([_KNOWLEDGE | min(packet.hops, _MOST_HOPS) << 4]) + _packed(body)
+    data = bytes([_KNOWLEDGE | min(packet.hops, _MOST_HOPS) << 4]) + bytes(msgpack.packb(body))
     if len(data) > limits.most_packet:
         raise ExecutionError(
             f"the published knowledge of {packet.component!r} has {len(data)} bytes; "
             f"at most {limits.most_packet} go on the air (LinkParameters.most_packet)"
         )
     return data
-
-
-def _packed(body: list[object]) -> bytes:
-    data: bytes = msgpack.packb(body)
-    return data
-
-
-def unpack(
-    data: bytes, limits: LinkParameters = DEFAULTS, known: Container[int] = ()
-) -> KnowledgePacket | None:
-    """The packet of bytes that may be anything; None if they are none. Never raises.
-
-    The fields of its roles are bounded in number, size and nesting; a role book tells if they make sense.
-    Of roles whose fingerprint is `known` it tells the nesting, too, which is not looked at here.
-    """
-    if not 0 < len(data) <= limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
-        return None
-    body = _unpacked(data[1:], limits)
-    if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
-        return None
-    component, epoch, counter, *rest = body
-    if type(component) is not str or text_size(component) > limits.most_id:
-        return None
-    if type(epoch) is not int or type(counter) is not int or epoch < 0 or counter < 0:
-        return None
-    roles = (tuple(rest),) if size == _HEAD + 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
-    for role in roles:
-        if not _is_role(*role) or (role[0] not in known and _is_deeper((role,), 3 + limits.most_depth)):
-            return None
-    version = made(Version, (epoch, counter))
-    return made(KnowledgePacket, (component, version, data[0] >> 4, roles))
-
-
-def _unpacked(data: bytes, limits: LinkParameters) -> Any:
-    try:
-        return msgpack.unpackb(
-            data,
-            use_list=False,
-            raw=False,
-            strict_map_key=True,
-            max_array_len=max(limits.most_items, _HEAD + 2 * limits.most_roles),
-            max_str_len=max(limits.most_text, limits.most_id),
-            max_bin_len=limits.most_text,
-            max_map_len=0,
-            max_ext_len=0,
-        )
-    except (
-        ValueError,
-        msgpack.UnpackException,
-    ):  # ValueError: too much, too little, or text that is not UTF-8
-        return None
-
-
-def _is_role(key: object, fields: object) -> bool:
-    return type(key) is int and 0 <= key < 2**32 and type(fields) is tuple
 
 
 def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
@@ -126,32 +71,67 @@ def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
 
 
 class Unpacker:
-    """Unpacks as `unpack` does, but what relays repeat, which differs in its hops only, just once."""
+    """Unpacks bytes from the air, of packets that relays repeat the head only.
+
+    The fields of roles are bounded in number, size and nesting; a role book tells if they make sense.
+    """
 
     def __init__(
         self, limits: LinkParameters = DEFAULTS, most: int = 128, known: Container[int] = ()
     ) -> None:
-        """`most`: packets that are kept, the last ones; a repetition of an older one is unpacked anew.
+        """`most`: packets that are kept for repetitions, the last ones.
 
-        `known`: as `unpack` has it.
+        `known`: fingerprints of roles whose nesting the role book checks, so that it is not checked here.
         """
         self._limits = limits
         self._known = known
         self._most = most
         self._kept: dict[bytes, KnowledgePacket] = {}
+        self._bounds = {
+            "max_array_len": max(limits.most_items, _HEAD + 2 * limits.most_roles),
+            "max_str_len": max(limits.most_text, limits.most_id),
+            "max_bin_len": limits.most_text,
+            "max_map_len": 0,
+            "max_ext_len": 0,
+        }
 
     def unpack(self, data: bytes) -> KnowledgePacket | None:
-        """The packet of bytes that may be anything; None if they are none. Never raises."""
+        """Return the packet of bytes that may be anything; None if they are none. Never raises."""
+        if not 0 < len(data) <= self._limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
+            return None
         body = data[1:]
         kept = self._kept.get(body)
-        if kept is not None and data[0] & 0xF == _KNOWLEDGE:
+        if kept is not None:
             return made(KnowledgePacket, (kept.component, kept.version, data[0] >> 4, kept.roles))
-        packet = unpack(data, self._limits, self._known)
+        packet = self._unpacked(body, data[0] >> 4)
         if packet is not None:
             self._kept[body] = packet
             if len(self._kept) > self._most:
                 del self._kept[next(iter(self._kept))]
         return packet
+
+    def _is_role(self, key: object, fields: object) -> bool:
+        if type(key) is not int or not 0 <= key < 2**32 or type(fields) is not tuple:
+            return False
+        return key in self._known or not _is_deeper(fields, self._limits.most_depth + 1)
+
+    def _unpacked(self, data: bytes, hops: int) -> KnowledgePacket | None:
+        try:
+            body = msgpack.unpackb(data, use_list=False, raw=False, strict_map_key=True, **self._bounds)
+        except (ValueError, msgpack.UnpackException):  # ValueError: out of bounds, or text that is not UTF-8
+            return None
+        if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
+            return None
+        component, epoch, counter, *rest = body
+        if type(component) is not str or text_size(component) > self._limits.most_id:
+            return None
+        if not (type(epoch) is type(counter) is int and epoch >= 0 and counter >= 0):
+            return None
+        roles = (tuple(rest),) if size == _HEAD + 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
+        for key, fields in roles:
+            if not self._is_role(key, fields):
+                return None
+        return made(KnowledgePacket, (component, made(Version, (epoch, counter)), hops, roles))
 
 
 def relayed(data: bytes) -> bytes:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge, is_role, made, published, roles_of
 from deeco.link import DEFAULTS, LinkParameters
-from deeco.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker
+from deeco.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker, strict
 
 __all__ = ["Junk", "Resolution", "RoleBook", "Unpacked", "fingerprint"]
 
@@ -47,7 +47,7 @@ class _Role:
         self._names = names
         self._values = getter(names)
         self._pack = tuple(form.pack for form in forms)
-        self._unpack = tuple(form.unpack for form in forms)
+        self._unpack = strict(forms)
         fields = ",".join(f"{name}:{form.says}" for name, form in zip(names, forms, strict=True))
         self.says = f"{cls.__qualname__}({fields})"
         self.fingerprint = int.from_bytes(blake2b(self.says.encode(), digest_size=4).digest(), "little")
@@ -66,11 +66,8 @@ class _Role:
         return tuple(packed)
 
     def unpack(self, component: str, packed: object) -> Knowledge:
-        """The role of a component. Raises Junk."""
-        if type(packed) is not tuple or len(packed) != len(self._names):
-            raise Junk
-        values = [unpack(field) for unpack, field in zip(self._unpack, packed, strict=True)]
-        made: Knowledge = self._make((component, *values))
+        """Return the role of a component. Raises Junk."""
+        made: Knowledge = self._make((component, *self._unpack(packed)))
         return made
 
 

@@ -29,7 +29,7 @@ from actors.runtime.recording import Entry, decoded, read_notes, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.world import program as world
 from deeco.fragments import Reassembly
-from deeco.packet import unpack
+from deeco.packet import Unpacker
 from deploy.fleet.fleet_file import load_fleet
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
@@ -89,7 +89,7 @@ def _messages(out: Path) -> Iterator[Parser]:
     frames = tuple(frame.data for one in sent if isinstance(one, Transmit) for frame in one.frames)
     yield Parser("frames of fragments", frames, lambda data: Reassembly().take(START, 1, data))
     packets = tuple(packet for frame in frames for packet in Reassembly().take(START, 1, frame))
-    yield Parser("packets of knowledge", packets or frames, unpack)
+    yield Parser("packets of knowledge", packets or frames, Unpacker().unpack)
     psdus = tuple(frame_codec.encode(frame_codec.DataFrame(1, 2, frame)) for frame in frames[:50])
     yield Parser("octets of a frame", psdus, frame_codec.decode)
 
