@@ -46,8 +46,6 @@ from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, Seri
 
 _BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
 """The command for which ./acrc installs what a robot needs."""
-_YEARS: Final = range(2025, 2100)
-"""A clock that shows an earlier year, before that of this software, was never set."""
 _FREE_GB: Final = 2.0
 """Free space that the disk needs. Own choice; a robot with a lidar records up to 100 MB an hour."""
 
@@ -106,7 +104,9 @@ def _extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
         raise AcrcError(f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
     if missing:
         return "not all installed, and not needed here"
-    return f"{'1 package, as it was' if len(pinned) == 1 else f'{len(pinned)} packages, as they were'} tested"
+    return (
+        "1 package, as it was tested" if len(pinned) == 1 else f"{len(pinned)} packages, as they were tested"
+    )
 
 
 class _Timex(ctypes.Structure):
@@ -142,8 +142,9 @@ def now() -> datetime:
 
 
 def _clock() -> str:
+    """A clock that shows a year before this software was never set."""
     time_of_day, error = now(), clock_error()
-    if time_of_day.year not in _YEARS:
+    if not 2025 <= time_of_day.year < 2100:
         raise AcrcError(
             f'it shows the year {time_of_day.year}; set it with `sudo date --set="2026-01-31 12:00"`, or '
             "connect the computer to a network with time"
@@ -217,12 +218,8 @@ def _group() -> str:
 
 
 COMPUTER: Final[Mapping[str, Callable[[], str]]] = {
-    "clock": _clock,
-    "disk": _disk,
-    "namespaces": _namespaces,
-    "kernels": _kernels,
-    "group": _group,
-}
+    "clock": _clock, "disk": _disk, "namespaces": _namespaces, "kernels": _kernels, "group": _group
+}  # fmt: skip
 """The checks of the computer alone; the group matters to robots only."""
 
 

@@ -5,7 +5,7 @@ Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-c
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -18,7 +18,6 @@ from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
 
 _TERMINALS = Path("/sys/class/tty")
-_KEYS = ("idVendor", "idProduct", "serial")
 
 
 class UsbPort(NamedTuple):
@@ -36,12 +35,13 @@ class UsbPort(NamedTuple):
 
 
 def usb_port(path: str) -> UsbPort | None:
-    """The port of that name, links followed; None if it is no USB device, or there is none."""
+    """Return the port of that name, links followed; None if it is no USB device, or there is none."""
     name = Path(path).resolve().name
     folder = (_TERMINALS / name / "device").resolve()
     for parent in (folder, *folder.parents):
         if (parent / "idVendor").is_file():
-            vendor, product, serial = (_attribute(parent, key) for key in _KEYS)
+            files = [parent / key for key in ("idVendor", "idProduct", "serial")]
+            vendor, product, serial = (one.read_text().strip() if one.is_file() else "" for one in files)
             return UsbPort(f"/dev/{name}", vendor, product, serial, parent.name)
     return None
 
@@ -63,13 +63,6 @@ def may_be(device: PortDevice, port: UsbPort) -> bool:
     if (port.vendor, port.product) != device.chip:
         return False
     return device not in {KOBUKI, BOARD} or is_kobuki(port) is (device is KOBUKI)
-
-
-def _attribute(device: Path, key: str) -> str:
-    try:
-        return (device / key).read_text().strip()
-    except OSError:
-        return ""
 
 
 GROUP: Final = "dialout"
@@ -99,11 +92,11 @@ def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
     """
     kobuki = _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
     parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
-    for device, port in _shared(robot).items():
-        more, there = _FAST if device is BOARD else "", _candidates(device, plugged)
-        parts.append(f"# {device.name}: {_choice(device, port, there)}.")
-        if given_name(port) is not None and len(there) == 1:
-            parts.append(_rule(f"{_of(device)}, {_identity(there[0])[0]}", port, more))
+    for device, port, chosen, text in _choices(robot, plugged):
+        more = _FAST if device is BOARD else ""
+        parts.append(f"# {device.name}: {text}.")
+        if chosen is not None:
+            parts.append(_rule(f"{_of(device)}, {_identity(chosen)[0]}", port, more))
         parts += [_rule(_of(device), "", more), ""]
     return "\n".join([*parts, 'LABEL="acrc_end"', ""])
 
@@ -111,38 +104,45 @@ def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
 def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
     """Return why a device gets no name and what to do, a sentence for each."""
     return [
-        f"{port}: {_choice(device, port, there)}"
-        for device, port in _shared(robot).items()
-        if given_name(port) is not None and len(there := _candidates(device, plugged)) != 1
+        f"{one.port}: {one.text}"
+        for one in _choices(robot, plugged)
+        if one.chosen is None and given_name(one.port) is not None
     ]
 
 
-def _shared(robot: FleetRobot) -> dict[PortDevice, str]:
-    """Return the ports of the devices whose chips other devices have, too."""
-    lidar = {} if robot.range is None or robot.range == OPENNI else {RPLIDAR: robot.range}
-    return {BOARD: robot.radio, **lidar}
+class ChipChoice(NamedTuple):
+    """The chip that gets the name of a port, among those that other devices have, too."""
+
+    device: PortDevice
+    port: str
+    chosen: UsbPort | None
+    text: str
+    """Why that one, or why none."""
 
 
-def _candidates(device: PortDevice, plugged: Sequence[UsbPort]) -> list[UsbPort]:
-    return [port for port in plugged if may_be(device, port)]
-
-
-def _choice(device: PortDevice, port: str, there: Sequence[UsbPort]) -> str:
-    """Return in words which of the chips that are plugged in is the device's."""
-    if given_name(port) is None:
-        return f"{port} is no name that a rule can give"
-    if not there:
-        return (
-            f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units again"
-        )
-    known = [(one.path, _identity(one)[1]) for one in there]
-    if len(known) > 1:
-        them = " and ".join(f"{path} ({trait})" for path, trait in known)
-        return (
-            f"{them} could each be the {device.name}, so nothing gets this name; unplug all others and write "
-            "the units again"
-        )
-    return f"the one with {known[0][1]}, which was at {known[0][0]}"
+def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[ChipChoice]:
+    for device, port in ((BOARD, robot.radio), (RPLIDAR, robot.range)):
+        if port is None or port == OPENNI:
+            continue
+        there = [one for one in plugged if may_be(device, one)]
+        traits = [f"{one.path} ({_identity(one)[1]})" for one in there]
+        chosen = None
+        if given_name(port) is None:
+            text = f"{port} is no name that a rule can give"
+        elif not there:
+            text = (
+                f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units "
+                "again"
+            )
+        elif len(there) > 1:
+            text = (
+                f"{' and '.join(traits)} could each be the {device.name}, so nothing gets this name; unplug "
+                "all others and write the units again"
+            )
+        else:
+            (chosen,) = there
+            text = f"the one with {_identity(chosen)[1]}, which was at {chosen.path}"
+        yield ChipChoice(device, port, chosen, text)
 
 
 def _identity(port: UsbPort) -> tuple[str, str]:
@@ -234,7 +234,8 @@ def service(
 ) -> str:
     """Return the text of the service's file."""
     root = program.parent
-    devices = " ".join(_device(port) for port in _ports(robot) if port.startswith("/dev/"))
+    ports = [port for port in (robot.base, robot.radio, robot.range) if port and port.startswith("/dev/")]
+    devices = " ".join(map(_device_unit, ports))
     after, wants = "time-set.target", ""
     if robot.listen is not None and not robot.listens_everywhere:
         # The address that it listens at has to be there; robots do not need the network otherwise.
@@ -246,45 +247,26 @@ def service(
     stop = (f"-{root / '.venv' / 'bin' / 'python'}", "-I", "-S", str(guardian), "alone", robot.base)
     return Template(_TEMPLATE.read_text()).substitute(
         robot=robot.id,
-        fleet=_plain(fleet.path.stem),
+        fleet=fleet.path.stem.replace("%", "%%"),
         wants=f"{devices} {wants}".strip(),
         after=f"{after} {devices}".strip(),
         user=user,
         group=GROUP,
-        start=" ".join(map(_word, start)),
-        stop=" ".join(map(_word, stop)),
+        start=" ".join(_quoted(word).replace("$", "$$") for word in start),
+        stop=" ".join(_quoted(word).replace("$", "$$") for word in stop),
         camera="DeviceAllow=char-usb_device rw" if robot.range == OPENNI else "# No depth camera.",
-        root=_word(str(root), of_command=False),
+        root=_quoted(str(root)),
     )
 
 
-def _ports(robot: FleetRobot) -> list[str]:
-    return [port for port in (robot.base, robot.radio, robot.range) if port is not None and port != OPENNI]
+def _device_unit(path: str) -> str:
+    """Return the device unit of a path in /dev, escaped as by systemd-escape --path."""
+    name = "/".join(part for part in path.split("/") if part).encode()
+    escaped = re.sub(rb"[^A-Za-z0-9:_./]|^\.", lambda match: b"\\x%02x" % match[0][0], name)
+    return escaped.replace(b"/", b"-").decode() + ".device"
 
 
-def _device(path: str) -> str:
-    """The device unit of a path in /dev, escaped as by systemd-escape --path."""
-    return _escaped("/".join(part for part in path.split("/") if part)) + ".device"
-
-
-def _escaped(path: str) -> str:
-    def one(index: int, byte: int) -> str:
-        char = chr(byte)
-        if char == "/":
-            return "-"
-        plain = char.isascii() and (char.isalnum() or char in ":_" or (char == "." and index > 0))
-        return char if plain else f"\\x{byte:02x}"
-
-    return "".join(one(index, byte) for index, byte in enumerate(path.encode()))
-
-
-def _plain(text: str) -> str:
-    return text.replace("%", "%%")
-
-
-def _word(text: str, *, of_command: bool = True) -> str:
-    """One word, as it is, of a command line or a list of paths."""
-    text = _plain(text.replace("\\", "\\\\").replace('"', '\\"'))
-    if of_command:
-        text = text.replace("$", "$$")
-    return text if re.fullmatch(r"[\w/.,:=@%+$-]+", text) else f'"{text}"'
+def _quoted(word: str) -> str:
+    """Return one word of a unit file's list of words, as it is."""
+    word = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%")
+    return word if re.fullmatch(r"[\w/.,:=@%+$-]+", word) else f'"{word}"'

@@ -6,9 +6,10 @@ import ssl
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
@@ -25,15 +26,15 @@ _REFUSAL_S = 0.3
 """How long a robot may take to refuse the laptop's certificate, which TLS 1.3 tells after the handshake."""
 
 
-def cause(endpoint: str, keys: Keys, patience_s: float) -> str:
-    """What keeps this laptop from a session with `tls/HOST:PORT`; empty if a handshake succeeds."""
+def cause(endpoint: str, keys: Keys) -> str:
+    """Return what keeps this laptop from a session with `tls/HOST:PORT`; empty if a handshake succeeds."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     host = host.strip("[]")
     try:
         context = ssl.create_default_context(cafile=str(keys.authority))
         context.load_cert_chain(keys.certificate, keys.private_key)
         with (
-            socket.create_connection((host, int(port)), patience_s) as plain,
+            socket.create_connection((host, int(port)), _CAUSE_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as secure,
         ):
             secure.settimeout(_REFUSAL_S)
@@ -43,7 +44,7 @@ def cause(endpoint: str, keys: Keys, patience_s: float) -> str:
     except ssl.SSLError as error:
         return f"no secure connection, {(error.reason or str(error)).replace('_', ' ').lower()}"
     except TimeoutError:
-        return f"no answer within {patience_s:g} s"
+        return f"no answer within {_CAUSE_S:g} s"
     except OSError as error:
         return (error.strerror or str(error)).lower()
 
@@ -59,19 +60,15 @@ def _refusal(secure: ssl.SSLSocket) -> str:
         )
 
 
-@dataclass(frozen=True)
-class LaptopParameters:
-    """How long the operator's laptop waits for robots."""
-
-    order_s: float = 2.0
-    """Within which an order is carried out by a robot or named as a failure, s. Own choice: as
-    long as somebody who sees a robot go wrong will look at a screen."""
-    cause_s: float = 1.5
-    """How long it may take to find out why a robot is not reached, s. Own choice: less than `order_s`."""
-    retry_s: float = 1.0
-    """Between attempts to reach a robot that is watched, s. Own choice."""
-    look_s: float = 0.02
-    """Between looks at what has come, s. Own choice: a hundredth of `order_s`."""
+_ORDER_S: Final = 2.0
+"""Within which an order is carried out by a robot or named as a failure. Own choice: as long as somebody who
+sees a robot go wrong will look at a screen."""
+_CAUSE_S: Final = 1.5
+"""How long it may take to find out why a robot is not reached. Own choice: less than `_ORDER_S`."""
+_RETRY_S: Final = 1.0
+"""Between attempts to reach a robot that is watched. Own choice."""
+_LOOK_S: Final = 0.02
+"""Between looks at what has come. Own choice: a hundredth of `_ORDER_S`."""
 
 
 @dataclass(frozen=True)
@@ -91,24 +88,20 @@ def done(order: Order) -> str:
     return _DONE[type(order)]
 
 
-def give(
-    endpoints: Sequence[str], keys: Path, order: Order, parameters: LaptopParameters = LaptopParameters()
-) -> list[WatchAnswer]:
-    """Give all robots an order at once; each one's answer, after `order_s` at the latest.
+def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer]:
+    """Give all robots an order at once; return each one's answer, after `_ORDER_S` at the latest.
 
     One that cannot be reached delays none of the others. Raises an AcrcError for an endpoint or keys that
     make no sense, before any robot is told anything.
     """
     own, names = _checked(endpoints, keys)
-    deadline = time.monotonic() + parameters.order_s
-    failures: dict[str, str | None] = dict.fromkeys(
-        names, f"it was not reached within {parameters.order_s:g} s"
-    )
+    deadline = time.monotonic() + _ORDER_S
+    failures: dict[str, str | None] = dict.fromkeys(names, f"it was not reached within {_ORDER_S:g} s")
     causes: dict[str, str] = {}
 
     def tell(endpoint: str) -> None:
         try:
-            for failure in _tell(endpoint, own, order, deadline, parameters):
+            for failure in _tell(endpoint, own, order, deadline):
                 failures[endpoint] = failure
         except AcrcError:
             return  # what has failed stands there already
@@ -116,66 +109,54 @@ def give(
             failures[endpoint] = f"it may not have got the order: {error}"
 
     def ask(endpoint: str) -> None:
-        causes[endpoint] = cause(endpoint, own, parameters.cause_s)
+        causes[endpoint] = cause(endpoint, own)
 
     # Daemons: a connection attempt that hangs in the system is left behind, not waited for.
     threads = [threading.Thread(target=tell, args=(name,), daemon=True) for name in names]
-    for thread in threads:
+    for thread in (*threads, *(threading.Thread(target=ask, args=(name,), daemon=True) for name in names)):
         thread.start()
-    for name in names:
-        threading.Thread(target=ask, args=(name,), daemon=True).start()
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
     return [_answer(name, failures[name], causes) for name in names]
 
 
-def _answer(name: str, failure: str | None, causes: dict[str, str]) -> WatchAnswer:
-    why = causes.get(name, "")
-    return WatchAnswer(name, f"{failure}: {why}" if failure and why else failure)
+def _answer(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> WatchAnswer:
+    why = causes.get(endpoint) if failure else ""
+    return WatchAnswer(endpoint, f"{failure}: {why}" if why else failure)
 
 
-def _tell(
-    endpoint: str, keys: Keys, order: Order, deadline: float, parameters: LaptopParameters
-) -> Iterator[str | None]:
-    """Give one robot the order; how it stands with that, whenever it changes: None once the robot obeys."""
+def _tell(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
+    """Give one robot the order; yield each failure so far, and None once the robot obeys."""
     with open_session(laptop_config(keys, endpoint), deadline - time.monotonic()) as session:
         bus = ZenohBus(session, (at(PROGRESS),))
         bus.publish(CONTROL.key(), encode(Control(0, (order,))))
-        yield f"it was given the order, but did not say within {parameters.order_s:g} s that it obeys"
+        yield f"it was given the order, but did not say within {_ORDER_S:g} s that it obeys"
         while time.monotonic() < deadline:
-            if any(_obeys(progress, order) for progress in _progress(bus)):
+            if any(_obeys(message, order) for _, message in _messages(bus, at(PROGRESS))):
                 yield None
                 return
-            time.sleep(parameters.look_s)
+            time.sleep(_LOOK_S)
 
 
-def _progress(bus: ZenohBus) -> Iterator[Progress]:
-    while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
-        message = decode(delivery.topic, delivery.key, delivery.payload)
-        assert isinstance(message, Progress)
-        yield message
+def _messages(bus: ZenohBus, address: Address) -> Iterator[tuple[str, Message]]:
+    """Yield key and message of what has come."""
+    while (delivery := bus.poll(address.topic)) is not None:
+        yield delivery.key, decode(delivery.topic, delivery.key, delivery.payload)
 
 
-def _obeys(progress: Progress, order: Order) -> bool:
-    if isinstance(order, Stop):
-        return progress.finished
-    return progress.paused == isinstance(order, Pause)
+def _obeys(progress: Message, order: Order) -> bool:
+    assert isinstance(progress, Progress)
+    return progress.finished if isinstance(order, Stop) else progress.paused == isinstance(order, Pause)
 
 
-def watch(
-    endpoints: Sequence[str],
-    keys: Path,
-    seconds: float | None = None,
-    parameters: LaptopParameters = LaptopParameters(),
-) -> None:
-    """Print a line for every word of every robot, until interrupted or for so many seconds.
+def watch(endpoints: Sequence[str], keys: Path) -> None:
+    """Print a line for every report of every robot, until interrupted.
 
-    A robot that is not there, or is so no longer, is said once, and looked for until it is back.
+    A robot that is not there, or is so no longer, is reported once, and looked for until it is back.
     """
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    listen(endpoints, keys, lines, parameters)
-    end = None if seconds is None else time.monotonic() + seconds
-    while end is None or time.monotonic() < end:
+    listen(endpoints, keys, lines)
+    while True:
         try:
             sys.stdout.write(lines.get(timeout=0.1) + "\n")
         except queue.Empty:
@@ -186,30 +167,28 @@ def listen(
     endpoints: Sequence[str],
     keys: Path,
     lines: "queue.SimpleQueue[str]",
-    parameters: LaptopParameters = LaptopParameters(),
     more: Sequence[Address] = (),
     take: Callable[[str, str, Message], None] = lambda endpoint, key, message: None,
 ) -> None:
-    """Put a line for every word of every robot into `lines`, from threads that end with this process.
+    """Put a line for every report of every robot into `lines`, from threads that end with this process.
 
-    `take` is told, with endpoint and key, every message itself, and those on the addresses `more`, of which
+    `take` is given, with endpoint and key, every message itself, and those on the addresses `more`, of which
     there are no lines; it must not wait. Raises an AcrcError for an endpoint or keys that make no sense.
     """
     own, names = _checked(endpoints, keys)
     for name in names:
-        listener = _Listener(name, own, lines, parameters, more, take)
+        listener = _Listener(name, own, lines, more, take)
         threading.Thread(target=listener.listen, daemon=True).start()
 
 
 class _Listener:
-    """Says what one robot says, and whether it can be heard."""
+    """Reports what one robot reports, and whether it can be heard."""
 
     def __init__(
         self,
         endpoint: str,
         keys: Keys,
         lines: "queue.SimpleQueue[str]",
-        parameters: LaptopParameters,
         more: Sequence[Address],
         take: Callable[[str, str, Message], None],
     ) -> None:
@@ -218,8 +197,7 @@ class _Listener:
         self._endpoint = endpoint
         self._keys = keys
         self._lines = lines
-        self._parameters = parameters
-        self._said = ""
+        self._state = ""
 
     def listen(self) -> None:
         """Never returns."""
@@ -227,34 +205,28 @@ class _Listener:
             try:
                 self._session()
             except Exception as error:  # whatever one robot does must not end the watch over the others
-                self._state(f"is not heard: {self._why(error)}; it is looked for")
-            time.sleep(self._parameters.retry_s)
+                self._set_state(
+                    f"is not heard: {cause(self._endpoint, self._keys) or error}; it is looked for"
+                )
+            time.sleep(_RETRY_S)
 
     def _session(self) -> None:
         """Pass on what comes until the session with the robot's router ends."""
         with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
             bus = ZenohBus(session, self._addresses, onlooker=len(self._addresses) > 2)
-            self._state("is heard")
+            self._set_state("is heard")
             while session.info.routers_zid():
                 for address in self._addresses:
-                    self._hear(bus, address)
-                time.sleep(self._parameters.look_s)
-        self._state("is no longer heard; it is looked for")
+                    for key, message in _messages(bus, address):
+                        self._take(self._endpoint, key, message)
+                        for line in _lines(message):
+                            self._say(line)
+                time.sleep(_LOOK_S)
+        self._set_state("is no longer heard; it is looked for")
 
-    def _hear(self, bus: ZenohBus, address: Address) -> None:
-        while (delivery := bus.poll(address.topic)) is not None:
-            message = decode(delivery.topic, delivery.key, delivery.payload)
-            self._take(self._endpoint, delivery.key, message)
-            for line in _lines(message):
-                self._say(line)
-
-    def _why(self, error: Exception) -> str:
-        return cause(self._endpoint, self._keys, self._parameters.cause_s) or str(error)
-
-    def _state(self, words: str) -> None:
-        """Say how it is with the robot if that has changed."""
-        if words != self._said:
-            self._said = words
+    def _set_state(self, words: str) -> None:
+        if words != self._state:
+            self._state = words
             self._say(words)
 
     def _say(self, words: str) -> None:

@@ -1,12 +1,13 @@
-"""Live robots drawn from what they say: where they hold themselves to be, places, radio; truth nobody knows.
+"""Live robots drawn from what they report: pose estimates, places, radio. There is no ground truth.
 
-Time is the laptop's, from when it began to listen, and what is said is drawn at the instant at which it came.
+Time is the laptop's, from when it began to listen; a message is drawn at the instant at which it came.
 """
 
+import math
 import queue
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -33,7 +34,7 @@ from deploy.fleet.fleet_file import Fleet
 _PERIOD_S: Final = 0.2
 """Between two pictures."""
 _SILENT_S: Final = 2.0
-"""A robot of which nothing has been heard for so long is said not to be: it has ten steps a second."""
+"""A robot that was not heard for so long is shown as not heard: it has ten steps a second."""
 _COUNTED_S: Final = 5.0
 """Radio events are counted over so long."""
 _MOST: Final = 20_000
@@ -49,55 +50,29 @@ class HeardMessage(NamedTuple):
     message: Message
 
 
-class Inbox:
-    """Takes messages from the threads that listen, which never wait for whoever draws."""
-
-    def __init__(self) -> None:
-        self.missed = 0
-        """Messages for which there was no room."""
-        self._began = time.monotonic()
-        self._waiting: queue.Queue[HeardMessage] = queue.Queue(_MOST)
-
-    @property
-    def now(self) -> float:
-        """Since it was made, s."""
-        return time.monotonic() - self._began
-
-    def take(self, endpoint: str, key: str, message: Message) -> None:
-        """Keep one message."""
-        try:
-            self._waiting.put_nowait(HeardMessage(self.now, endpoint, key, message))
-        except queue.Full:
-            self.missed += 1
-
-    def all(self) -> list[HeardMessage]:
-        """What has come since the last call."""
-        return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
-
-
 class WatchedFleet:
-    """Draws what has been said, piece by piece."""
+    """Draws what has been heard, piece by piece."""
 
     def __init__(self, fleet: Fleet, sheet: Sheet) -> None:
         self.robots = tuple(robot.id for robot in fleet.robots)
-        self._model = RunModel(
-            RunDescription(
-                out=Path(),
-                title="a fleet",
-                robots=self.robots,
-                grid=load_map(fleet.map),
-                step_us=0,
-                own_places={robot.id: robot.places for robot in fleet.robots},
-                addresses={robot.address: robot.id for robot in fleet.robots},
-                has_truth=False,
-            )
+        description = RunDescription(
+            out=Path(),
+            title="a fleet",
+            robots=self.robots,
+            grid=load_map(fleet.map),
+            step_us=0,
+            own_places={robot.id: robot.places for robot in fleet.robots},
+            addresses={robot.address: robot.id for robot in fleet.robots},
+            has_truth=False,
         )
+        self._model = RunModel(description)
         self._canvas = Canvas(sheet.recording, self.robots)
         self._last: dict[str, float] = {}
         """When each was heard last, s."""
         self._endpoints: dict[str, str] = {}
-        """Who is behind an endpoint, as soon as that is known."""
-        self._told: dict[str, str] = {}
+        """The robot behind an endpoint, as soon as that is known."""
+        self._reports: dict[str, str] = {}
+        """The last progress report of each."""
         self._counts: Counter[str] = Counter()
         self._drawn: set[str] = set()
         self._counted = 0.0
@@ -106,60 +81,47 @@ class WatchedFleet:
         for robot in self.robots:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
-    def draw(self, said: Sequence[HeardMessage], now: float, missed: int) -> None:
+    def draw(self, heard: Sequence[HeardMessage], now: float, missed: int) -> None:
         """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
-        events: list[DrawnEvent] = []
-        for one in said:
-            robot = robot_of(one.key) or self._endpoints.get(one.endpoint, "")
-            if robot in self.robots:
-                self._endpoints[one.endpoint] = robot
-                self._last[robot] = one.second
-            match one.message:
-                case Drive() | Received() if robot in self.robots:
-                    self._fold(one, robot)
-                case Progress():
-                    events += self._progress(robot or one.endpoint, one.second, one.message)
-                case Board():
-                    events += [DrawnEvent(one.second, robot, f"board: {note}") for note in one.message.notes]
+        events = [event for one in heard for event in self._take(one)]
         if missed > self._missed:
             lacks = f"the view lacks {missed - self._missed} messages: too many came"
             events.append(DrawnEvent(now, "", lacks, "WARN"))
             self._missed = missed
-        self._note_silence(now)
+        for robot in self.robots:
+            silent = now - self._last.get(robot, -math.inf) > _SILENT_S
+            self._model.set_state(robot, self._model.since, "not heard" if silent else "")
         run = self._model.observed(now)
         self._drawing.recorded(run)
         self._drawing.computed(run)
         self._drawing.tell(events)
-        self._plot(now)
-
-    def _fold(self, said: HeardMessage, robot: str) -> None:
-        """Fold a robot's message; everything in it counts as of the instant at which it came."""
-        if isinstance(said.message, Received):
-            self._counts.update(FRAME_OUTCOMES[type(event)] for event in said.message.events)
-        instant = round(said.second * 1e6)
-        self._model.extend(said.key, with_instants(said.message, lambda _: instant), said.second)
-
-    def _progress(self, who: str, second: float, progress: Progress) -> list[DrawnEvent]:
-        """How a robot gets on, where that has changed."""
-        told = watch.told(progress)
-        if self._told.get(who) == told:
-            return []
-        self._told[who] = told
-        return [DrawnEvent(second, who, told, "WARN" if progress.held else "INFO")]
-
-    def _note_silence(self, now: float) -> None:
-        """Note which robots are no longer heard, or again."""
-        for robot in self.robots:
-            last = self._last.get(robot)
-            silent = last is None or now - last > _SILENT_S
-            self._model.set_state(robot, self._model.since, "not heard" if silent else "")
-
-    def _plot(self, now: float) -> None:
-        """How old each robot's last word is; and what became of frames."""
         for robot, last in self._last.items():
             words.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
-        if now < self._counted + _COUNTED_S:
-            return
+        if now >= self._counted + _COUNTED_S:
+            self._plot_frames(now)
+
+    def _take(self, heard: HeardMessage) -> Iterator[DrawnEvent]:
+        """Take in a message; everything in it counts as of the instant at which it came."""
+        second, endpoint, key, message = heard
+        robot = robot_of(key) or self._endpoints.get(endpoint, "")
+        if robot in self.robots:
+            self._endpoints[endpoint] = robot
+            self._last[robot] = second
+        match message:
+            case Drive() | Received() if robot in self.robots:
+                if isinstance(message, Received):
+                    self._counts.update(FRAME_OUTCOMES[type(event)] for event in message.events)
+                self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
+            case Progress():
+                who, told = robot or endpoint, watch.told(message)
+                if self._reports.get(who) != told:
+                    self._reports[who] = told
+                    yield DrawnEvent(second, who, told, "WARN" if message.held else "INFO")
+            case Board():
+                yield from (DrawnEvent(second, robot, f"board: {note}") for note in message.notes)
+
+    def _plot_frames(self, now: float) -> None:
+        """Plot how many frames per second had which outcome."""
         for name in FRAME_OUTCOMES.values():
             path = f"plots/copies/{name}"
             if self._counts[name] and name not in self._drawn:
@@ -173,15 +135,23 @@ class WatchedFleet:
         self._counted = now
 
 
-def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | None = None) -> None:
-    """Show robots in the viewer, and print their words, until interrupted or for so many seconds.
+def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
+    """Show robots in the viewer, and print their reports, until interrupted.
 
     In a window if there is a display, else in a browser. Raises an AcrcError for endpoints, keys or a map
     that make no sense.
     """
-    inbox, lines = Inbox(), queue.SimpleQueue[str]()
-    grid = load_map(fleet.map)
-    watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=inbox.take)
+    waiting, lines = queue.Queue[HeardMessage](_MOST), queue.SimpleQueue[str]()
+    grid, began, missed = load_map(fleet.map), time.monotonic(), 0
+
+    def take(endpoint: str, key: str, message: Message) -> None:
+        nonlocal missed
+        try:
+            waiting.put_nowait(HeardMessage(time.monotonic() - began, endpoint, key, message))
+        except queue.Full:
+            missed += 1
+
+    watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=take)
     opened = viewer.open_any(say_at_once, "words are printed only")
     try:
         if opened is not None and opened.page:
@@ -191,8 +161,9 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
             address = None if opened is None else opened.address
             with Sheet(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
                 watched = WatchedFleet(fleet, sheet)
-                while seconds is None or inbox.now < seconds:
-                    watched.draw(inbox.all(), inbox.now, inbox.missed)
+                while True:
+                    heard = [waiting.get_nowait() for _ in range(waiting.qsize())]
+                    watched.draw(heard, time.monotonic() - began, missed)
                     while not lines.empty():
                         say_at_once(lines.get())
                     time.sleep(_PERIOD_S)

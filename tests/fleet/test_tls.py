@@ -28,7 +28,7 @@ from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.isolation.tls import Keys, laptop_config, listening_router_config, load_keys
 from actors.topic import Message
 from deploy.fleet import watch
-from deploy.fleet.watch import LaptopParameters, WatchAnswer
+from deploy.fleet.watch import WatchAnswer
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
 from tests.fleet.texts import ROOT
@@ -401,8 +401,9 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
 
 
 def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up(
-    robots: list[Robot], keys: Path
+    robots: list[Robot], keys: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(watch, "_RETRY_S", 3600.0)  # its thread never ends
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     taken: list[tuple[str, str, Message]] = []
     drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
@@ -411,7 +412,6 @@ def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up
             [robots[0].endpoint],
             keys,
             lines,
-            LaptopParameters(retry_s=3600.0),  # its thread never ends
             more=(at(messages.DRIVE, "*"),),
             take=lambda *words: taken.append(words),
         )
