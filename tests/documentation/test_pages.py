@@ -9,7 +9,7 @@ import sys
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Final, NamedTuple
@@ -45,15 +45,30 @@ LEAST = {
 """What every scenario has, by its key; the first one is not a table."""
 
 
-_UNTRIED: Final = re.compile(r"\(not run by tests: ([^)]+)\)$")
+NOT_RUN: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        r"(apptainer|docker|kubectl|sbatch|sed|tar|deploy/clusters/ssh\.sh) ": "needs another program or host",
+        r"python -m pip|\./acrc (add|fleet bundle) ": "needs a network",
+        r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
+        r"\S*acrc fleet (onboard|units .* --robot r2$)": "needs a robot",
+        r"\./acrc (view \S+$|.* (--view|--control|--screenshot|--pdb|--debug)\b)": "interactive",
+        r"\./acrc (check|test|verify)( tests/\S+| \w+ --full)?$": "runs the tests",
+        r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
+        r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
+        r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs such a campaign",
+        r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs other files",
+        r"\./acrc replay runs/seen --robot r2 --strategy random": "ends with exit code 1",
+        r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
+    }
+)
+"""Reasons why no test runs a command of a page, by the start of the command."""
 
 SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run": "--duration 5",
     "./acrc run --seed 3": "--duration 5",
     "./acrc run --robots 8 --seed 3 --duration 300": "--duration 5",
     "./acrc run --bus memory --json": "--duration 5",
-    "./acrc run --strategy my_study.lease:behaviour": "--duration 5",
-    "./acrc run --hardware-in-the-loop": "--duration 2",
+    "./acrc run --strategy nearest:behaviour": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
     "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
@@ -64,7 +79,6 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc campaign --preset chapter": "--robots 2 --seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         "--robots 2 --seeds 2 --duration 2",
-    "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
     ".venv/bin/python -m tests.localisation.courses course.zip --seed 7": "--duration 9",
     "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
     "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
@@ -89,18 +103,15 @@ class Command(NamedTuple):
 
     words: str
     """Without the comment."""
-    untried: str
-    """The reason why no test runs it, as the page states it; empty: tests run it."""
+    is_run: bool
+    """False: matches `NOT_RUN`."""
 
 
 def commands_of(block: Block) -> list[Command]:
     """Return the commands of a block in `sh`, one per line."""
-    lines = (line.partition(" #") for line in block.text.replace("\\\n", " ").splitlines())
-    return [
-        Command(words.strip(), found[1] if (found := _UNTRIED.search(said.strip())) else "")
-        for words, _, said in lines
-        if shlex.split(words, comments=True)
-    ]
+    lines = (line.partition(" #")[0].strip() for line in block.text.replace("\\\n", " ").splitlines())
+    typed = [line for line in lines if shlex.split(line, comments=True)]
+    return [Command(line, not any(re.match(pattern, line) for pattern in NOT_RUN)) for line in typed]
 
 
 def shortened(command: Command) -> str:
@@ -209,6 +220,8 @@ def clone() -> Iterator[Path]:
         (folder / "my_study").mkdir()
         lease = "from cleaning.strategies.chapter import behaviour as behaviour\n"
         (folder / "my_study" / "lease.py").write_text(lease)
+        (nearest,) = (block.text for block in PAGES["README.md"].blocks() if block.language == "python")
+        (folder / "nearest.py").write_text(nearest)
         yield folder
 
 
@@ -234,7 +247,7 @@ def commands_to_run(name: str) -> list[Command]:
     if (name, "sh") in TESTED_ELSEWHERE:
         return []
     found = [one for page, block in blocks("sh") if page == name for one in commands_of(block)]
-    return [one for one in found if not one.untried and one.words != "./acrc demo"]
+    return [one for one in found if one.is_run and one.words != "./acrc demo"]
 
 
 @pytest.mark.nightly
@@ -261,13 +274,13 @@ def test_python_on_pages_runs(clone: Path) -> None:
 
 
 def test_lists_of_special_commands_name_commands_on_pages() -> None:
-    typed = {one.words for _, block in blocks("sh") for one in commands_of(block) if not one.untried}
+    typed = {one.words for _, block in blocks("sh") for one in commands_of(block)}
     assert sorted(set(SHORTENED) - typed) == []
+    assert [pattern for pattern in NOT_RUN if not any(re.match(pattern, words) for words in typed)] == []
     for (page, _), test in TESTED_ELSEWHERE.items():
         assert page.rpartition("/")[2] in (REPOSITORY / test).read_text(), f"{test} does not read {page}"
 
 
-pytestmark = [pytest.mark.nightly, pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")]
 OUTSIDE = re.compile(
     r"""<(?:script|img|iframe|source|audio|video)\b[^>]*?\bsrc=["'](?:https?:)?//"""
     r"""|<link\b[^>]*?\bhref=["'](?:https?:)?//|@import|url\(\s*["']?(?:https?:)?//"""
@@ -281,6 +294,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return documentation.build(REPOSITORY / "docs", tmp_path_factory.mktemp("docs") / "site").parent
 
 
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 def test_every_page_is_there_and_leads_to_files_of_the_site(site: Path) -> None:
     names = {page.name.removesuffix(".md") for page in pages() if page.name.startswith("docs/")}
     assert {name for name in names if not (site / f"{name.removeprefix('docs/')}.html").is_file()} == set()
@@ -292,12 +307,16 @@ def test_every_page_is_there_and_leads_to_files_of_the_site(site: Path) -> None:
     assert missing == []
 
 
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 def test_no_page_fetches_anything_from_elsewhere(site: Path) -> None:
     files = [path for path in site.rglob("*") if path.suffix in {".html", ".css", ".js", ".svg"}]
     assert len(files) > 60
     assert [str(path) for path in files if OUTSIDE.search(path.read_text(encoding="utf-8"))] == []
 
 
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 @pytest.mark.parametrize(("package", "name"), [(robot, "robot"), (deeco, "deeco")])
 def test_every_public_name_is_in_the_reference(package: ModuleType, name: str, site: Path) -> None:
     page = (site / "reference" / f"{name}.html").read_text(encoding="utf-8")
