@@ -6,13 +6,14 @@ import tempfile
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import ACRC, Measured, spent
+from acrc_testbed.benchmarks.measured import ACRC, Measured, Spent, spent
 from acrc_testbed.benchmarks.swarm_runs import (
     SwarmTask,
     by_room,
@@ -61,10 +62,6 @@ _HEAD: Final = (
 )
 
 
-def _task(seconds: float) -> SwarmTask:
-    return SwarmTask((ROBOTS,), seconds, None, seed=_SEED)
-
-
 @dataclass(frozen=True)
 class CountedSteps:
     """The steps by which a run exceeds one a third as long; start and end of a run are not counted."""
@@ -80,7 +77,10 @@ class CountedSteps:
     @property
     def tasks(self) -> tuple[SwarmTask, SwarmTask]:
         """Return the shorter run and the longer one."""
-        return _task(self.first_s), _task(self.seconds)
+        return (
+            SwarmTask((ROBOTS,), self.first_s, None, seed=_SEED),
+            SwarmTask((ROBOTS,), self.seconds, None, seed=_SEED),
+        )
 
     def per_step(self, short: Mapping[str, float], long: Mapping[str, float]) -> dict[str, float]:
         """Return the difference of two runs per robot and step; by name, the greatest first."""
@@ -121,7 +121,7 @@ class MeshCounts:
 
 def counted(window: CountedSteps) -> StepCounts:
     """Count in memory, after a short run that imports modules and loads kernels."""
-    with planned(ROBOTS, _task(2.0), "memory") as plan:
+    with planned(ROBOTS, replace(window.tasks[0], seconds=2.0), "memory") as plan:
         swarm.run_in_memory(plan, lambda progress: None)
     short, long = map(_profiled, window.tasks)
     names = [field.name for field in fields(StepCounts)]
@@ -134,7 +134,7 @@ def blocks(window: CountedSteps) -> float:
     for task in window.tasks:
         with planned(ROBOTS, task, "memory") as plan, counted_blocks() as count:
             swarm.run_in_memory(plan, lambda progress: None)
-        found.append({"": float(count.blocks)})
+        found.append({"": float(count[0])})
     return window.per_step(*found)[""]
 
 
@@ -171,42 +171,31 @@ class _CountingBus(MemoryBus):
 
 def mesh_counted(window: CountedSteps) -> MeshCounts:
     """Count over Zenoh. Raises AcrcError if a run fails."""
-    switches, recorded = zip(*map(_plain, window.tasks), strict=True)
-    by_kind = window.per_step(*switches)
-    traced = window.per_step(*map(_traced, window.tasks)) if shutil.which(_TRACER) else None
-    return MeshCounts(traced, by_kind["voluntary"], by_kind["forced"], window.per_step(*recorded))
+    plain = [_over_mesh(task) for task in window.tasks]
+    switches = window.per_step(*({"voluntary": of.voluntary, "forced": of.forced} for of, _, _ in plain))
+    traced = None
+    if shutil.which(_TRACER):
+        traced = window.per_step(*(_over_mesh(task, traced=True)[2] for task in window.tasks))
+    recorded = window.per_step(*(sizes for _, sizes, _ in plain))
+    return MeshCounts(traced, switches["voluntary"], switches["forced"], recorded)
 
 
-def _plain(task: SwarmTask) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    """Return context switches and recorded bytes of one run."""
+def _over_mesh(
+    task: SwarmTask, *, traced: bool = False
+) -> tuple[Spent, Mapping[str, float], Mapping[str, float]]:
+    """Return cost and recorded bytes of one run, and its system calls by name if it is `traced`."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        out = Path(folder) / "out"
-        of = spent([*ACRC, *_words(task, out)])
-        return {"voluntary": of.voluntary, "forced": of.forced}, recorded_bytes(out)
-
-
-def _traced(task: SwarmTask) -> Mapping[str, float]:
-    """Return the system calls of one run by name, from its start to its end."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        table = Path(folder) / "calls"
-        words = _words(task, Path(folder) / "out")
-        spent([_TRACER, "-f", "-c", "-U", "name,calls", "-o", str(table), *ACRC, *words])
-        return read_calls(table.read_text())
-
-
-def read_calls(table: str) -> dict[str, float]:
-    """Read strace's table of names and calls."""
-    rows = (line.split() for line in table.split("\n"))
-    return {
-        row[0]: float(row[1]) for row in rows if len(row) == 2 and row[1].isdecimal() and row[0] != "total"
-    }
-
-
-def _words(task: SwarmTask, out: Path) -> tuple[str, ...]:
-    return (
-        *("run", str(task.scenario), "--robots", str(ROBOTS), "--seed", str(task.seed)),
-        *("--duration", f"{task.seconds:g}", "--bus", "zenoh", "--json", "--out", str(out)),
-    )
+        out, table = Path(folder) / "out", Path(folder) / "calls"
+        tracer = (_TRACER, "-f", "-c", "-U", "name,calls", "-o", str(table)) if traced else ()
+        words = (
+            *("run", str(task.scenario), "--robots", str(ROBOTS), "--seed", str(task.seed)),
+            *("--duration", f"{task.seconds:g}", "--bus", "zenoh", "--json", "--out", str(out)),
+        )
+        of = spent([*tracer, *ACRC, *words])
+        rows = [line.split() for line in table.read_text().splitlines()] if traced else []
+        counts = {row[0]: float(row[1]) for row in rows if len(row) == 2 and row[1].isdecimal()}
+        counts.pop("total", None)
+        return of, recorded_bytes(out), counts
 
 
 def written(counts: StepCounts) -> str:
@@ -289,7 +278,7 @@ def _memory(found: StepCounts, allocated: float, kept: StepCounts | None) -> lis
         _table(f"{words} per robot-step, in memory", getattr(found, name), getattr(kept, name, None))
         for name, words in KEPT.items()
     ]
-    most = dict(list(found.functions.items())[:_MOST_CALLED])
+    most = dict(islice(found.functions.items(), _MOST_CALLED))
     tables.insert(1, _table("the functions called most, per robot-step", most, None, whole=False))
     tables.append(f"memory blocks allocated per robot-step, freed ones included: {allocated:.1f}")
     if kept is not None:

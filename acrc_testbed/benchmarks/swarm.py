@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from rich.table import Table
 from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
 from acrc_testbed.benchmarks.swarm_runs import (
     KINDS,
-    Memory,
     MemoryFigures,
     MeshFigures,
     Range,
@@ -61,11 +61,6 @@ class Traffic:
     """Packets received, those of the robot's own knowledge included."""
     stale: float
     """Received packets that are as old as what is known, or the robot's own."""
-
-    @property
-    def news(self) -> float:
-        """Return the packets with new knowledge."""
-        return self.packets - self.stale
 
 
 @dataclass(frozen=True)
@@ -157,19 +152,16 @@ def yardstick() -> float:
 
 def _traffic(robots: int, run: MemoryFigures) -> Traffic:
     """Divide a run's counters by robots and seconds."""
-    frames, node = run.frames, run.node
-    copies = sum(count for name, count in frames.items() if name.startswith("copies_"))
-    stale = node.get("packets_old", 0) + node.get("packets_own", 0)
-    counts = (
-        *(node.get("published", 0), frames["frames_sent"], copies, frames["copies_heard"]),
-        *(node.get("packets", 0), stale),
-    )
-    return Traffic(*(count / (robots * run.simulated_s) for count in counts))
-
-
-def memory_mb(memory: dict[str, Memory], kind: str) -> float:
-    """Return the mean PSS of one process of a kind, MB."""
-    return memory[kind].pss_mb / memory[kind].processes
+    frames, node = run.frames, Counter(run.node)
+    counts = {
+        "published": node["published"],
+        "frames": frames["frames_sent"],
+        "copies": sum(count for name, count in frames.items() if name.startswith("copies_")),
+        "heard": frames["copies_heard"],
+        "packets": node["packets"],
+        "stale": node["packets_old"] + node["packets_own"],
+    }
+    return Traffic(**{name: count / (robots * run.simulated_s) for name, count in counts.items()})
 
 
 def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
@@ -195,7 +187,7 @@ def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
     if FEW in meshes:
         factor = many.ms.median / meshes[FEW].ms.median
         goals.append(at_most(f"{MANY} robots: CPU per robot and second as with {FEW}, times", factor, GROWTH))
-    size = memory_mb(many.memory, ROBOTS)
+    size = many.memory[ROBOTS].mean_pss_mb
     return [
         *goals,
         at_most(f"{MANY} robots: s until the first step", many.startup_s.median, START_S),
@@ -209,11 +201,11 @@ def _shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Spee
         f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; CPU ms per robot and "
         "simulated second;\nyardstick: CPU ms of fixed work"
     )
-    air = [{"robots": one.robots, **_air(one.traffic)} for one in swarms]
+    air = [{"robots": str(one.robots), **_air(one.traffic)} for one in swarms]
     tables: list[Table | str] = [
         table_of([_speed(one) for one in swarms], speeds),
         _by_room(swarms),
-        table_of(air, "the air, per robot and simulated second"),
+        table_of(air, "the air, per robot and simulated second", ".2f"),
     ]
     if meshes:
         title = "processes: CPU ms per robot and simulated second; MB of memory, all of a kind"
@@ -254,12 +246,11 @@ def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
     return table
 
 
-def _air(of: Traffic) -> dict[str, str]:
-    rates = {
+def _air(of: Traffic) -> dict[str, float]:
+    return {
         "published": of.published, "frames sent": of.frames, "copies computed": of.copies,
-        "frames heard": of.heard, "packets": of.packets, "news": of.news, "no news": of.stale,
+        "frames heard": of.heard, "packets": of.packets, "news": of.packets - of.stale, "no news": of.stale,
     }  # fmt: skip
-    return {name: f"{rate:.2f}" for name, rate in rates.items()}
 
 
 def _processes(robots: int, mesh: MeshFigures) -> Iterator[dict[str, str]]:
@@ -268,5 +259,5 @@ def _processes(robots: int, mesh: MeshFigures) -> Iterator[dict[str, str]]:
             "robots": str(robots), "kind": name, "processes": str(of.processes),
             "CPU ms": f"{mesh.by_actor[name]:.3f}" if name in mesh.by_actor else "-",
             "RSS": f"{of.rss_mb:.1f}", "PSS": f"{of.pss_mb:.1f}", "private": f"{of.private_mb:.1f}",
-            "PSS of one": f"{memory_mb(mesh.memory, name):.1f}",
+            "PSS of one": f"{of.mean_pss_mb:.1f}",
         }  # fmt: skip

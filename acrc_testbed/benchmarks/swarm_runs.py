@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numba import carray, cfunc, types
+from numpy.typing import NDArray
 
 from acrc_testbed.results.result import RunResult
 from actors.floor.map_file import load_map
@@ -79,38 +80,20 @@ def by_room(called: Mapping[Function, Entry]) -> dict[str, float]:
     Functions outside this project count for their callers, in proportion; the sum of all is kept.
     """
     rooms: defaultdict[str, float] = defaultdict(float)
-    open_calls: dict[Function, float] = {}
-    for function, (calls, _) in called.items():
-        room = room_of(function)
-        if room is None:
-            open_calls[function] = calls
-        else:
-            rooms[room] += calls
+    waiting = {function: calls for function, (calls, _) in called.items()}
     for _ in range(_ROUNDS):
-        if not open_calls:
-            break
-        open_calls = _passed_up(open_calls, called, rooms)
-    rooms[NO_ROOM] += sum(open_calls.values())
-    return rooms
-
-
-def _passed_up(
-    open_calls: Mapping[Function, float], called: Mapping[Function, Entry], rooms: defaultdict[str, float]
-) -> dict[Function, float]:
-    """Attribute values to the folders of callers; return those whose callers are outside this project."""
-    left: dict[Function, float] = {}
-    for function, calls in open_calls.items():
-        callers = called[function][1]
-        whole = sum(callers.values())
-        if not whole:
-            rooms[NO_ROOM] += calls
-        for caller, times in callers.items():
-            share, room = calls * times / whole, room_of(caller)
-            if room is None:
-                left[caller] = left.get(caller, 0.0) + share
+        foreign: defaultdict[Function, float] = defaultdict(float)
+        for function, calls in waiting.items():
+            callers = called[function][1]
+            whole = sum(callers.values())
+            if (room := room_of(function)) is not None or not whole:
+                rooms[room or NO_ROOM] += calls
             else:
-                rooms[room] += share
-    return left
+                for caller, times in callers.items():
+                    foreign[caller] += calls * times / whole
+        waiting = foreign
+    rooms[NO_ROOM] += sum(waiting.values())
+    return rooms
 
 
 def room_of(function: Function) -> str | None:
@@ -139,30 +122,17 @@ class _Allocator(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in ("context", "malloc", "calloc", "realloc", "free")]
 
 
-class BlockCount:
-    """Number of memory blocks requested from Python's allocator."""
-
-    def __init__(self) -> None:
-        self.array = np.zeros(1, np.int64)
-
-    @property
-    def blocks(self) -> int:
-        """Return the count so far."""
-        return int(self.array[0])
-
-
 @contextmanager
-def counted_blocks() -> Iterator[BlockCount]:
-    """Count blocks allocated for objects, freed ones included.
+def counted_blocks() -> Iterator[NDArray[np.int64]]:
+    """Count blocks requested from Python's allocator, freed ones included, in the only element of an array.
 
     Small tuples, floats and the like from CPython's free lists are not allocated and not counted.
     """
-    count, before = BlockCount(), _Allocator()
+    count, before = np.zeros(1, np.int64), _Allocator()
     ctypes.pythonapi.PyMem_GetAllocator(_OBJECTS, ctypes.byref(before))
     malloc = _counting(ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(before.malloc))
     assert not before.context, "the context would not reach the original allocator"
-    address = int(count.array.ctypes.data)
-    counting = _Allocator(address, malloc.address, before.calloc, before.realloc, before.free)
+    counting = _Allocator(int(count.ctypes.data), malloc.address, before.calloc, before.realloc, before.free)
     ctypes.pythonapi.PyMem_SetAllocator(_OBJECTS, ctypes.byref(counting))
     try:
         yield count
@@ -231,9 +201,7 @@ def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """Plan a run in a temporary folder, which is deleted afterwards."""
     overrides = Overrides(robots=count, duration=task.simulated_s(count), seed=task.seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(
-            Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True, record="lean"
-        )
+        options = RunOptions(Path(folder) / "out", bus=bus, json=True, record="lean")
         scenario = load_scenario(task.scenario, overrides)
         try:
             plan = swarm.plan(scenario, options)
@@ -270,8 +238,7 @@ class MemoryFigures:
 def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
     """Measure the fastest of some runs, and profile one more."""
     runs = [_timed(count, task) for _ in range(min(task.repeat, _MEMORY_REPEATS))]
-    spent_ns, result = min(runs, key=itemgetter(0))
-    ms = spent_ns / count / result.simulated_s / 1e6
+    ms, result = min(runs, key=itemgetter(0))
     rooms = by_room(entries(profiled(count, task, MemoryBus())[0], "inlinetime"))
     total = sum(rooms.values())
     return MemoryFigures(
@@ -286,12 +253,11 @@ def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
 
 def memory_ms(count: int, task: SwarmTask) -> float:
     """Return the CPU of one run per robot and simulated second, ms."""
-    spent_ns, result = _timed(count, task)
-    return spent_ns / count / result.simulated_s / 1e6
+    return _timed(count, task)[0]
 
 
-def _timed(count: int, task: SwarmTask) -> tuple[int, RunResult]:
-    """Run in memory; return the CPU from the first step to the last, ns, and the result."""
+def _timed(count: int, task: SwarmTask) -> tuple[float, RunResult]:
+    """Run in memory; return the CPU from the first step to the last, ms per robot-second, and the result."""
     spent: list[int] = []
 
     def timed(shells: Sequence[Shell], hold: Callable[[Shell], None]) -> None:
@@ -301,7 +267,7 @@ def _timed(count: int, task: SwarmTask) -> tuple[int, RunResult]:
 
     with planned(count, task, "memory") as plan, patch.object(memory_swarm, "run_shells", timed):
         result = swarm.run_in_memory(plan, lambda progress: None)
-    return spent[0], result
+    return spent[0] / count / result.simulated_s / 1e6, result
 
 
 def profiled(count: int, task: SwarmTask, bus: MemoryBus) -> tuple[cProfile.Profile, dict[str, float]]:
@@ -343,6 +309,11 @@ class Memory:
     """Proportional: a page that n processes share counts 1/n in each."""
     private_mb: float
     """Pages of one process only."""
+
+    @property
+    def mean_pss_mb(self) -> float:
+        """Return the proportional memory of one process, MB."""
+        return self.pss_mb / self.processes
 
 
 @dataclass(frozen=True)
@@ -449,14 +420,10 @@ def _stat(pid: int) -> list[str]:
 
 
 def memory_of(pids: Sequence[int]) -> Memory:
-    """Return the memory of these processes."""
-    sizes = [_sizes((_PROC / str(pid) / "smaps_rollup").read_text()) for pid in pids]
-    return Memory(len(pids), *(sum(size[index] for size in sizes) for index in range(3)))
-
-
-def _sizes(text: str) -> tuple[float, float, float]:
-    """Return RSS, PSS and private memory, MB, from a file smaps_rollup (proc_pid_smaps(5))."""
-    rows = (line.split() for line in text.splitlines()[1:])
-    kib = {row[0].removesuffix(":"): int(row[1]) for row in rows}
+    """Return the memory of these processes, from their files smaps_rollup (proc_pid_smaps(5))."""
+    kib: Counter[str] = Counter()
+    for pid in pids:
+        rows = (line.split() for line in (_PROC / str(pid) / "smaps_rollup").read_text().splitlines()[1:])
+        kib.update({row[0].removesuffix(":"): int(row[1]) for row in rows})
     private = kib["Private_Clean"] + kib["Private_Dirty"]
-    return kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024
+    return Memory(len(pids), kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024)
