@@ -62,8 +62,7 @@ Coordinate = Annotated[float, Meta(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINA
 StartPose = Annotated[tuple[Coordinate, Coordinate, Coordinate], Meta(description=A_POSE)]
 Place = Annotated[tuple[Coordinate, Coordinate], Meta(description=A_POINT)]
 Span = Annotated[
-    tuple[Coordinate, Coordinate],
-    Meta(description="two numbers [from, to] in m, the first below the second"),
+    tuple[Coordinate, Coordinate], Meta(description="two numbers [from, to] in m, the first below the second")
 ]
 Text = Annotated[str, Meta(pattern=r"\A[^\x00]+\Z")]
 """Not empty, and without the zero character, which ends a path for the operating system."""
@@ -208,11 +207,7 @@ def parse(text: str, kind: type[T], name: str) -> T:
 
 
 def decode(
-    kind: type[T],
-    content: Any,
-    key: str = "",
-    base: T | None = None,
-    others: Collection[str] = (),
+    kind: type[T], content: Any, key: str = "", base: T | None = None, others: Collection[str] = ()
 ) -> T:
     """Return the struct or dataclass that a table describes; `key` is the table's place in the file.
 

@@ -10,9 +10,10 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from signal import SIGCONT, SIGKILL, SIGTERM, Signals
 from typing import Annotated, Any, Final
@@ -33,7 +34,16 @@ from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.zenoh_bus import HostRouter, open_host_router
 from deploy.hosts.certificates import PemKeys
-from deploy.hosts.files import PREFIX, RUN, TASK, FilePart, GrowingFile, IncomingFiles, read_files
+from deploy.hosts.files import (
+    PREFIX,
+    RUN,
+    TASK,
+    FilePart,
+    GrowingFile,
+    IncomingFiles,
+    files_below,
+    read_files,
+)
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 """Number of a process, in order of the requests to start it."""
@@ -166,24 +176,17 @@ class HostReport(msgspec.Struct, frozen=True):
 class HostAgent:
     """Dask actor: methods run one after another in a thread of the worker."""
 
-    def __init__(self, task: bytes, keys: tuple[bytes, bytes, bytes]) -> None:
-        """`task`: a HostTask as JSON. `keys`: as PemKeys."""
-        told = msgspec.json.decode(task, type=HostTask)
-        self._session = _Session(told, PemKeys(*keys), get_worker())
-        _SESSIONS[told.run] = self._session
+    def __init__(self, task: HostTask, keys: PemKeys) -> None:
+        self._session = _SESSIONS[task.run] = _Session(task, keys, get_worker())
         weakref.finalize(self, self._session.abandon)
 
-    def put(self, parts: bytes) -> None:
-        """Write files of the run: a msgpack list of FilePart."""
-        self._session.put(msgspec.msgpack.decode(parts, type=list[FilePart]))
+    def put(self, parts: list[FilePart]) -> None:
+        """Write files of the run; none: all files are here, so the router is started."""
+        self._session.put(parts)
 
-    def begin(self) -> None:
-        """Start the router; all files are here."""
-        self._session.begun.set()
-
-    def exchange(self, orders: bytes) -> bytes:
-        """Carry out HostOrders, and return a HostReport; both as msgpack."""
-        return msgspec.msgpack.encode(self._session.exchange(msgspec.msgpack.decode(orders, type=HostOrders)))
+    def exchange(self, orders: HostOrders) -> bytes:
+        """Carry out the orders, and return a HostReport as msgpack: the run checks it."""
+        return msgspec.msgpack.encode(self._session.exchange(orders))
 
     def close(self) -> None:
         """Remove the run's folder; the run has received all that was to be sent."""
@@ -208,7 +211,7 @@ class _Session:
 
     def __init__(self, task: HostTask, keys: PemKeys, worker: Worker) -> None:
         self._task, self._worker = task, worker
-        self.begun = threading.Event()
+        self._begun = threading.Event()
         self._folder = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
         (self._folder / TASK).write_bytes(msgspec.json.encode(task))
         keys.write(self._folder / _KEYS)
@@ -223,9 +226,11 @@ class _Session:
         self.thread = threading.Thread(target=self._serve, name=f"run {task.run}", daemon=True)
         self.thread.start()
 
-    def put(self, parts: Iterable[FilePart]) -> None:
-        """Write files. Raises FilePartError."""
+    def put(self, parts: list[FilePart]) -> None:
+        """Write files; none: begin. Raises FilePartError."""
         self._called_s = time.monotonic()
+        if not parts:
+            self._begun.set()
         try:
             for part in parts:
                 self._incoming.take(part)
@@ -267,13 +272,14 @@ class _Session:
         """Return the files that strategies have written, once."""
         if self._own is None:
             run = self._folder / RUN
-            self._own = (part for robot in self._task.robots for part in read_files(run, run / robot / "own"))
+            owns = (files_below(run / robot / "own", run) for robot in self._task.robots)
+            self._own = read_files(chain.from_iterable(owns))
         return self._own
 
     def _serve(self) -> None:
         secrets = self._folder / RUN / _INFRA / credentials.ROUTER_FILE
         try:
-            while not self.begun.is_set():
+            while not self._begun.is_set():
                 self._turn()
             with launcher(self._task.spawn) as launched:
                 self._run(launched)
@@ -360,12 +366,10 @@ class RobotProcesses:
         self._closed = False
         self._waiting: deque[StartRobot] = deque()
         self._children: dict[int, Child] = {}
-        self._seen_end: set[int] = set()
         self._files: dict[Path, GrowingFile] = {}
-        self._ending: list[int] = []
         self._refused: dict[int, str] = {}
-        self._undelivered: deque[tuple[int, Child]] = deque()
-        """Processes that have ended, some of whose output has not been sent."""
+        self._ending: dict[int, Child] = {}
+        """Processes whose end has been reported, but not all of whose output has been sent."""
         self._resources = ResourceWatch(task.limits)
 
     @property
@@ -376,7 +380,7 @@ class RobotProcesses:
     @property
     def settled(self) -> bool:
         """True if also their output has been sent."""
-        return self.all_ended and not (self._undelivered or self._ending or self._refused)
+        return not (self._waiting or self._children or self._refused or self._ending)
 
     def open(self, launched: Launcher) -> None:
         """Start processes by `launched` from now on."""
@@ -387,7 +391,6 @@ class RobotProcesses:
         self._closed = True
         for child in self._running():
             child.exit_code = -SIGKILL
-        self._note_ends()
 
     def order(self, orders: HostOrders) -> None:
         """Carry out what concerns processes; starts wait until the launcher has compiled all."""
@@ -400,20 +403,16 @@ class RobotProcesses:
                 self._children[number].send(Signals(signal))
 
     def look(self) -> None:
-        """Start the processes that wait; note those that have ended."""
+        """Start the processes that wait, and notice ends."""
         if self._launched is None:
             return
         self._launched.wait(0.0)
         while self._waiting and self._launched.ready:
-            self._start(self._waiting.popleft(), self._launched)
-        self._note_ends()
-
-    def _note_ends(self) -> None:
-        for number, child in self._children.items():
-            if child.exit_code is not None and number not in self._seen_end:
-                self._seen_end.add(number)
-                self._ending.append(number)
-                self._undelivered.append((number, child))
+            order = self._waiting.popleft()
+            try:
+                self._children[order.number] = self._launched.start(self._program(order))
+            except (AcrcError, msgspec.MsgspecError) as error:
+                self._refused[order.number] = str(error)[:2000]
 
     def fault(self) -> str:
         """Return the resource limit that a running process exceeds; empty: none."""
@@ -441,13 +440,17 @@ class RobotProcesses:
 
         `rest`: files to send once everything else has been.
         """
-        ending, refused = tuple(self._ending), self._refused
-        self._ending, self._refused = [], {}
+        refused, self._refused = self._refused, {}
+        new = {number: child for number, child in self._children.items() if child.exit_code is not None}
+        self._children = {number: one for number, one in self._children.items() if number not in new}
+        self._ending |= new
         parts: list[FilePart] = []
         ended: list[EndedProcess] = []
         room = _REPORT_BYTES
-        while self._undelivered and (room := self._read(self._undelivered[0][1].program, parts, room)) > 0:
-            number, child = self._undelivered.popleft()
+        for number, child in tuple(self._ending.items()):
+            if (room := self._read(child.program, parts, room)) <= 0:
+                break
+            del self._ending[number]
             for path in self._written(child.program):
                 self._files.pop(path).close()
             left = self._left(child.program)
@@ -459,16 +462,10 @@ class RobotProcesses:
             parts.append(part)
             if (room := room - len(part.data)) <= 0:
                 break
-        return HostEvents(tuple(parts), ending, refused, tuple(ended), room <= 0)
+        return HostEvents(tuple(parts), tuple(new), refused, tuple(ended), room <= 0)
 
     def _running(self) -> list[Child]:
         return [child for child in self._children.values() if child.exit_code is None]
-
-    def _start(self, order: StartRobot, launched: Launcher) -> None:
-        try:
-            self._children[order.number] = launched.start(self._program(order))
-        except (AcrcError, msgspec.MsgspecError) as error:
-            self._refused[order.number] = str(error)[:2000]
 
     def _program(self, order: StartRobot) -> Program:
         """Return what to execute, with the paths of this computer."""
@@ -504,7 +501,8 @@ class RobotProcesses:
     def _read(self, program: Program, parts: list[FilePart], room: int) -> int:
         """Read what a process has written since the last report; return the room that is left."""
         for path in self._written(program):
-            file = self._files.setdefault(path, GrowingFile(self._folder, path))
+            name = path.relative_to(self._folder).as_posix()
+            file = self._files.setdefault(path, GrowingFile(path, name))
             while room > 0 and (part := file.part()) is not None:
                 parts.append(part)
                 room -= len(part.data)

@@ -269,9 +269,8 @@ class IncomingFiles:
 class GrowingFile:
     """One file that is read while it grows."""
 
-    def __init__(self, folder: Path, path: Path) -> None:
-        self._name = path.relative_to(folder).as_posix()
-        self._path = path
+    def __init__(self, path: Path, name: str) -> None:
+        self._path, self._name = path, name
         self._file: BinaryIO | None = None
         self._begun = False
 
@@ -294,12 +293,16 @@ class GrowingFile:
             self._file.close()
 
 
-def read_files(folder: Path, below: Path) -> Iterator[FilePart]:
-    """Return all regular files below a folder in `folder`, in order; links are left out."""
-    for path in sorted(below.rglob("*")):
-        if path.is_symlink() or not path.is_file():
-            continue
-        file = GrowingFile(folder, path)
-        while (part := file.part()) is not None:
-            yield part
+def read_files(files: Iterable[tuple[Path, str]]) -> Iterator[FilePart]:
+    """Return the parts of files, given with their names, in order; links are left out."""
+    for path, name in files:
+        file = GrowingFile(path, name)
+        yield from iter(file.part, None)
         file.close()
+
+
+def files_below(folder: Path, base: Path, prefix: str = "") -> Iterator[tuple[Path, str]]:
+    """Return all regular files below a folder, and their names as of `base`."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not path.is_symlink():
+            yield path, prefix + path.relative_to(base).as_posix()

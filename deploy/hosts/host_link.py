@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +27,7 @@ from deploy.hosts.agent import (
     ProcessStatus,
     StartRobot,
 )
-from deploy.hosts.files import PART, FilePart, FilePartError, IncomingFiles
+from deploy.hosts.files import FilePart, FilePartError, IncomingFiles, read_files
 
 HIDDEN_S: Final = 3.0
 """After so long without a report the states of a host's processes are unknown."""
@@ -93,8 +94,8 @@ class HostLink:
         self.meter = LoadMeter()
         self._place, self._files, self._made = place, files, made
         self._agent: Any = None
-        self._calls: Iterator[tuple[Any, ...]] = iter(())
-        """Calls before the run."""
+        self._first: Iterator[FilePart] | None = None
+        """Files that are sent before the run."""
         self._call: Any = None
         self._starts: list[StartRobot] = []
         self._children: dict[int, RemoteChild] = {}
@@ -131,7 +132,7 @@ class HostLink:
 
     def begin(self, files: Iterable[tuple[Path, str]]) -> None:
         """Send these files, by their names there, then start the host's router."""
-        self._calls = _first_calls(files)
+        self._first = read_files(files)
 
     def start(self, program: Program) -> Child:
         """Have a robot's process started; on a host that is gone it has ended at once."""
@@ -222,9 +223,11 @@ class HostLink:
         now = time.monotonic()
         if self.done:
             self._call = self._agent.close()
-        elif first := next(self._calls, None):
-            self._call = getattr(self._agent, first[0])(*first[1:])
-            self.begun = first[0] == "begin"
+        elif self._first is not None:
+            parts = list(islice(self._first, _PARTS_PER_CALL))
+            self._call = self._agent.put(parts)
+            if not parts:
+                self.begun, self._first = True, None
         elif self._more or self._starts or self.signals or now >= self._called_s + _POLL_S:
             look = now >= self._looked_s + _LOOK_S
             if look:
@@ -232,13 +235,13 @@ class HostLink:
                 self.meter.asked()
             orders = HostOrders(tuple(self._starts), tuple(self.signals), look, self.finish)
             self._starts, self.signals, self._called_s = [], [], now
-            self._call = self._agent.exchange(msgspec.msgpack.encode(orders))
+            self._call = self._agent.exchange(orders)
 
     def _progressed(self) -> None:
         self._heard_s = self._progress_s = time.monotonic()
 
     def _take(self, answer: object) -> None:
-        if answer is None:  # of `put`, `begin` and `close`
+        if answer is None:  # of `put` and `close`
             self._progressed()
             self._closed = self.done
             return
@@ -283,23 +286,6 @@ class HostLink:
             child = self._children[one.number]
             child.left, child.strays, child.cpu_s = one.left, one.strays, one.cpu_s
             child.exit_code = one.code
-
-
-def _first_calls(files: Iterable[tuple[Path, str]]) -> Iterator[tuple[Any, ...]]:
-    """Return the calls that send files, and the one that begins."""
-    waiting: list[FilePart] = []
-    for path, name in files:
-        with path.open("rb") as file:
-            data = file.read(PART)
-            while data or not file.tell():
-                waiting.append(FilePart(name, data))
-                if len(waiting) == _PARTS_PER_CALL:
-                    yield "put", msgspec.msgpack.encode(waiting)
-                    waiting = []
-                if not (data := file.read(PART)):
-                    break
-    yield "put", msgspec.msgpack.encode(waiting)
-    yield ("begin",)
 
 
 class LoadMeter:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
 from distributed import Future
 
 from acrc_testbed.results import seal
@@ -26,7 +25,7 @@ from deploy.hosts import certificates
 from deploy.hosts.address import PAGE, bound, bracketed, free_port, host_and_port
 from deploy.hosts.agent import CODE, HostAgent, HostTask, occupy
 from deploy.hosts.allocation import HostPool
-from deploy.hosts.files import RUN, IncomingFiles
+from deploy.hosts.files import RUN, IncomingFiles, files_below
 from deploy.hosts.host_link import HostLink
 
 _FIRST_TOLD_S: Final = 5.0
@@ -41,11 +40,7 @@ class HostedLauncher:
     """Launches robots on their hosts, and all other actors here."""
 
     def __init__(
-        self,
-        here: Launcher,
-        links: Sequence[HostLink],
-        silence_s: float,
-        say: Callable[[str], None],
+        self, here: Launcher, links: Sequence[HostLink], silence_s: float, say: Callable[[str], None]
     ) -> None:
         """`silence_s`: timeout after which a host that does not answer is lost."""
         self._here = here
@@ -305,8 +300,7 @@ class RunHosts:
             share=settings.share(robots),
             leave=settings.leave,
         )
-        pem = (keys.authority, keys.certificate, keys.private_key)
-        made = self._pool.submit(name, HostAgent, msgspec.json.encode(task), pem, actor=True)
+        made = self._pool.submit(name, HostAgent, task, keys, actor=True)
         self._futures.append(made)
         most = settings.limits.disk_mb * _MB * len(robots)
         files = IncomingFiles(
@@ -321,9 +315,7 @@ class RunHosts:
         """Return the files of these robots, and their names on the host."""
         out = self._settings.out
         for robot in robots:
-            for path in sorted((out / robot).rglob("*")):
-                if path.is_file():
-                    yield path, f"{RUN}/{path.relative_to(out).as_posix()}"
+            yield from files_below(out / robot, out, f"{RUN}/")
         for number, files in enumerate(self._settings.code, start=1):
             for name, path in files:
                 yield path, f"{CODE}/{number}/{name}"

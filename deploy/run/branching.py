@@ -203,7 +203,7 @@ def continue_run(
     console = screen(stderr=True)
     changes = "; ".join(change.words) or "nothing changed"
     console.print(
-        f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
+        f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s"
     )
     parted = branched.divergence
     if parted is None:

@@ -51,9 +51,7 @@ def prepare_run(
 def claimed(prepared: PreparedRun) -> PreparedRun:
     """Return the run with a new output folder of this name, or of this name and a number, now made."""
     out = prepared.options.out
-    return prepared._replace(
-        options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)),
-    )
+    return prepared._replace(options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)))
 
 
 @contextmanager

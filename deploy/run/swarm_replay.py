@@ -145,11 +145,7 @@ class _Trails:
 
 
 def divergence(
-    one: Path,
-    other: Path,
-    step_us: int,
-    names: tuple[str, str] = ("run", "branch"),
-    until: float = math.inf,
+    one: Path, other: Path, step_us: int, names: tuple[str, str] = ("run", "branch"), until: float = math.inf
 ) -> Divergence | None:
     """Return the first difference of the recordings of `other` from those of `one`; `until`: the last step.
 

@@ -222,11 +222,7 @@ def starts(
 
 
 def _draw_start(
-    grid: OccupancyGrid,
-    spec: RobotSpec,
-    scenario: Scenario,
-    taken: Sequence[Point],
-    floor: Point | None,
+    grid: OccupancyGrid, spec: RobotSpec, scenario: Scenario, taken: Sequence[Point], floor: Point | None
 ) -> Point:
     try:
         (point,) = draw_points(
@@ -291,10 +287,7 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
 
 
 def places(
-    grid: OccupancyGrid,
-    spec: RobotSpec,
-    start: tuple[float, float, float],
-    scenario: Scenario,
+    grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
 ) -> tuple[tuple[float, float], ...]:
     """The robot's places: its own, or those that the preset means."""
     if spec.own.places is not None:

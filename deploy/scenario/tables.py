@@ -34,10 +34,7 @@ Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 StepMs = Annotated[
     int,
     Meta(
-        ge=10,
-        le=100,
-        multiple_of=10,
-        description="a multiple of the 10 ms physics sub-step, from 10 to 100",
+        ge=10, le=100, multiple_of=10, description="a multiple of the 10 ms physics sub-step, from 10 to 100"
     ),
 ]
 Parameters = Annotated[dict[str, Any], Meta(description="a table of a preset and of parameters")]

@@ -16,7 +16,7 @@ from deploy.hosts import host_link
 from deploy.hosts.address import bound, free_port, place_of, plain
 from deploy.hosts.agent import HostEvents, HostOrders, HostReport, ProcessStatus
 from deploy.hosts.allocation import HostOffer, shares, unfit
-from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, read_files
+from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, files_below, read_files
 from deploy.hosts.host_link import HostLink, LoadMeter
 
 HERE = "127.0.0.1"
@@ -37,8 +37,7 @@ def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
 
 
 @pytest.mark.parametrize(
-    "path",
-    ["r1.mcap", "r2/r2.mcap", "../r1/x", "r1/../r2/x", "r1//x", "r1/./x", "/r1/x", "r1/a\0b", "r1/"],
+    "path", ["r1.mcap", "r2/r2.mcap", "../r1/x", "r1/../r2/x", "r1//x", "r1/./x", "/r1/x", "r1/a\0b", "r1/"]
 )
 def test_nothing_is_taken_beside_the_robots_own_folders(tmp_path: Path, path: str) -> None:
     incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 100, "")
@@ -76,14 +75,14 @@ def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
     (here / "r1" / "own" / "empty").touch()
     (here / "r1" / "own" / "link").symlink_to("/etc/hostname")
     incoming = IncomingFiles(there, {"r1"}.__contains__, 1 << 20, "")
-    growing = GrowingFile(here, here / "r1" / "log")
+    growing = GrowingFile(here / "r1" / "log", "r1/log")
     assert growing.part() is None
     for piece in (b"first", b"", b"second"):
         with (here / "r1" / "log").open("ab") as log:
             log.write(piece)
         while (part := growing.part()) is not None:
             incoming.take(part)
-    for part in read_files(here, here / "r1" / "own"):
+    for part in read_files(files_below(here / "r1" / "own", here)):
         incoming.take(part)
     growing.close()
     assert {path.name: path.read_bytes() for path in there.rglob("*") if path.is_file()} == {
@@ -156,19 +155,15 @@ class FakeHost:
     def result(self) -> "FakeHost":
         return self
 
-    def put(self, parts: bytes) -> SimpleNamespace:
-        self.put_parts += msgspec.msgpack.decode(parts, type=list[FilePart])
-        return answered(None)
-
-    def begin(self) -> SimpleNamespace:
+    def put(self, parts: list[FilePart]) -> SimpleNamespace:
+        self.put_parts += parts
         return answered(None)
 
     def close(self) -> SimpleNamespace:
         self.closed = True
         return answered(None)
 
-    def exchange(self, orders: bytes) -> SimpleNamespace:
-        msgspec.msgpack.decode(orders, type=HostOrders)
+    def exchange(self, orders: HostOrders) -> SimpleNamespace:
         return answered(self.answers.pop(0))
 
 
