@@ -15,7 +15,7 @@ from typing import Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average, spent
+from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average, spent, table_of
 from actors.console import screen
 from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, check_choice, wrong_value
@@ -218,12 +218,9 @@ def _measured(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs:
     found: list[Pair] = []
     for number in range(pairs):
         _say(f"{case.robots} robots, pair {number + 1} of {pairs} …")
-        if number % 2 == 0:
-            one = mine.run(case)
-            found.append((one, theirs.run(case)))
-        else:
-            two = theirs.run(case)
-            found.append((mine.run(case), two))
+        order = (mine, theirs) if number % 2 == 0 else (theirs, mine)
+        costs = {state.name: state.run(case) for state in order}
+        found.append((costs[mine.name], costs[theirs.name]))
     return found
 
 
@@ -238,12 +235,13 @@ def _digests_equal(pairs: Sequence[Pair]) -> bool:
 
 
 def _shown(case: PairedCase, pairs: Sequence[Pair], name: str) -> list[Table | str]:
-    title = f"{case.robots} robots, {case.seconds:g} s simulated, --bus {case.bus}, {len(pairs)} pairs"
-    table = Table("medians", HERE, name, "here, times as fast", "95 % interval", title=title)
+    rows = []
     for figure, words in _WORDS.items():
         one, two = (median(getattr(run, figure) for run in runs) for runs in zip(*pairs, strict=True))
         times = _times(pairs, figure)
         interval = f"{times.low:.2f} to {times.high:.2f}"
-        table.add_row(words, f"{one:.2f}", f"{two:.2f}", f"{times.value:.2f}", interval)
+        row = {HERE: one, name: two, "here, times as fast": times.value, "95 % interval": interval}
+        rows.append({"medians": words, **row})
+    title = f"{case.robots} robots, {case.seconds:g} s simulated, --bus {case.bus}, {len(pairs)} pairs"
     equal = "equal" if _digests_equal(pairs) else "different, so the two do different work"
-    return [table, f"digests: {equal}"]
+    return [table_of(rows, title, ".2f"), f"digests: {equal}"]

@@ -40,23 +40,18 @@ class Measured:
         """Return the same with one more sentence at the end."""
         return replace(self, shown=(*self.shown, line))
 
-    def show(self) -> None:
-        """Print it for people, on standard output."""
-        console = screen(width=None if sys.stdout.isatty() else _WIDTH)
-        for one in self.shown:
-            if isinstance(one, str):
-                console.print(one)
-            else:
-                print_table(console, one)
-
-
-def tell(found: Measured, *, json_output: bool) -> int:
-    """Print it for people or as JSON; return the exit code, 1 if the claim does not hold."""
-    if json_output:
-        sys.stdout.write(json.dumps(found.figures) + "\n")
-    else:
-        found.show()
-    return 1 if found.holds is False else 0
+    def tell(self, *, json_output: bool) -> int:
+        """Print it for people or as JSON; return the exit code, 1 if the claim does not hold."""
+        if json_output:
+            sys.stdout.write(json.dumps(self.figures) + "\n")
+        else:
+            console = screen(width=None if sys.stdout.isatty() else _WIDTH)
+            for one in self.shown:
+                if isinstance(one, str):
+                    console.print(one)
+                else:
+                    print_table(console, one)
+        return 1 if self.holds is False else 0
 
 
 @dataclass(frozen=True)
@@ -147,23 +142,11 @@ class Spent:
 
 
 def spent(words: Sequence[str], cwd: Path | None = None, env: Mapping[str, str] | None = None) -> Spent:
-    """Run a command while this process has no other one; AcrcError with its last words where it fails."""
+    """Run a command while this process has no other one. Raises AcrcError with its last words if it fails.
+
+    If this process is ended meanwhile, so are all processes that the command has started.
+    """
     before, began = getrusage(RUSAGE_CHILDREN), time.monotonic()
-    code, out, err = _run(words, cwd, env)
-    wall_s, after = time.monotonic() - began, getrusage(RUSAGE_CHILDREN)
-    if code != 0:
-        raise AcrcError(f"{shlex.join(words)} fails: {err.strip()[-_LAST_WORDS:]}")
-    return Spent(
-        out,
-        wall_s,
-        after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime,
-        after.ru_nvcsw - before.ru_nvcsw,
-        after.ru_nivcsw - before.ru_nivcsw,
-    )
-
-
-def _run(words: Sequence[str], cwd: Path | None, env: Mapping[str, str] | None) -> tuple[int, str, str]:
-    """Exit code and streams; if this process is ended meanwhile, so are all that the command has started."""
     try:
         process = subprocess.Popen(
             words, cwd=cwd, env=env, start_new_session=True, text=True,
@@ -177,4 +160,13 @@ def _run(words: Sequence[str], cwd: Path | None, env: Mapping[str, str] | None) 
         except BaseException:
             os.killpg(process.pid, signal.SIGTERM)
             raise
-    return process.returncode, out, err
+    wall_s, after = time.monotonic() - began, getrusage(RUSAGE_CHILDREN)
+    if process.returncode != 0:
+        raise AcrcError(f"{shlex.join(words)} fails: {err.strip()[-_LAST_WORDS:]}")
+    return Spent(
+        out,
+        wall_s,
+        after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime,
+        after.ru_nvcsw - before.ru_nvcsw,
+        after.ru_nivcsw - before.ru_nivcsw,
+    )

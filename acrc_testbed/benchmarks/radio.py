@@ -9,7 +9,6 @@ from statistics import median
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
@@ -24,6 +23,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     scene,
 )
 from acrc_testbed.picture import style
+from acrc_testbed.picture.style import Axes
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns

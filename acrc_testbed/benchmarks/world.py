@@ -42,23 +42,14 @@ def best(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) ->
 
 
 def turtlebot(rays: int) -> RobotModel:
-    """The chapter's robot with so many rays."""
-    model = load_model("turtlebot2", "chapter")
-    return model.with_sensor(rays=rays)
+    """Return the chapter's robot with so many rays."""
+    return load_model("turtlebot2", "chapter").with_sensor(rays=rays)
 
 
 def strewn(grid: OccupancyGrid, count: int, rng: Generator) -> list[Pose]:
     """So many poses on the largest region of the map, apart from each other and from the walls."""
     points = draw_points(grid, count, rng=rng, clearance=0.25, apart=0.5)
     return [Pose(x, y, rng.uniform(-np.pi, np.pi)) for x, y in points]
-
-
-def wishes(count: int, seconds_long: int, seed: int) -> list[list[Twist]]:
-    """A new random velocity for each robot and second: forward up to 0.5 m/s, turning up to 1 rad/s."""
-    draws: NDArray[np.float64] = np.random.default_rng(seed).uniform(
-        (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (seconds_long, count, 3)
-    )
-    return [[Twist(*draw) for draw in second] for second in draws.tolist()]
 
 
 @dataclass(frozen=True)
@@ -68,9 +59,9 @@ class ScanTask:
     rays: tuple[int, ...] = (64, 128, 640)
     robots: int = 20
     repeats: int = 15
-    """The fastest counts."""
+    """Runs, of which the fastest counts."""
     peer_repeats: int = 3
-    """The same for pymunk."""
+    """Runs of pymunk."""
     seed: int = 1
     ratio_goal: float = 20.0
     difference_goal_mm: float = 5.0
@@ -238,12 +229,15 @@ class _WanderingSwarm:
         names = [f"r{index}" for index in range(robots)]
         self.arena = Arena(outline(grid), names, models, strewn(grid, robots, rng))
         self.sensors = RangeSensors(grid, models, rng.spawn(robots))
-        self.wishes = wishes(robots, task.seconds_long, task.seed)
+        self.velocities: NDArray[np.float64] = np.random.default_rng(task.seed).uniform(
+            (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (task.seconds_long, robots, 3)
+        )
 
     def wander(self, scanning: bool) -> int:
-        """Drive, and scan, in steps of 0.1 s, with new wishes every second; gives how many contacts began."""
+        """Drive, and scan, in steps of 0.1 s, with a new velocity every second; return the contacts begun."""
         arena, everyone = self.arena, range(len(self.arena))
-        for twists in self.wishes:
+        for second in self.velocities.tolist():
+            twists = [Twist(*velocity) for velocity in second]
             for _ in range(10):
                 for index, twist in enumerate(twists):
                     arena.command(index, twist, arena.now)

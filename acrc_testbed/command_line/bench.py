@@ -5,9 +5,10 @@ import json as json_module
 import re
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -58,13 +59,10 @@ BENCHMARKS: Final = {
 }  # fmt: skip
 
 
-def names() -> list[str]:
-    """Return the names, for completion."""
-    return list(BENCHMARKS)
-
-
 def bench(
-    name: Annotated[str | None, argument("NAME", f"{', '.join(BENCHMARKS)}.", autocompletion=names)] = None,
+    name: Annotated[
+        str | None, argument("NAME", f"{', '.join(BENCHMARKS)}.", autocompletion=lambda: list(BENCHMARKS))
+    ] = None,
     commit: Annotated[
         str | None,
         argument("COMMIT", "beside: a commit, or the folder of a clone."),
@@ -113,7 +111,6 @@ def bench(
     json: Json = False,
 ) -> None:
     """Measure time and memory; without NAME, list the benchmarks."""
-    from acrc_testbed.benchmarks.measured import tell
     from actors.installation.usage import wrong_value
 
     if name is None:
@@ -128,26 +125,26 @@ def bench(
         "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
         "record": record,
     }  # fmt: skip
-    settings = _given(options, name)
-    found = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure(**settings)
-    raise typer.Exit(tell(found, json_output=json))
+    given = {key: value for key, value in options.items() if value is not None}
+    _check_taken(
+        given, {known: one.takes for known, one in BENCHMARKS.items()}, name, f"is not for {name}, but for"
+    )
+    measure = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure
+    raise typer.Exit(measure(**given).tell(json_output=json))
 
 
-_WORDS: Final = {"map_file": "--map", "commit": "COMMIT"}
-"""How the command line spells settings that have another name there."""
+_SPELLINGS: Final = {"map_file": "--map", "commit": "COMMIT"}
+"""How the command line spells parameters that have another name."""
 
 
-def _given(options: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return the options that were given. Raises OptionError for one that this benchmark does not take."""
+def _check_taken(given: Iterable[str], takes: Mapping[str, Sequence[str]], name: str, wrong: str) -> None:
+    """Raise OptionError for an option that is for others of `takes` than for `name`."""
     from actors.installation.usage import OptionError
 
-    given = {key: value for key, value in options.items() if value is not None}
     for key in given:
-        if key not in BENCHMARKS[name].takes:
-            others = ", ".join(taker for taker, one in BENCHMARKS.items() if key in one.takes)
-            word = _WORDS.get(key, f"--{key.replace('_', '-')}")
-            raise OptionError(f"{word}: is not for {name}, but for {others}")
-    return given
+        if key not in takes.get(name, ()):
+            others = ", ".join(taker for taker, its in takes.items() if key in its)
+            raise OptionError(f"{_SPELLINGS.get(key, f'--{key}')}: {wrong} {others}")
 
 
 _MARKER: Final = re.compile(r"""mark\.claim\(\s*["']([\w-]+)["']\s*\)""")
@@ -184,8 +181,9 @@ class ClaimResult:
         """Duration of its tests, s."""
         return float(round(sum(test["seconds"] for test in self.tests), 1))
 
+    @property
     def figures(self) -> str:
-        """Return the first figures of its tests as text, without lists and tables."""
+        """The first figures of its tests as text, without lists and tables."""
         named = [(name, value) for test in self.tests for name, value in test["figures"].items()]
         scalars = [f"{name} {value}" for name, value in named if not isinstance(value, list | dict)]
         return ", ".join(scalars[:_SHOWN_FIGURES])
@@ -255,11 +253,23 @@ def verify(
     raise typer.Exit(1 if any(result.holds is False for result in results) else 0)
 
 
-def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) -> int:
-    """Compare with the user's data; the exit code. Raises OptionError, AcrcError."""
-    from acrc_testbed.benchmarks.measured import tell
+_TAKES: Final = {
+    "radio": ("data", "runs"),
+    "localisation": ("from", "runs", "against"),
+    "navigation": ("from",),
+}
+"""Options of each comparison; the first one is required."""
 
-    name = _compared(names, given)
+
+def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) -> int:
+    """Compare with the user's data and return the exit code. Raises OptionError, AcrcError."""
+    from actors.installation.usage import OptionError
+
+    name = names[0] if len(names) == 1 else ""
+    wrong = f"is not for {', '.join(names)}, but for" if names else "must stand beside what it is for:"
+    _check_taken(given, _TAKES, name, wrong)
+    if (required := _TAKES[name][0]) not in given:
+        raise OptionError(f"--{next(iter(given))}: needs --{required}, the data to compare with")
     if name == "radio":
         from acrc_testbed.benchmarks.radio_comparison import check as radio
 
@@ -274,33 +284,7 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
         found = navigation(given["from"])
     if not json_output and found.holds is not None:
         found = found.with_line(f"{name}: {'holds' if found.holds else 'DOES NOT HOLD'}")
-    return tell(found, json_output=json_output)
-
-
-_TAKES: Final = {
-    "radio": ("data", "runs"),
-    "localisation": ("from", "runs", "against"),
-    "navigation": ("from",),
-}
-"""Options of each comparison; the first one is required."""
-
-
-def _compared(names: Sequence[str], given: Mapping[str, Any]) -> str:
-    """Return the one claim that these options are for. Raises OptionError."""
-    from actors.installation.usage import OptionError
-
-    name = names[0] if len(names) == 1 else ""
-    takes = _TAKES.get(name, ())
-    for word in given:
-        if word not in takes:
-            others = ", ".join(taker for taker, its in _TAKES.items() if word in its)
-            wrong = (
-                f"is not for {', '.join(names)}, but for" if names else "must stand beside what it is for:"
-            )
-            raise OptionError(f"--{word}: {wrong} {others}")
-    if takes[0] not in given:
-        raise OptionError(f"--{next(iter(given))}: needs --{takes[0]}, the data to compare with")
-    return name
+    return found.tell(json_output=json_output)
 
 
 def _claim_files(root: Path) -> dict[str, list[str]]:
@@ -353,14 +337,8 @@ def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: b
     from actors.runtime.errors import AcrcError
 
     marked = "claim" if named or full else "claim and not nightly"
-    words = [
-        *dict.fromkeys(file for its in files.values() for file in its),
-        "-m",
-        marked,
-        "-v",
-        "--no-header",
-    ]
-    words += [word for name in files for word in ("--claim", name)]
+    words = [*dict.fromkeys(chain(*files.values())), "-m", marked, "-v", "--no-header"]
+    words += [f"--claim={name}" for name in files]
     compile_kernels()
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         report = Path(folder) / "claims.jsonl"
@@ -380,11 +358,11 @@ def _show(results: Sequence[ClaimResult], *, json_output: bool) -> None:
     }
     table = Table("claim", "result", "s", "figures")
     for result in results:
-        table.add_row(result.claim, result.verdict, f"{result.seconds:.0f}", result.figures())
+        table.add_row(result.claim, result.verdict, f"{result.seconds:.0f}", result.figures)
     _print(figures, table, json_output=json_output)
 
 
 def _print(figures: Any, table: Table, *, json_output: bool) -> None:
-    from acrc_testbed.benchmarks.measured import Measured, tell
+    from acrc_testbed.benchmarks.measured import Measured
 
-    tell(Measured(figures, (table,)), json_output=json_output)
+    Measured(figures, (table,)).tell(json_output=json_output)

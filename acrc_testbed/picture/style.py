@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 import matplotlib as mpl
-from matplotlib import patheffects
+from matplotlib import axes, patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -104,6 +104,9 @@ def short_title(run: RunData) -> str:
     strategy = run.result.origin.strategy or "a strategy"
     done = f"{run.result.places_done} of {run.result.places_total} places"
     return f"{strategy}: {done} in {run.result.simulated_s:g} s"
+
+
+Axes = axes.Axes
 
 
 def new_figure(width: float, height: float) -> Figure:

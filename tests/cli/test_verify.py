@@ -29,8 +29,10 @@ def words(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def run(root: Path, words: Sequence[str], stdout: object = None) -> int:
         given.extend(words)
         report = Path(words[words.index("--claim-report") + 1])
-        report.write_text("".join(json.dumps(row) + "\n" for row in ROWS if row["claim"] in words))
-        return 3 if "attacks" in words else 1
+        report.write_text(
+            "".join(json.dumps(row) + "\n" for row in ROWS if f"--claim={row['claim']}" in words)
+        )
+        return 3 if "--claim=attacks" in words else 1
 
     monkeypatch.setattr("acrc_testbed.command_line.development.run_pytest", run)
     return given

@@ -51,7 +51,7 @@ def test_swarm_figures_are_consistent(capsys: pytest.CaptureFixture[str]) -> Non
     assert 0 < swarm["idle_memory_ms"] < memory["ms"]
     assert air["copies"] == pytest.approx(3 * air["frames"], rel=0.15), "at the three others"
     assert 0 < air["heard"] <= air["copies"] and 0 <= air["stale"] <= air["packets"]
-    measured.show()
+    measured.tell(json_output=False)
     printed = capsys.readouterr().out
     for title in ("chapter.toml, over Zenoh", "CPU by package", "processes:", "the air"):
         assert title in printed
