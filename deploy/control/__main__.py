@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.radio.radio_model import RadioProgram
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.rules import client_config
@@ -54,10 +55,8 @@ def main(argv: Sequence[str]) -> int:
 async def _serve(scene: Scene, link: RunLink, address: Path) -> None:
     pages = ControlServer(scene, link)
     async with await pages.start():
-        part = address.with_suffix(".part")  # readable by the owner only, and renamed once it is complete
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(pages.url)
-        part.rename(address)
+        os.umask(0o077)  # readable by the owner only
+        regular_file.write(address, pages.url.encode())
         try:
             while not scene.over:
                 link.poll()

@@ -19,14 +19,13 @@ socket.onclose = ({ reason }) => {
   if (!state) $("time").textContent = "not connected";
   for (const one of all("button, select, input")) one.disabled = !one.closest(".zoom");
 };
-function order(words, series = 0) {
+function order(words) {
   if (socket.readyState !== WebSocket.OPEN) return;
   note("");
   mine.add(words);
   if (mine.size > MINE) mine.delete(mine.values().next().value);
-  socket.send(JSON.stringify({ series, order: words }));
+  socket.send(words);
 }
-const newSeries = () => 1 + Math.floor(Math.random() * 0x7ffffffe); // of two pages no two are the same, but for great chance
 // --- words beside the map
 const set = (id, words) => { if ($(id).textContent !== words) $(id).textContent = words; };
 const note = (words) => set("note", words);
@@ -179,7 +178,7 @@ canvas.onpointerup = canvas.onpointercancel = (event) => {
   if (tool === "give" || tool === "door") act(done.x, done.y);
   else if (tool === "move" && !done.robot) { choose(null); note("No robot there. Choose one, or drag one to move it."); }
   else if (clicked) note(TOOLS[tool].begun || "");
-  else if (tool === "move") order(`move ${done.robot[0]} ${brief(done.x, done.y, done.robot[3])}`, newSeries());
+  else if (tool === "move") order(`move ${done.robot[0]} ${brief(done.x, done.y, done.robot[3])}`);
   else put(done);
 };
 canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoomBy(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY); }, { passive: false });
@@ -188,14 +187,14 @@ canvas.onfocus = canvas.onblur = redraw;
 function steer(dx, dy, turn = 0) {
   const one = robotOf(chosen), now = performance.now();
   if (!one) { note("Choose a robot first."); return; }
-  if (!target || now - target.pressed > PAUSE_MS) target = { x: one[1], y: one[2], heading: one[3], series: newSeries(), sent: 0, timer: 0 };
+  if (!target || now - target.pressed > PAUSE_MS) target = { x: one[1], y: one[2], heading: one[3], sent: 0, timer: 0 };
   Object.assign(target, { x: target.x + dx, y: target.y + dy, heading: target.heading + turn, pressed: now });
   reveal(target.x, target.y);
   if (!target.timer) target.timer = setTimeout(send, Math.max(0, SEND_MS - (now - target.sent)), target, chosen);
 }
 function send(to, id) { // a key that is held down repeats faster than a run takes orders
   [to.timer, to.sent] = [0, performance.now()];
-  if (to === target) order(`move ${id} ${brief(to.x, to.y, Math.atan2(Math.sin(to.heading), Math.cos(to.heading)))}`, to.series);
+  if (to === target) order(`move ${id} ${brief(to.x, to.y, Math.atan2(Math.sin(to.heading), Math.cos(to.heading)))}`);
 }
 function moveCursor(dx, dy) {
   const [x, y] = cursor || [sight.x, sight.y];

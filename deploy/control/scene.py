@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.explanation.episodes import STANDARD, ObservedActivity
@@ -105,14 +106,13 @@ class Scene:
         self._reported: dict[PlaceKey, str] = {}
         """What became of places: done, or given up."""
         self._routes = {robot: [key for key in self._places if key.owner == robot] for robot in self._own}
-        self._poses: dict[str, tuple[float, float, float]] = {one.id: one.start for one in setup.robots}
+        self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
         self._states = dict.fromkeys(self._own, "driving")
         self._activities = {
             robot: ObservedActivity(robot, has_places=bool(own)) for robot, own in self._own.items()
         }
-        self._trails = {
-            robot: deque[tuple[float, ...]](maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1) for robot in self._own
-        }
+        self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
+        """Instants, s, and the poses of all robots, (robots, 3)."""
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
         self._things: dict[int, FloorThing] = {}
         self._jams: list[Jam] = []
@@ -158,14 +158,14 @@ class Scene:
         for second, sender, receiver, _ in run.heard.tolist():
             pair = (int(min(sender, receiver)), int(max(sender, receiver)))
             self._heard[pair] = max(second, self._heard.get(pair, 0.0))
+        for second, poses in zip(run.seconds.tolist(), run.true, strict=True):
+            self._poses = dict(zip(self._own, map(tuple, poses.tolist()), strict=True))
+            if not self._trail or second - self._trail[-1][0] >= TRAIL_STEP_S:
+                self._trail.append((second, poses.round(3)))
         for robot, track in run.trajectories.items():
             activities = self._activities[robot].extend(track, run.routes)
             for _, state in [*((second, state or "driving") for second, state in track.states), *activities]:
                 self._states[robot] = state
-            for second, (x, y, heading) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
-                self._poses[robot], trail = (x, y, heading), self._trails[robot]
-                if not trail or second - trail[-1][0] >= TRAIL_STEP_S:
-                    trail.append((round(second, 3), round(x, 3), round(y, 3)))
 
     def _apply(self, orders: Iterable[Order]) -> None:
         for order in orders:
@@ -184,7 +184,11 @@ class Scene:
 
     def floor(self) -> dict[str, Any]:
         """Return what does not change, and the trails so far."""
-        return self._floor | {"trails": {robot: tuple(trail) for robot, trail in self._trails.items()}}
+        trails = {
+            robot: [(second, *poses[index, :2].tolist()) for second, poses in self._trail]
+            for index, robot in enumerate(self._own)
+        }
+        return self._floor | {"trails": trails}
 
     def state(self) -> dict[str, Any]:
         """Return the current state; lengths in m, times in simulated s."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
 from importlib import resources
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import msgspec
 from websockets.asyncio.server import Server, ServerConnection, serve
@@ -27,8 +27,8 @@ from deploy.control.scene import PENDING, Scene
 from deploy.run import orders
 
 HOST: Final = "127.0.0.1"
-REQUEST_BYTES: Final = 1024
-"""No message from a page is longer."""
+ORDER_LENGTH: Final = 200
+"""No message from a page, an order as typed behind `acrc order RUN`, is longer."""
 PAGES: Final = 8
 """Open at a time; the next one gets an error, and is closed."""
 TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
@@ -51,7 +51,7 @@ UNANSWERED: Final = "the run has not said yet; it heeds the order at its next st
 
 
 class OrderLine(msgspec.Struct, tag_field="kind", tag="said"):
-    """One line of the list of orders: equal ones in a row, or those of one series; it shows the last one."""
+    """One line of the list of orders: equal ones in a row, or moves of one robot; it shows the last one."""
 
     number: int
     order: str
@@ -72,21 +72,20 @@ class RunLink:
     ) -> None:
         self._scene, self._messages, self._orders, self._clock = scene, messages, orders, clock
         self.lines: deque[OrderLine] = deque(maxlen=LINES)
-        self.version = self._number = self._series = 0
+        self.version = 0
         self._waiting: dict[str, tuple[OrderLine, float]] = {}
         """By ticket: the line, and since when."""
 
-    def give(self, words: str, series: int = 0) -> None:
-        """Give the run an order, as typed behind `acrc order RUN`; those of a series, not 0, are one line."""
-        line = self.lines[-1] if self.lines else None
-        if line is None or not (words == line.order or (series and series == self._series)):
-            self._number += 1
-            line = OrderLine(self._number, words)
+    def give(self, words: str) -> None:
+        """Give the run an order, as typed behind `acrc order RUN`."""
+        verb, *rest = words.split() or [""]
+        line = self.lines[-1] if self.lines else OrderLine(0, "")
+        if words != line.order and (verb != "move" or line.order.split()[:2] != [verb, *rest[:1]]):
+            line = OrderLine(line.number + 1, words)
             self.lines.append(line)
-        self._series, line.order, line.times = series, words, line.times + 1
+        line.order, line.times = words, line.times + 1
         self._change(line, waiting=1)
         try:
-            verb, *rest = words.split() or [""]
             order = orders.parse(verb, rest)
             if self._scene.over or len(self._waiting) >= PENDING:
                 raise AcrcError("the run is over" if self._scene.over else "too many orders wait already")
@@ -120,22 +119,6 @@ class RunLink:
         line.refused, line.refusal = line.refused + bool(refusal), refusal or line.refusal
 
 
-class OrderRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An order from a page."""
-
-    series: Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
-    """Orders of one drag, or of keys pressed in a row, have the same, chosen by the page; 0: it is alone."""
-    order: Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
-
-
-def parse_request(data: str | bytes) -> OrderRequest | None:
-    """Return the order in a message from a page; None if it is none."""
-    try:
-        return msgspec.json.decode(data, type=OrderRequest) if len(data) <= REQUEST_BYTES else None
-    except (msgspec.DecodeError, UnicodeError, RecursionError):
-        return None
-
-
 class ControlServer:
     """The pages of one run."""
 
@@ -157,7 +140,7 @@ class ControlServer:
     async def start(self) -> Server:
         """Listen, at a port that the system chooses; to be closed by the caller."""
         server = await serve(
-            self._page, HOST, 0, process_request=self._admit, max_size=REQUEST_BYTES, max_queue=16,
+            self._page, HOST, 0, process_request=self._admit, max_size=ORDER_LENGTH, max_queue=16,
             write_limit=1 << 16, ping_timeout=SEND_TIMEOUT_S, close_timeout=1.0, compression=None,
             server_header=None,
         )  # fmt: skip
@@ -206,8 +189,8 @@ class ControlServer:
         sender = asyncio.create_task(self._send(connection, wake))
         try:
             async for data in connection:
-                if (request := parse_request(data)) is not None:
-                    self._link.give(request.order, request.series)
+                if isinstance(data, str) and data:
+                    self._link.give(data)
                     continue
                 self.junk, junk, self._scene.changed = self.junk + 1, junk + 1, True
                 if junk >= JUNK:

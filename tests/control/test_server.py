@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from itertools import cycle
 from typing import Any
 
 import pytest
@@ -157,14 +158,14 @@ def test_who_stands_and_who_is_blocked() -> None:
 def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
     mesh = Mesh()
     link = server.RunLink(scene(), mesh, mesh)
-    for series, order, refusal in (
-        (7, "move r1 1 1 0", ""), (7, "move r1 1 2 0", "no room"), (7, "move r1 1 3 0", ""),
-        (8, "move r1 1 4 0", ""), (0, "thaw r1", "no"), (0, "thaw r1", "no"),
+    for order, refusal in (
+        ("move r1 1 1 0", ""), ("move r1 1 2 0", "no room"), ("move r1 1 3 0", ""),
+        ("move r2 1 4 0", ""), ("thaw r1", "no"), ("thaw r1", "no"),
     ):  # fmt: skip
-        link.give(order, series)
+        link.give(order)
         mesh.answer(link, refusal)
     assert [(one.order, one.times, one.waiting, one.refused, one.refusal) for one in link.lines] == [
-        ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r1 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
+        ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r2 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
     ]  # fmt: skip
     for number in range(server.LINES + 1):
         link.give(f"step {number + 1}")
@@ -266,8 +267,8 @@ async def _status(pages: Any, path: str, host: str | None) -> int:
 async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as page:
         assert list((await heard(page, "floor"))["robots"]) == ["r1", "r2", "r3"]
-        await page.send('{"series": 0, "order": "move r1 1 2 0"}')
-        await page.send('{"series": 0, "order": "dance"}')
+        await page.send("move r1 1 2 0")
+        await page.send("dance")
         told = await told_line(pages, page, 2)
         assert told["refused"] == 1 and told["refusal"].startswith("VERB: dance; must be one of")
         (given,) = mesh.given
@@ -288,14 +289,14 @@ async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, m
 @served
 async def test_junk_is_counted_and_ends_the_page_that_sends_it(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as other, socket(pages) as page:
-        for _ in range(server.JUNK):
-            await page.send(b"\xff\x00[[[")
+        for _, junk in zip(range(server.JUNK), cycle((b"\xff\x00[[[", b"pause", "")), strict=False):
+            await page.send(junk)
         with pytest.raises(exceptions.ConnectionClosed):
             while True:
                 await asyncio.wait_for(page.recv(), 5)
         assert (pages.junk, mesh.given) == (server.JUNK, [])
         async with socket(pages) as large:
-            await large.send("x" * (server.REQUEST_BYTES + 1))
+            await large.send("x" * (server.ORDER_LENGTH + 1))
             with pytest.raises(exceptions.ConnectionClosed) as closed:
                 while True:
                     await asyncio.wait_for(large.recv(), 5)
@@ -318,15 +319,6 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
             while (await heard(quick, "state"))["step"] != number:
                 pass
         slow.transport.abort()
-
-
-@pytest.mark.parametrize(
-    "data",
-    ["", "[]", "{}", "x" * 2000, '{"series": -1, "order": "pause"}', '{"series": 1, "order": ""}', "[" * 900,
-     '{"series": 1, "order": "pause", "more": 1}', '{"series": "1", "order": "pause"}', b"\xff\xfe"],
-)  # fmt: skip
-def test_what_is_no_order(data: str | bytes) -> None:
-    assert server.parse_request(data) is None
 
 
 @served
