@@ -140,7 +140,7 @@ RANGE: Final = "range"
 DEVICES: Final = (BASE, RADIO, RANGE)
 
 
-class Jack(NamedTuple):
+class DevicePort(NamedTuple):
     """Where a device is plugged in."""
 
     robot: str
@@ -148,29 +148,29 @@ class Jack(NamedTuple):
     """One of DEVICES."""
 
 
-class Lines:
-    """A line for each jack, at FOLDER/<robot>/<device>; a context manager that leaves nothing behind.
+class EmulatedLines:
+    """A line for each port, at FOLDER/<robot>/<device>; a context manager that leaves nothing behind.
 
     An unplugged line has no path, and its host sees it hang up; its device goes on, as on a battery.
     """
 
-    def __init__(self, folder: Path, jacks: Iterable[Jack], generator: Generator) -> None:
+    def __init__(self, folder: Path, ports: Iterable[DevicePort], generator: Generator) -> None:
         """`generator`: for what happens to bytes on a scrambled line."""
-        self.jacks = tuple(jacks)
+        self.ports = tuple(ports)
         self._folder = folder
         self._generator = generator
-        self._disturbance = dict.fromkeys(self.jacks, CLEAN)
-        self._plugged: dict[Jack, PseudoTerminal] = {}
+        self._disturbance = dict.fromkeys(self.ports, CLEAN)
+        self._plugged: dict[DevicePort, PseudoTerminal] = {}
         self._made: list[Path] = []
-        self._unread: Counter[Jack] = Counter()
+        self._unread: Counter[DevicePort] = Counter()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self.close)
             self._make(self._folder)
-            for jack in self.jacks:
-                self._make(self.path(jack).parent)
-                self.plug(jack)
+            for port in self.ports:
+                self._make(self.path(port).parent)
+                self.plug(port)
             stack.pop_all()
         return self
 
@@ -180,54 +180,54 @@ class Lines:
         self.close()
 
     @property
-    def descriptors(self) -> dict[int, Jack]:
+    def descriptors(self) -> dict[int, DevicePort]:
         """What to wait for."""
-        return {line.fileno(): jack for jack, line in self._plugged.items()}
+        return {line.fileno(): port for port, line in self._plugged.items()}
 
-    def path(self, jack: Jack) -> Path:
+    def path(self, port: DevicePort) -> Path:
         """Where a host opens it, while it is plugged in."""
-        return self._folder / jack.robot / jack.device
+        return self._folder / port.robot / port.device
 
-    def read(self, jack: Jack) -> bytes:
+    def read(self, port: DevicePort) -> bytes:
         """What a host has written, if anything."""
-        line = self._plugged.get(jack)
+        line = self._plugged.get(port)
         if line is None:
             return b""
-        return self._disturbance[jack].apply(line.read(0.0), self._generator)
+        return self._disturbance[port].apply(line.read(0.0), self._generator)
 
-    def send(self, jack: Jack, data: bytes) -> None:
+    def send(self, port: DevicePort, data: bytes) -> None:
         """Send to a host; never waits."""
-        line = self._plugged.get(jack)
+        line = self._plugged.get(port)
         if data and line is not None:
-            line.write(self._disturbance[jack].apply(data, self._generator))
+            line.write(self._disturbance[port].apply(data, self._generator))
 
-    def unread(self, jack: Jack) -> int:
+    def unread(self, port: DevicePort) -> int:
         """Bytes so far that no host has read in time."""
-        line = self._plugged.get(jack)
-        return self._unread[jack] + (line.lost if line is not None else 0)
+        line = self._plugged.get(port)
+        return self._unread[port] + (line.lost if line is not None else 0)
 
-    def is_plugged(self, jack: Jack) -> bool:
+    def is_plugged(self, port: DevicePort) -> bool:
         """True if a host can open it."""
-        return jack in self._plugged
+        return port in self._plugged
 
-    def plug(self, jack: Jack) -> None:
+    def plug(self, port: DevicePort) -> None:
         """Put the cable in. Raises AcrcError."""
-        self._plugged[jack] = PseudoTerminal(self.path(jack))
+        self._plugged[port] = PseudoTerminal(self.path(port))
 
-    def unplug(self, jack: Jack) -> None:
+    def unplug(self, port: DevicePort) -> None:
         """Pull the cable."""
-        line = self._plugged.pop(jack)
-        self._unread[jack] += line.lost
+        line = self._plugged.pop(port)
+        self._unread[port] += line.lost
         line.close()
 
-    def scramble(self, jack: Jack, share: float) -> None:
+    def corrupt(self, port: DevicePort, share: float) -> None:
         """From now on replace, lose or double so many of the bytes, in both directions."""
-        self._disturbance[jack] = Disturbance(share / 3, share / 3, share / 3)
+        self._disturbance[port] = Disturbance(share / 3, share / 3, share / 3)
 
     def close(self) -> None:
         """Hang up everywhere, and take away links, and folders that were not there."""
-        for jack in list(self._plugged):
-            self.unplug(jack)
+        for port in list(self._plugged):
+            self.unplug(port)
         while self._made:
             with suppress(OSError):  # somebody else has put something there
                 self._made.pop().rmdir()
@@ -255,7 +255,7 @@ class _Messages(Generic[M]):
 
     def __init__(self, kind: type[M]) -> None:
         self.bad = 0
-        """Lines that held no such message."""
+        """EmulatedLines that held no such message."""
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(kind)
         self._pending = b""
 

@@ -24,7 +24,7 @@ from firmware_bridge.beeclick.wire import (
     SYNC,
     SYNC_PATTERN,
     Answer,
-    Moisture,
+    HumidityReading,
     Notes,
     PacketSent,
     ReceivedPacket,
@@ -33,7 +33,7 @@ from firmware_bridge.beeclick.wire import (
     SetChannel,
     SetPower,
     Synchronised,
-    Warmth,
+    TemperatureReading,
     byte_time,
     bytes_in,
     encode_answer,
@@ -198,7 +198,9 @@ class EmulatedBoard:
         at, is_temperature = self._next_reading
         if now >= at:
             p = self._p
-            self._say(now, Warmth(p.temperature) if is_temperature else Moisture(p.humidity))
+            self._say(
+                now, TemperatureReading(p.temperature) if is_temperature else HumidityReading(p.humidity)
+            )
             pause = p.reading if is_temperature else p.rest + p.reading
             self._next_reading = (at + pause, not is_temperature)
 

@@ -27,7 +27,7 @@ from firmware_bridge.beeclick.wire import (
     SENT_TYPE,
     SYNC_PATTERN,
     Answer,
-    Moisture,
+    HumidityReading,
     NoiseError,
     Notes,
     PacketSent,
@@ -38,7 +38,7 @@ from firmware_bridge.beeclick.wire import (
     SetPower,
     Setting,
     Synchronised,
-    Warmth,
+    TemperatureReading,
     read_answer,
 )
 
@@ -381,11 +381,11 @@ def news(
             return _heard(now, answer, settings, counters, drop_bad_fcs)
         case Sentence(text):
             return _fix(now, text, counters)
-        case Warmth(tenths):
+        case TemperatureReading(tenths):
             valid = _NO_SENSOR < tenths <= _HOTTEST
             counters.add("temperatures" if valid else "bad_sensor")
             return [Temperature(now, tenths / 10, valid)]
-        case Moisture(tenths):
+        case HumidityReading(tenths):
             valid = 0 <= tenths <= _WETTEST
             counters.add("humidities" if valid else "bad_sensor")
             return [Humidity(now, tenths / 10, valid)]

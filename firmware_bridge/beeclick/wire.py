@@ -113,18 +113,10 @@ def encode_command(command: Command) -> bytes:
 
 
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
-_SENT: Final = struct.Struct("<BIB")
-_NUMBER: Final = struct.Struct("<Bh")
 _SENTENCE: Final = b"$GPRMC"
 """The only sentences that the firmware passes on (GPS.cpp)."""
-_TEMPERATURES: Final = (-397, 6156)
-"""Tenths of a degree: what the firmware computes from 0 and from 0xFFFF (SHT1x.cpp)."""
-_SIZES: Final = {0: 13, 2: 6, 3: 2, 4: 3, 5: 5, 8: 3, 9: 3}
-"""Of the types that have always the same."""
 _LENGTHS: Final = {1: (0, FRAME_DATA_LIMIT), 6: (len(_SENTENCE), 254), 7: (1, 255)}
-"""Least and greatest length byte of the others."""
-SENT_TYPE: Final = b"\x02"
-SENT_SIZE: Final = _SENT.size
+"""Least and greatest length byte of the types whose size varies."""
 
 
 @dataclass(frozen=True)
@@ -169,28 +161,49 @@ class Notes:
 
 
 @dataclass(frozen=True)
-class Warmth:
-    """TEMPERATURE: tenths of a degree Celsius."""
+class TemperatureReading:
+    """Tenths of a degree Celsius."""
 
     tenths: int
 
 
 @dataclass(frozen=True)
-class Moisture:
-    """HUMIDITY: tenths of a percent."""
+class HumidityReading:
+    """Tenths of a percent."""
 
     tenths: int
 
 
-Answer = Synchronised | ReceivedPacket | PacketSent | Setting | Sentence | Notes | Warmth | Moisture
-_FIXED: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
-    PacketSent: (2, _SENT),
-    SetChannel: (3, _CHANNEL),
-    SetPower: (4, _NUMBER),
-    SetAddress: (5, _ADDRESS),
-    Warmth: (8, _NUMBER),
-    Moisture: (9, _NUMBER),
+Answer = (
+    Synchronised
+    | ReceivedPacket
+    | PacketSent
+    | Setting
+    | Sentence
+    | Notes
+    | TemperatureReading
+    | HumidityReading
+)
+
+
+_FIXED: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
+    2: (PacketSent, struct.Struct("<BI?")),
+    3: (SetChannel, _CHANNEL),
+    4: (SetPower, _POWER),
+    5: (SetAddress, _ADDRESS),
+    8: (TemperatureReading, _POWER),
+    9: (HumidityReading, _POWER),
 }
+"""The answers that have always the same size."""
+_ALLOWED: Final = {
+    3: ("bad_channel", range(GREATEST_CODE + 1)),
+    4: ("bad_power", range(LEAST_POWER, 1)),
+    8: ("bad_temperature", range(-397, 6157)),
+}
+"""What their number may be. Temperatures: what the firmware computes from 0 to 0xFFFF (SHT1x.cpp)."""
+SENT_TYPE: Final = b"\x02"
+SENT_SIZE: Final = _FIXED[2][1].size
+_KINDS: Final = {of: kind for kind, (of, _) in _FIXED.items()}
 
 
 def encode_answer(answer: Answer) -> bytes:
@@ -205,8 +218,8 @@ def encode_answer(answer: Answer) -> bytes:
             check_range(f"the length of {type(answer).__name__}.text", len(text), 0, 0xFF)
             return bytes((6 if isinstance(answer, Sentence) else 7, len(text))) + text
         case _:
-            kind, body = _FIXED[type(answer)]
-            return body.pack(kind, *astuple(answer))
+            kind = _KINDS[type(answer)]
+            return _FIXED[kind][1].pack(kind, *astuple(answer))
 
 
 def read_answer(data: bytes | bytearray, at: int, end: int) -> tuple[Answer, int] | None:
@@ -222,16 +235,17 @@ def read_answer(data: bytes | bytearray, at: int, end: int) -> tuple[Answer, int
 
 
 def _answer_size(data: bytes | bytearray, at: int, end: int) -> int | None:
-    """Bytes of the answer that begins `at`; None: not enough to tell."""
+    """Return the bytes of the answer that begins `at`; None: not enough to tell."""
     if at >= end:
         return None
     kind = data[at]
     if kind > 9:
         raise NoiseError("unknown_type")
-    if kind in _SIZES:
-        if kind == 0:
-            _expect("bad_pattern", SYNC_PATTERN, data[at:end])
-        return _SIZES[kind]
+    if kind == 0:
+        _expect("bad_pattern", SYNC_PATTERN, data[at:end])
+        return len(SYNC_PATTERN)
+    if kind in _FIXED:
+        return _FIXED[kind][1].size
     if at + 1 >= end:
         return None
     length = data[at + 1]
@@ -251,36 +265,26 @@ def _expect(cause: str, pattern: bytes, data: bytes | bytearray) -> None:
 
 
 def _decode_answer(body: bytes) -> Answer:
-    if body[0] not in _SIZES:
-        if body[0] == 1:
-            _, _, pan, address, rssi, lqi, fcs = _RECEIVED.unpack_from(body)
-            return ReceivedPacket(pan, address, rssi, lqi, fcs, body[_RECEIVED.size :])
-        return Sentence(body[2:]) if body[0] == 6 else Notes(_readable(body[2:]))
     match body[0]:
         case 0:
             return Synchronised()
-        case 2:
-            return PacketSent(_SENT.unpack(body)[1], bool(_within("bad_status", body[5], 0, 1)))
-        case 5:
-            return SetAddress(*_ADDRESS.unpack(body)[1:])
+        case 1:
+            _, _, pan, address, rssi, lqi, fcs = _RECEIVED.unpack_from(body)
+            return ReceivedPacket(pan, address, rssi, lqi, fcs, body[_RECEIVED.size :])
+        case 2 if body[-1] > 1:
+            raise NoiseError("bad_status")
+        case 6:
+            return Sentence(body[2:])
+        case 7:
+            return Notes(_readable(body[2:]))
         case kind:
-            return _number(kind, body)
-
-
-def _number(kind: int, body: bytes) -> SetChannel | SetPower | Warmth | Moisture:
-    """The answers that are one number."""
-    if kind == 3:
-        return SetChannel(_within("bad_channel", body[1], 0, GREATEST_CODE))
-    value = _NUMBER.unpack(body)[1]
-    if kind == 4:
-        return SetPower(_within("bad_power", value, LEAST_POWER, 0))
-    return Warmth(_within("bad_temperature", value, *_TEMPERATURES)) if kind == 8 else Moisture(value)
-
-
-def _within(cause: str, value: int, least: int, most: int) -> int:
-    if not least <= value <= most:
-        raise NoiseError(cause)
-    return value
+            of, layout = _FIXED[kind]
+            _, *fields = layout.unpack(body)
+            cause, allowed = _ALLOWED.get(kind, ("", fields))
+            if fields[0] not in allowed:
+                raise NoiseError(cause)
+            answer: Answer = of(*fields)
+            return answer
 
 
 def _readable(text: bytes) -> bytes:

@@ -88,8 +88,6 @@ class Faults:
     """Sends nothing."""
     deaf: bool = False
     """Hears nothing, and does what it was told last."""
-    scramble: float = 0.0
-    """Share of the bytes sent that are replaced, lost or doubled."""
     bumper: int = 0
     """Bits that are pressed whatever the body touches."""
     cliff: int = 0
@@ -113,8 +111,8 @@ class Faults:
 
 
 @dataclass
-class _Wheels:
-    """What the base's own sensors have counted, errors included."""
+class _Counters:
+    """What the base's own sensors have measured, errors included."""
 
     left: float = 0.0
     right: float = 0.0
@@ -153,7 +151,7 @@ class EmulatedKobuki:
         errors = parameters.errors
         left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
-        self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
+        self._wheels = _Counters(bias=bias * math.radians(errors.gyro_bias_deg))
         self._frozen: Inertial | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[_Sending] = deque(maxlen=64)
@@ -235,13 +233,9 @@ class EmulatedKobuki:
 
     def _feed_back(self, at: Instant) -> None:
         """Put one feedback on the wire."""
-        payload = b"".join(encode_feedback(packet) for packet in self._packets(at))
-        data = encode_frame(payload)
-        if self.faults.scramble:
-            data = self._scrambled(data)
-        if self.faults.silent:
-            return
-        self._line.append(_Sending(at, data))  # at most 164 bytes, 14 ms: the one before has left
+        data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
+        if not self.faults.silent:
+            self._line.append(_Sending(at, data))  # at most 164 bytes, 14 ms: the one before has left
 
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
@@ -261,15 +255,18 @@ class EmulatedKobuki:
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
-        return [
+        docking, currents, inputs = Unknown(3, bytes(3)), Unknown(6, bytes(2)), Unknown(16, bytes(16))
+        packets: list[FeedbackPacket] = [
             basic,
-            Unknown(3, bytes(3)),  # docking
-            *([] if self.faults.gyro == "absent" else [inertial]),
+            docking,
+            inertial,
             Unknown(5, _FLOOR.pack(*floor)),
-            Unknown(6, bytes(2)),  # currents
-            *([] if self.faults.gyro == "absent" else [raw]),
-            Unknown(16, bytes(16)),  # inputs
+            currents,
+            raw,
+            inputs,
         ]
+        absent = (inertial, raw) if self.faults.gyro == "absent" else ()
+        return [packet for packet in packets if packet not in absent]
 
     def _stamp(self, at: Instant) -> int:
         """Its clock, ms."""
@@ -291,19 +288,6 @@ class EmulatedKobuki:
             self._frozen = None
         z = _within(rate / 0.00875)
         return inertial, Unknown(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
-
-    def _scrambled(self, data: bytes) -> bytes:
-        damaged = bytearray()
-        chances = self._generator.random((len(data), 3)).tolist()
-        for byte, (chance, kind, value) in zip(data, chances, strict=True):
-            other = int(256 * value)
-            if chance >= self.faults.scramble:
-                damaged.append(byte)
-            elif kind < 1 / 3:
-                damaged.append(other)
-            elif kind < 2 / 3:
-                damaged += bytes((byte, byte))
-        return bytes(damaged)
 
     def _left(self, now: Instant) -> bytes:
         """The bytes whose last bit has left by `now`."""

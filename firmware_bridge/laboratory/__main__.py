@@ -32,10 +32,9 @@ from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.reception import FIRST_CHANNEL
-from firmware_bridge.device_lines import DEVICES, Jack, Lines, SimulatedTransceiver
-from firmware_bridge.kobuki.base import EmulatedKobuki
+from firmware_bridge.device_lines import DEVICES, DevicePort, EmulatedLines, SimulatedTransceiver
 from firmware_bridge.laboratory.laboratory import (
-    Bench,
+    FaultInjector,
     Laboratory,
     LaboratoryResult,
     LaboratorySetup,
@@ -51,7 +50,7 @@ _LONGEST_LINE: Final = 4096
 
 
 class InputLines:
-    """Lines of text from a descriptor, as they come."""
+    """EmulatedLines of text from a descriptor, as they come."""
 
     def __init__(self, descriptor: int | None) -> None:
         """`descriptor`: where to read; None: nobody says anything."""
@@ -78,14 +77,18 @@ class RealTime:
     """The loop, with what it has to say about itself."""
 
     def __init__(
-        self, laboratory: Laboratory, lines: Lines, wishes: InputLines, duration: Duration | None = None
+        self,
+        laboratory: Laboratory,
+        lines: EmulatedLines,
+        commands: InputLines,
+        duration: Duration | None = None,
     ) -> None:
         """The laboratory's time begins now; it ends at `duration`, or is ended."""
         self._laboratory = laboratory
         self._lines = lines
-        self._wishes = wishes
+        self._commands = commands
         self._duration = duration
-        self._bench = Bench(laboratory, lines)
+        self._injector = FaultInjector(laboratory, lines)
         self._behind: Counter[int] = Counter()
         self._left_out = 0
         self._began_us = time.time_ns() // 1000
@@ -98,20 +101,20 @@ class RealTime:
             self.serve()
 
     def serve(self) -> None:
-        """Wait for the next sub-step, a board that has something to do, bytes or a wish; and do it all."""
+        """Wait for the next sub-step, a board that has something to do, bytes or a command; and do it all."""
         by_number = self._lines.descriptors
         numbers = [*by_number]
-        if self._wishes.descriptor is not None:
-            numbers.append(self._wishes.descriptor)
+        if self._commands.descriptor is not None:
+            numbers.append(self._commands.descriptor)
         ready, _, _ = select.select(numbers, [], [], self._patience())
         now = self._catch_up()
         for number in ready:
             if number in by_number:
-                jack = by_number[number]
-                if data := self._lines.read(jack):
-                    self._laboratory.take(jack, now, data)
-        if self._wishes.descriptor in ready:
-            for line in self._wishes.read():
+                port = by_number[number]
+                if data := self._lines.read(port):
+                    self._laboratory.take(port, now, data)
+        if self._commands.descriptor in ready:
+            for line in self._commands.read():
                 self._answer(line)
 
     def result(self) -> LaboratoryResult:
@@ -122,7 +125,7 @@ class RealTime:
             simulated_s=in_seconds(Duration(laboratory.now - START)),
             contacts=laboratory.contacts,
             places=laboratory.places,
-            lines={" ".join(jack): self._lines.unread(jack) for jack in self._lines.jacks},
+            lines={" ".join(port): self._lines.unread(port) for port in self._lines.ports},
             boards={robot: _board(hardware.radio) for robot, hardware in laboratory.robots.items()},
             behind_ms={str(late): count for late, count in sorted(self._behind.items())},
             lost_ms=self._left_out // 1000,
@@ -130,7 +133,10 @@ class RealTime:
                 robot: LaboratoryTruth(laboratory.pose(robot), laboratory.travelled(robot))
                 for robot in laboratory.robots
             },
-            bases={robot: _base(hardware.base) for robot, hardware in laboratory.robots.items()},
+            bases={
+                robot: {"frames": one.base.reception.frames, "skipped": one.base.reception.skipped}
+                for robot, one in laboratory.robots.items()
+            },
             frames=laboratory.air.counters(),
             frames_by_robot=laboratory.air.counters_by_robot(list(laboratory.robots)),
             cpu_s=time.process_time() - self._began_cpu_s,
@@ -162,7 +168,7 @@ class RealTime:
 
     def _answer(self, line: str) -> None:
         try:
-            answer = self._bench.do(line)
+            answer = self._injector.do(line)
         except AcrcError as error:
             answer = str(error)
         with suppress(BrokenPipeError):  # whoever asked has gone
@@ -176,10 +182,6 @@ class RealTime:
 def _board(radio: EmulatedBoard | SimulatedTransceiver) -> dict[str, int]:
     counters = radio.counters if isinstance(radio, EmulatedBoard) else {}
     return {**counters, "address": radio.address, "channel": radio.channel + FIRST_CHANNEL}
-
-
-def _base(base: EmulatedKobuki) -> dict[str, int]:
-    return {"frames": base.reception.frames, "skipped": base.reception.skipped}
 
 
 _KERNELS: Final = (odometry, drive, rays, visits, *RADIO_KERNELS)
@@ -225,12 +227,12 @@ def main(argv: Sequence[str]) -> int:
             signal.signal(number, handler)
 
 
-def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, Lines]:
+def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, EmulatedLines]:
     if not setup.world.robots:
         raise AcrcError("a laboratory without robots; there should be one at least")
-    jacks = [Jack(robot.id, device) for robot in setup.world.robots for device in DEVICES]
+    ports = [DevicePort(robot.id, device) for robot in setup.world.robots for device in DEVICES]
     noise = generator(setup.world.seed, "laboratory lines", "")
-    return Laboratory(setup), Lines(links, jacks, noise)
+    return Laboratory(setup), EmulatedLines(links, ports, noise)
 
 
 def _standard_input() -> int | None:

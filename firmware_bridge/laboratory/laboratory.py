@@ -30,7 +30,15 @@ from actors.world.world_setup import Participants, WorldSetup
 from firmware_bridge.beeclick.air import air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.reception import BoardSettings
-from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, Jack, Lines, SimulatedTransceiver
+from firmware_bridge.device_lines import (
+    BASE,
+    DEVICES,
+    RADIO,
+    RANGE,
+    DevicePort,
+    EmulatedLines,
+    SimulatedTransceiver,
+)
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki, Faults
 from firmware_bridge.range_sensors.rplidar import Health
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters, Sight
@@ -114,7 +122,7 @@ quarter of the accuracy of 1 % of the distance that Slamtec's data sheet of the 
 _RAYS: Final = 360
 
 
-class Sights:
+class LaboratoryScanners:
     """The world's range sensors, with a lidar's rays in place of those of the robots' models.
 
     It is mounted as the model's sensor is, and as noisy.
@@ -198,7 +206,7 @@ class RobotBody:
         return self._bodies.senses(self._index, 0, Instant(0), 0, False).bumper
 
 
-Out = Callable[[Jack, bytes], None]
+Out = Callable[[DevicePort, bytes], None]
 
 
 class EmulatedHardware(NamedTuple):
@@ -227,7 +235,7 @@ class Laboratory:
         self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
-        self._sights = Sights(real_floor(world, models).visible, models, noise)
+        self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
         self.air = air(setup.radio)
         """What lies between the radios."""
         self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
@@ -276,12 +284,12 @@ class Laboratory:
         """Put a robot elsewhere. Raises AcrcError where it would not fit."""
         self._bodies.place(self._index(robot), pose)
 
-    def take(self, jack: Jack, now: Instant, data: bytes) -> None:
+    def take(self, port: DevicePort, now: Instant, data: bytes) -> None:
         """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
-        robot = self.robots[jack.robot]
-        if jack.device == RADIO:
+        robot = self.robots[port.robot]
+        if port.device == RADIO:
             robot.radio.take(now, data)
-        elif jack.device == BASE:
+        elif port.device == BASE:
             robot.base.take(self._now, data)
         else:
             robot.lidar.take(self._now, data)
@@ -292,12 +300,12 @@ class Laboratory:
             self.air.advance(self._due)
             self._move()
             for name, robot in self.robots.items():
-                out(Jack(name, BASE), robot.base.run(self._now))
-                out(Jack(name, RANGE), robot.lidar.run(self._now))
+                out(DevicePort(name, BASE), robot.base.run(self._now))
+                out(DevicePort(name, RANGE), robot.lidar.run(self._now))
         self._instant = until
         self.air.advance(until)
         for name, robot in self.robots.items():
-            out(Jack(name, RADIO), robot.radio.run(until))
+            out(DevicePort(name, RADIO), robot.radio.run(until))
 
     @property
     def _due(self) -> Instant:
@@ -308,9 +316,9 @@ class Laboratory:
             robot.body.hold(self._now)
         self._bodies.move(self._now, SUBSTEP)
         self._now = self._due
-        before = self._sights.poses[:, :2].copy()
+        before = self._scanners.poses[:, :2].copy()
         self._look()
-        self._travelled += arrays.hypot(*(self._sights.poses[:, :2] - before).T)
+        self._travelled += arrays.hypot(*(self._scanners.poses[:, :2] - before).T)
 
     def _look(self) -> None:
         """Carry out what is due at the beginning of a sub-step, and note where everybody is."""
@@ -321,8 +329,8 @@ class Laboratory:
             self.air.withhold(self._index(loss.sender), self._index(loss.robot))
         states = [self._bodies.truth(index) for index in range(len(self.robots))]
         self.air.place(self._now, states)
-        self._sights.look([state[:3] for state in states], self._bodies.obstacles)
-        self._referee.watch(self._now, self._sights.poses[:, :2])
+        self._scanners.look([state[:3] for state in states], self._bodies.obstacles)
+        self._referee.watch(self._now, self._scanners.poses[:, :2])
 
     def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
         robot, seed = setup.world.robots[index], setup.world.seed
@@ -332,7 +340,7 @@ class Laboratory:
         self.air.add(radio)
         base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))
         noise = generator(seed, "laboratory lidar", robot.id)
-        lidar = EmulatedRplidar(self._sights.of(index), LIDAR, generator=noise)
+        lidar = EmulatedRplidar(self._scanners.of(index), LIDAR, generator=noise)
         return EmulatedHardware(body, base, radio, lidar)
 
     def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | SimulatedTransceiver:
@@ -368,39 +376,37 @@ _USAGE: Final = {
     "where": "",
 }
 """The words after verb and robot."""
-_BASE: Final[Mapping[tuple[str, ...], Mapping[str, Any]]] = {
-    ("deafen",): {"deaf": True},
-    ("edge",): {"cliff": 7},
-    ("gyro", "works"): {"gyro": "works"},
-    ("gyro", "frozen"): {"gyro": "frozen"},
-    ("gyro", "absent"): {"gyro": "absent"},
-    ("lift",): {"wheel_drop": 3},
-    ("lower",): {"wheel_drop": 0},
-    ("press", "bumper"): {"bumper": 2},
-    ("press", "left"): {"bumper": 4},
-    ("press", "centre"): {"bumper": 2},
-    ("press", "right"): {"bumper": 1},
-    ("release",): {"bumper": 0},
-    ("silence", "base"): {"silent": True},
-    ("strain", "left"): {"overcurrent": 1},
-    ("strain", "right"): {"overcurrent": 2},
-    ("strain", "none"): {"overcurrent": 0},
+_FAULTS: Final[Mapping[str, tuple[str, str, Any]]] = {
+    "deafen": ("base", "deaf", True),
+    "edge": ("base", "cliff", 7),
+    "gyro works": ("base", "gyro", "works"),
+    "gyro frozen": ("base", "gyro", "frozen"),
+    "gyro absent": ("base", "gyro", "absent"),
+    "lift": ("base", "wheel_drop", 3),
+    "lower": ("base", "wheel_drop", 0),
+    "press bumper": ("base", "bumper", 2),
+    "press left": ("base", "bumper", 4),
+    "press centre": ("base", "bumper", 2),
+    "press right": ("base", "bumper", 1),
+    "release": ("base", "bumper", 0),
+    "silence base": ("base", "silent", True),
+    "strain left": ("base", "overcurrent", 1),
+    "strain right": ("base", "overcurrent", 2),
+    "strain none": ("base", "overcurrent", 0),
+    "darken": ("lidar", "dark", True),
+    "jam": ("lidar", "stuck", True),
+    "sicken": ("lidar", "health", Health(2, 1)),
+    "silence range": ("lidar", "silent", True),
 }
-"""Faults of the base by verb and words."""
-_LIDAR: Final[Mapping[tuple[str, ...], Mapping[str, Any]]] = {
-    ("darken",): {"dark": True},
-    ("jam",): {"stuck": True},
-    ("sicken",): {"health": Health(2, 1)},
-    ("silence", "range"): {"silent": True},
-}
-"""Faults of the lidar: no echo, a blocked head, an error code after which it does not scan, silence."""
+"""Faults of base and lidar by command: an attribute and its value. Of the lidar: no echo, a blocked head, an
+error code after which it does not scan, silence."""
 _HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
 
 
-class Bench:
+class FaultInjector:
     """Injects and removes faults."""
 
-    def __init__(self, laboratory: Laboratory, lines: Lines) -> None:
+    def __init__(self, laboratory: Laboratory, lines: EmulatedLines) -> None:
         self._laboratory = laboratory
         self._lines = lines
 
@@ -412,21 +418,21 @@ class Bench:
         verb, *words = line.split() or [""]
         if verb not in _USAGE:
             raise AcrcError(f"there is no {verb!r}; it should be one of {', '.join(_USAGE)}")
-        robots = self._laboratory.robots
+        robots, usage = self._laboratory.robots, _USAGE[verb].split()
         robot = words[0] if words else ""
         if robot not in robots:
             raise AcrcError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
-        for word, choice in zip(words[1:], _USAGE[verb].split(), strict=False):
+        for word, choice in zip(words[1:], usage, strict=False):
             if choice.islower() and word not in choice.split("|"):
                 raise AcrcError(f"there is no {word!r} here; it should be one of {choice}")
-        if len(words) != 1 + len(_USAGE[verb].split()):
+        if len(words) != 1 + len(usage):
             raise AcrcError(f"{line.strip()!r} should be {f'{verb} ROBOT {_USAGE[verb]}'.rstrip()!r}")
         return self._do(robots[robot], robot, (verb, *words[1:])) or "ok"
 
     def _do(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
-        for target, faults in ((hardware.base.faults, _BASE), (hardware.lidar, _LIDAR)):
-            for field, value in faults.get(words, {}).items():
-                setattr(target, field, value)
+        if fault := _FAULTS.get(" ".join(words)):
+            device, attribute, value = fault
+            setattr(hardware.base.faults if device == "base" else hardware.lidar, attribute, value)
         match words:
             case ("lift",):
                 hardware.body.drive(0.0, 0.0)
@@ -436,24 +442,19 @@ class Bench:
                 self._heal(hardware, robot)
             case ("where",):
                 return self._where(hardware, robot)
-            case ("plug" | "unplug" | "scramble", device, *share):
-                self._change_line(words[0], Jack(robot, device), share)
+            case ("scramble", device, share):
+                self._lines.corrupt(DevicePort(robot, device), _number(share, "a share", 1.0))
+            case ("plug" | "unplug" as verb, device):
+                self._plug(DevicePort(robot, device), plug=verb == "plug")
             case ("press" | "reboot", "radio") | ("gps", _):
                 self._change_board(hardware, robot, words)
         return None
 
-    def _change_line(self, verb: str, jack: Jack, share: Sequence[str]) -> None:
-        if verb == "scramble":
-            self._lines.scramble(jack, _number(share[0], "a share", 1.0))
-        elif (verb == "plug") is self._lines.is_plugged(jack):
-            state = (
-                "plugged in already; unplug it first" if verb == "plug" else "not plugged in; plug it first"
-            )
-            raise AcrcError(f"the {jack.device} of {jack.robot} is {state}")
-        elif verb == "plug":
-            self._lines.plug(jack)
-        else:
-            self._lines.unplug(jack)
+    def _plug(self, port: DevicePort, *, plug: bool) -> None:
+        if plug is self._lines.is_plugged(port):
+            state = "plugged in already; unplug it first" if plug else "not plugged in; plug it first"
+            raise AcrcError(f"the {port.device} of {port.robot} is {state}")
+        (self._lines.plug if plug else self._lines.unplug)(port)
 
     def _change_board(self, hardware: EmulatedHardware, robot: str, words: Sequence[str]) -> None:
         board, now = hardware.radio, self._laboratory.instant
@@ -469,12 +470,12 @@ class Bench:
     def _heal(self, hardware: EmulatedHardware, robot: str) -> None:
         """Remove all faults and plug in all cables."""
         hardware.base.faults = Faults()
-        for field, value in _HEALTHY_LIDAR.items():
-            setattr(hardware.lidar, field, value)
-        for jack in (Jack(robot, device) for device in DEVICES):
-            self._lines.scramble(jack, 0.0)
-            if not self._lines.is_plugged(jack):
-                self._lines.plug(jack)
+        for attribute, value in _HEALTHY_LIDAR.items():
+            setattr(hardware.lidar, attribute, value)
+        for port in (DevicePort(robot, device) for device in DEVICES):
+            self._lines.corrupt(port, 0.0)
+            if not self._lines.is_plugged(port):
+                self._lines.plug(port)
 
     def _where(self, hardware: EmulatedHardware, robot: str) -> str:
         """Ground truth: time, s; distance travelled, m; speed, m/s; 1 if the wheels are told to stand."""

@@ -28,7 +28,6 @@ class LidarRequest(IntEnum):
     SCAN = 0x20
     STOP = 0x25
     RESET = 0x40
-    INFO = 0x50
     HEALTH = 0x52
 
     @property
@@ -55,30 +54,8 @@ class Descriptor:
 DESCRIPTOR_SIZE: Final = 7
 SAMPLE_SIZE: Final = 5
 SCANNING: Final = Descriptor(SAMPLE_SIZE, True, 0x81)
-INFO: Final = Descriptor(20, False, 0x04)
 HEALTH: Final = Descriptor(3, False, 0x06)
 FULL_TURN_Q6: Final = 360 * 64
-
-
-@dataclass(frozen=True)
-class LidarInfo:
-    """Which lidar it is."""
-
-    model: int
-    firmware: tuple[int, int]
-    """Major, minor."""
-    hardware: int
-    serial: bytes
-    """16 bytes."""
-
-    def encode(self) -> bytes:
-        """Its 20 bytes."""
-        return bytes((self.model, self.firmware[1], self.firmware[0], self.hardware)) + self.serial
-
-    @classmethod
-    def decode(cls, data: bytes) -> "LidarInfo":
-        """Of 20 bytes."""
-        return cls(data[0], (data[2], data[1]), data[3], bytes(data[4:20]))
 
 
 @dataclass(frozen=True)
@@ -113,18 +90,15 @@ class Sample:
     """1/4 mm; 0 = no echo."""
 
     def encode(self) -> bytes:
-        """Its 5 bytes, with a bit and its opposite at the start of a turn, and a check bit that is 1."""
+        """Return its 5 bytes: a bit and its opposite mark the start of a turn, a check bit is 1."""
         flags = 1 if self.start else 2
         return struct.pack("<BHH", self.quality << 2 | flags, self.angle_q6 << 1 | 1, self.distance_q2)
 
-
-@dataclass
-class SampleCounts:
-    """What came."""
-
-    samples: int = 0
-    skipped: int = 0
-    """Bytes that were no sample."""
+    @classmethod
+    def decode(cls, data: bytearray, at: int) -> "Sample":
+        """Return the sample of the 5 bytes there."""
+        flags, angle, distance = struct.unpack_from("<BHH", data, at)
+        return cls(flags & 1 == 1, flags >> 2, angle >> 1, distance)
 
 
 class SampleReader:
@@ -143,7 +117,8 @@ class SampleReader:
         self._pending = bytearray()
         self._before: int | None = None
         """Angle of the sample that ends where the pending bytes begin; None while out of step."""
-        self.counts = SampleCounts()
+        self.skipped = 0
+        """Bytes that were no sample."""
 
     def take(self, data: bytes) -> list[Sample]:
         """The samples that end in `data`."""
@@ -154,15 +129,14 @@ class SampleReader:
             if self._before is None:
                 if not self._in_step(at):
                     at += 1
-                    self.counts.skipped += 1
+                    self.skipped += 1
                     continue
                 self._before = self._angle(at)
             self._before = self._following(at, self._before)
             if self._before is not None:
-                samples.append(_sample(self._pending, at))
+                samples.append(Sample.decode(self._pending, at))
                 at += SAMPLE_SIZE
         del self._pending[:at]
-        self.counts.samples += len(samples)
         return samples
 
     def _in_step(self, begin: int) -> bool:
@@ -185,11 +159,6 @@ class SampleReader:
 
     def _angle(self, at: int) -> int:
         return (self._pending[at + 1] | self._pending[at + 2] << 8) >> 1
-
-
-def _sample(data: bytearray, at: int) -> Sample:
-    flags, angle, distance = struct.unpack_from("<BHH", data, at)
-    return Sample(flags & 1 == 1, flags >> 2, angle >> 1, distance)
 
 
 _NOTICEABLE_Q6: Final = 10 * 64
@@ -226,24 +195,20 @@ class LidarPhase(Enum):
     STOPPING = "being stopped"
     RESETTING = "being reset"
     HEALTH = "asked for its health"
-    INFO = "asked what it is"
     STARTING = "being started"
     SCANNING = "scanning"
 
 
 @dataclass
 class RplidarCounts:
-    """How it went."""
+    """Turns by what became of them, and starts from the beginning."""
 
     scans: int = 0
     thin: int = 0
-    """Turns with too few or too many samples, or with a gap."""
+    """With too few or too many samples, or with a gap."""
     blind: int = 0
-    """Turns without a single echo; they are no scans."""
+    """Without a single echo; they are no scans."""
     starts: int = 0
-    """How often it was started from the beginning."""
-    skipped: int = 0
-    """Bytes before a descriptor that belonged to nothing."""
 
 
 class Rplidar(RangeReader):
@@ -253,7 +218,8 @@ class Rplidar(RangeReader):
         super().__init__(model)
         self._pending = bytearray()
         self._asked = False
-        self._samples = SampleReader()
+        self.samples = SampleReader()
+        """Of the last start."""
         self._turn: list[tuple[int, int]] | None = None
         """Angle and distance of each sample of this turn; None before the first turn's start."""
         self._turn_began = started
@@ -272,12 +238,6 @@ class Rplidar(RangeReader):
         self._entered = started
         self.counts = RplidarCounts()
         self.health: Health | None = None
-        self.info: LidarInfo | None = None
-
-    @property
-    def samples(self) -> SampleCounts:
-        """What the last start has brought."""
-        return self._samples.counts
 
     @property
     def fault(self) -> HoldCause | None:
@@ -301,9 +261,7 @@ class Rplidar(RangeReader):
         if self.phase in {LidarPhase.STOPPING, LidarPhase.RESETTING}:
             self._pending.clear()  # the rest of a scan, or a greeting
         elif self.phase is LidarPhase.HEALTH:
-            self._answered(now, HEALTH)
-        elif self.phase is LidarPhase.INFO:
-            self._answered(now, INFO)
+            self._health_answered(now)
         elif self.phase is LidarPhase.STARTING and self._described(SCANNING):
             rest = bytes(self._pending[DESCRIPTOR_SIZE:])
             self._enter(LidarPhase.SCANNING, now)
@@ -334,7 +292,7 @@ class Rplidar(RangeReader):
         self._pending.clear()
         if phase is LidarPhase.STARTING:
             self.counts.starts += 1
-            self._samples = SampleReader()
+            self.samples = SampleReader()
             self._turn = None
             self._sector = []
             self._repeats.forget()
@@ -342,26 +300,19 @@ class Rplidar(RangeReader):
     def _described(self, wanted: Descriptor) -> bool:
         """Look for that descriptor; once found, what follows it is pending."""
         at = self._pending.find(wanted.encode())
-        skipped = at if at >= 0 else max(0, len(self._pending) - DESCRIPTOR_SIZE + 1)
-        self.counts.skipped += skipped
-        del self._pending[:skipped]
+        del self._pending[: at if at >= 0 else max(0, len(self._pending) - DESCRIPTOR_SIZE + 1)]
         return at >= 0
 
-    def _answered(self, now: Instant, wanted: Descriptor) -> None:
+    def _health_answered(self, now: Instant) -> None:
         """Take the answer in, once it is whole, and go on."""
-        if not self._described(wanted) or len(self._pending) < DESCRIPTOR_SIZE + wanted.length:
-            return
-        data = bytes(self._pending[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + wanted.length])
-        self._alive = now
-        if wanted is INFO:
-            self.info = LidarInfo.decode(data)
-            self._enter(LidarPhase.STARTING, now)
-            return
-        self.health = Health.decode(data)
-        self._enter(LidarPhase.RESETTING if self.health.status == 2 else LidarPhase.INFO, now)
+        end = DESCRIPTOR_SIZE + HEALTH.length
+        if self._described(HEALTH) and len(self._pending) >= end:
+            self._alive = now
+            self.health = Health.decode(bytes(self._pending[DESCRIPTOR_SIZE:end]))
+            self._enter(LidarPhase.RESETTING if self.health.status == 2 else LidarPhase.STARTING, now)
 
     def _sampled(self, now: Instant, data: bytes) -> None:
-        samples = self._samples.take(data)
+        samples = self.samples.take(data)
         if samples:
             self._alive = now
         for sample in samples:
@@ -417,6 +368,5 @@ _REQUESTS = {
     LidarPhase.STOPPING: LidarRequest.STOP,
     LidarPhase.RESETTING: LidarRequest.RESET,
     LidarPhase.HEALTH: LidarRequest.HEALTH,
-    LidarPhase.INFO: LidarRequest.INFO,
     LidarPhase.STARTING: LidarRequest.SCAN,
 }

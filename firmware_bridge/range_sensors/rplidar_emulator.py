@@ -12,11 +12,9 @@ from actors.portable.draws import normals
 from firmware_bridge.range_sensors.rplidar import (
     FULL_TURN_Q6,
     HEALTH,
-    INFO,
     REQUEST,
     SCANNING,
     Health,
-    LidarInfo,
     LidarRequest,
     Sample,
 )
@@ -39,7 +37,6 @@ class EmulatedRplidarParameters:
     """m."""
     noise: float = 0.0
     """Standard deviation of a distance as a share of it; needs a generator if that is not 0."""
-    info: LidarInfo = LidarInfo(0x18, (1, 29), 7, bytes(range(16)))  # noqa: RUF009 - frozen
 
 
 class EmulatedRplidar:
@@ -101,8 +98,6 @@ class EmulatedRplidar:
             self._out += b"RP LIDAR System.\r\n"
         elif request == LidarRequest.HEALTH:
             self._out += HEALTH.encode() + self.health.encode()
-        elif request == LidarRequest.INFO:
-            self._out += INFO.encode() + self._p.info.encode()
         elif request == LidarRequest.SCAN and self.health.status != 2:
             self._scanning = True
             self._last_turn = int(self._sampled / self._p.samples * self._p.turns)

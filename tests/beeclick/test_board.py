@@ -27,7 +27,7 @@ from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,
     Command,
-    Moisture,
+    HumidityReading,
     NoiseError,
     Notes,
     PacketSent,
@@ -39,7 +39,7 @@ from firmware_bridge.beeclick.wire import (
     SetPower,
     Synchronise,
     Synchronised,
-    Warmth,
+    TemperatureReading,
     byte_time,
     bytes_in,
 )
@@ -68,8 +68,8 @@ ANSWERS: list[tuple[str, Answer]] = [
     ("05 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
     ("06 08 24 47 50 52 4d 43 2c 56", Sentence(b"$GPRMC,V")),
     ("07 04 c2 b0 43 0a", Notes("°C\n".encode())),
-    ("08 d7 00", Warmth(215)),
-    ("09 ec ff", Moisture(-20)),
+    ("08 d7 00", TemperatureReading(215)),
+    ("09 ec ff", HumidityReading(-20)),
 ]
 
 
@@ -278,7 +278,7 @@ def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
     bench = Bench()
     bench.tell(SetAddress(1, 2), SetChannel(3))
     assert bench.said(seconds(1.3)) == []
-    assert bench.said(seconds(0.1)) == [Warmth(215)]
+    assert bench.said(seconds(0.1)) == [TemperatureReading(215)]
     assert bench.board.address == 0
 
 
@@ -359,11 +359,11 @@ def test_sensors_speak_in_pairs() -> None:
     for _ in range(500):
         times += [(bench.now, answer) for answer in bench.said(10_000)]
     assert times == [
-        (1_380_000, Warmth(215)),
-        (1_730_000, Moisture(400)),
-        (3_090_000, Warmth(215)),
-        (3_440_000, Moisture(400)),
-        (4_800_000, Warmth(215)),
+        (1_380_000, TemperatureReading(215)),
+        (1_730_000, HumidityReading(400)),
+        (3_090_000, TemperatureReading(215)),
+        (3_440_000, HumidityReading(400)),
+        (4_800_000, TemperatureReading(215)),
     ]
 
 
@@ -396,7 +396,7 @@ def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     bench.tell(SetChannel(4))
     assert bench.said(seconds(1.3)) == []
     assert bench.boards[1].counters["heard"] == 0  # what was in the air was cut off
-    assert bench.said(seconds(0.1)) == [Warmth(215)]
+    assert bench.said(seconds(0.1)) == [TemperatureReading(215)]
 
 
 def lab(boards: int) -> Lab:

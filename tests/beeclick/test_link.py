@@ -23,7 +23,7 @@ from firmware_bridge.beeclick.reception import BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,
-    Moisture,
+    HumidityReading,
     Notes,
     PacketSent,
     ReceivedPacket,
@@ -31,7 +31,7 @@ from firmware_bridge.beeclick.wire import (
     SetAddress,
     SetChannel,
     SetPower,
-    Warmth,
+    TemperatureReading,
     byte_time,
 )
 from firmware_bridge.device_lines import CLEAN, Disturbance
@@ -58,7 +58,7 @@ def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
 def test_nothing_is_believed_before_the_first_sync_answer() -> None:
     host = Host()
     host.due()
-    assert host.hear(Warmth(215), packet(b"old"), ECHOES[0], b"\x00Hel", SYNC_PATTERN) == []
+    assert host.hear(TemperatureReading(215), packet(b"old"), ECHOES[0], b"\x00Hel", SYNC_PATTERN) == []
     assert host.link.phase is LinkPhase.SETTING
     assert host.link.counters["junk_bytes"] == 3 + 13 + 5 + 4
     assert host.link.counters["heard"] == 0
@@ -238,7 +238,12 @@ def test_a_damaged_packet_is_counted_and_dropped_if_wanted(drop: bool) -> None:
 def test_sensors_that_are_missing_are_told_from_those_that_measure() -> None:
     host = Host().get_ready()
     assert host.hear(
-        Warmth(-396), Warmth(-397), Warmth(6156), Moisture(0), Moisture(1000), Moisture(-20)
+        TemperatureReading(-396),
+        TemperatureReading(-397),
+        TemperatureReading(6156),
+        HumidityReading(0),
+        HumidityReading(1000),
+        HumidityReading(-20),
     ) == [
         Temperature(host.now, -39.6, valid=True),
         Temperature(host.now, -39.7, valid=False),
@@ -283,14 +288,16 @@ def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int]
         host.hear(after=80_000)
 
     host.due()
-    stage(b"\x00\x03Hel", Warmth(215), b"\x02\x01\x00", SYNC_PATTERN, Warmth(216))
+    stage(b"\x00\x03Hel", TemperatureReading(215), b"\x02\x01\x00", SYNC_PATTERN, TemperatureReading(216))
     host.due()
     stage(*ECHOES, HELLO)
     numbers = host.send(1, 2, 3, 4)
     stage(confirm(numbers[0]), HELLO, b"\x0b", HELLO)
     host.due()
     half = said([confirm(numbers[1])])
-    stage(half[:4], b"\x02" + half[1:5] + b"\x07", half, SYNC_PATTERN[:9], SYNC_PATTERN, Warmth(217))
+    stage(
+        half[:4], b"\x02" + half[1:5] + b"\x07", half, SYNC_PATTERN[:9], SYNC_PATTERN, TemperatureReading(217)
+    )
     host.due()
     stage(*ECHOES)
     numbers = host.send(5, 6)
@@ -298,7 +305,7 @@ def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int]
     host.due()
     stage(confirm(numbers[0]), HEAD, SYNC_PATTERN[:5], confirm(numbers[1]), SYNC_PATTERN)
     host.due()
-    stage(*ECHOES, HELLO, Warmth(218))
+    stage(*ECHOES, HELLO, TemperatureReading(218))
     return events, dict(host.link.counters), whole
 
 

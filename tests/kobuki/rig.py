@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos, sin
+from firmware_bridge.device_lines import CLEAN
 from firmware_bridge.kobuki.base import BaseParameters, BodyTruth, EmulatedKobuki
 from firmware_bridge.kobuki.driver import KobukiDriver, StateChange
 
@@ -95,6 +96,8 @@ class Rig:
         self.base = EmulatedKobuki(self.body, np.random.default_rng(7), base or BaseParameters())
         self.driver = KobukiDriver(START)
         self.changes: list[StateChange] = []
+        self.noise, self._random = CLEAN, np.random.default_rng(8)
+        """Disturbance of the bytes from the base."""
         self.written: list[tuple[Instant, bytes]] = []
         self.fed = 0
 
@@ -107,7 +110,8 @@ class Rig:
             self.now = Instant(self.now + ROUND)
             if wish is not None:
                 self.driver.command(self.now, *wish)
-            self.fed += len(self.driver.take(self.now, self.base.run(self.now)))
+            data = self.noise.apply(self.base.run(self.now), self._random)
+            self.fed += len(self.driver.take(self.now, data))
             self.changes += self.driver.changes()
             if data := self.driver.due(self.now):
                 self.written.append((self.now, data))

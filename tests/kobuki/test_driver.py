@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from actors.geometry import Pose
 from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
-from firmware_bridge.device_lines import PseudoTerminal
+from firmware_bridge.device_lines import CLEAN, Disturbance, PseudoTerminal
 from firmware_bridge.kobuki.driver import BatteryLevel, StateChange
 from firmware_bridge.kobuki.motion import TRACK, velocity
 from firmware_bridge.kobuki.safety import AllowedMotion, HoldCause, SafetyStop
@@ -392,14 +392,14 @@ def test_a_low_battery_is_shown_and_heard_and_with_a_nearly_empty_one_it_stands(
 def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:
     rig = Rig()
     rig.run(2.0, (0.4, 0.0))
-    rig.base.faults.scramble = 0.3
+    rig.noise = Disturbance(0.1, 0.1, 0.1)
     rig.run(0.2, (0.4, 0.0))
     assert {stop.cause for stop in rig.driver.allowed.stops} == {HoldCause.NO_FEEDBACK, HoldCause.NOISE}
     assert rig.body.truth().v == 0.0
     before = len(rig.written)
     rig.run(0.1, (0.4, 0.0))
     assert {data for _, data in rig.written[before:]} == {rig.driver.farewell() * 5}  # in 5 ms
-    rig.base.faults.scramble = 0.0
+    rig.noise = CLEAN
     rig.run(0.5, (0.4, 0.0))
     assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0
 

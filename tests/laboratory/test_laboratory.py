@@ -27,13 +27,13 @@ from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import TimedOrder
 from firmware_bridge.beeclick.wire import SendPacket, Synchronise
 from firmware_bridge.beeclick.wire import encode_command as encode_for_board
-from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, Jack, Lines
+from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, DevicePort, EmulatedLines
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import encode_command, encode_frame
 from firmware_bridge.laboratory.__main__ import main
-from firmware_bridge.laboratory.laboratory import LIDAR, Bench, Laboratory, LaboratorySetup
+from firmware_bridge.laboratory.laboratory import LIDAR, FaultInjector, Laboratory, LaboratorySetup
 from firmware_bridge.range_sensors.rplidar import LidarRequest
 from firmware_bridge.serial_port import PortError
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, LidarHost, Running, setup, until
@@ -48,10 +48,10 @@ class Wire:
     """Keeps the bytes that were sent."""
 
     def __init__(self) -> None:
-        self.bytes: dict[Jack, bytes] = defaultdict(bytes)
+        self.bytes: dict[DevicePort, bytes] = defaultdict(bytes)
 
-    def __call__(self, jack: Jack, data: bytes) -> None:
-        self.bytes[jack] += data
+    def __call__(self, port: DevicePort, data: bytes) -> None:
+        self.bytes[port] += data
 
 
 def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
@@ -59,11 +59,11 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     room = setup(2, "kobuki")
     world = msgspec.structs.replace(room.world, uncertainty=dose)
     laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
-    laboratory.take(Jack("r1", BASE), START, FAST)
-    laboratory.take(Jack("r1", RANGE), START, LidarRequest.SCAN.bytes)
+    laboratory.take(DevicePort("r1", BASE), START, FAST)
+    laboratory.take(DevicePort("r1", RANGE), START, LidarRequest.SCAN.bytes)
     for robot in ("r1", "r2"):
         packets = b"".join(encode_for_board(SendPacket(number, bytes(118))) for number in range(4))
-        laboratory.take(Jack(robot, RADIO), START, b"\xff" + encode_for_board(Synchronise()) + packets)
+        laboratory.take(DevicePort(robot, RADIO), START, b"\xff" + encode_for_board(Synchronise()) + packets)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire
@@ -78,14 +78,14 @@ def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
     assert often.now == seldom.now == Instant(2_000_000)
     assert often.pose("r1") == seldom.pose("r1")
     assert by_often.bytes == by_seldom.bytes
-    assert len(by_often.bytes[Jack("r1", RANGE)]) == 7 + 5 * 3960
+    assert len(by_often.bytes[DevicePort("r1", RANGE)]) == 7 + 5 * 3960
     assert often.air.counters() == seldom.air.counters()
     assert often.air.counters()["frames_sent"] == 8
 
 
 def echoes(wire: Wire) -> float:
     """Share of the samples of r1's lidar with a distance; each has 5 bytes, after a descriptor of 7."""
-    samples = np.frombuffer(wire.bytes[Jack("r1", RANGE)][7:], np.uint8).reshape(-1, 5)
+    samples = np.frombuffer(wire.bytes[DevicePort("r1", RANGE)][7:], np.uint8).reshape(-1, 5)
     return float(np.mean(samples[:, 3:].any(axis=1)))
 
 
@@ -94,7 +94,7 @@ def test_lidars_and_bases_know_of_the_doses() -> None:
         driven(40, dose) for dose in (USUAL, Uncertainty(glass=1.0), Uncertainty(drift=50.0))
     )
     assert echoes(usual) > 0.9 and 0 < echoes(glass) < 0.6  # of r2, and of the map's edge
-    base, lidar = Jack("r1", BASE), Jack("r1", RANGE)
+    base, lidar = DevicePort("r1", BASE), DevicePort("r1", RANGE)
     assert usual.bytes[base] == glass.bytes[base] != drift.bytes[base]
     assert usual.bytes[lidar] == drift.bytes[lidar] != glass.bytes[lidar]
 
@@ -110,7 +110,7 @@ def test_what_events_do_to_air_and_floor_is_done() -> None:
     ahead, seen = np.array([0.0]), []
     for at in (90_000, 110_000):
         laboratory.advance(Instant(at), Wire())
-        seen.append(float(laboratory._sights.of(0)(ahead)[0]))
+        seen.append(float(laboratory._scanners.of(0)(ahead)[0]))
     assert seen == pytest.approx(
         [2.0 + 0.1 - 0.177, 1.0 + 0.1 - 0.2], abs=0.05
     )  # r2, then what stands before it
@@ -129,9 +129,9 @@ def laboratory() -> Laboratory:
 
 
 @pytest.fixture
-def lines(tmp_path: Path) -> Iterator[Lines]:
-    jacks = [Jack(robot, device) for robot in ("r1", "r2") for device in DEVICES]
-    with Lines(tmp_path, jacks, np.random.default_rng(1)) as lines:
+def lines(tmp_path: Path) -> Iterator[EmulatedLines]:
+    ports = [DevicePort(robot, device) for robot in ("r1", "r2") for device in DEVICES]
+    with EmulatedLines(tmp_path, ports, np.random.default_rng(1)) as lines:
         yield lines
 
 
@@ -146,21 +146,23 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
         ("plug r1 base", "the base of r1 is plugged in already; unplug it first"),
     ],
 )
-def test_what_cannot_be_done_is_told(laboratory: Laboratory, lines: Lines, line: str, sentence: str) -> None:
+def test_what_cannot_be_done_is_told(
+    laboratory: Laboratory, lines: EmulatedLines, line: str, sentence: str
+) -> None:
     with pytest.raises(AcrcError) as caught:
-        Bench(laboratory, lines).do(line)
+        FaultInjector(laboratory, lines).do(line)
     assert str(caught.value).startswith(sentence)
 
 
 def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) -> set[HoldCause]:
     """Why r1 stands after so long, though its driver wants to drive."""
-    jack, begun = Jack("r1", BASE), laboratory.now
+    port, begun = DevicePort("r1", BASE), laboratory.now
     for at in range(begun, begun + 1000 * duration_ms, SUBSTEP):
         now, wire = Instant(at + SUBSTEP), Wire()
         laboratory.advance(now, wire)
-        driver.take(now, wire.bytes[jack])
+        driver.take(now, wire.bytes[port])
         driver.command(now, 0.2, 0.0)
-        laboratory.take(jack, now, driver.due(now))
+        laboratory.take(port, now, driver.due(now))
     return {stop.cause for stop in driver.allowed.stops}
 
 
@@ -176,9 +178,9 @@ def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) 
     ],
 )
 def test_a_fault_stops_the_driver_and_healing_lets_it_go(
-    laboratory: Laboratory, lines: Lines, fault: str, cause: HoldCause
+    laboratory: Laboratory, lines: EmulatedLines, fault: str, cause: HoldCause
 ) -> None:
-    bench, driver = Bench(laboratory, lines), KobukiDriver(START)
+    bench, driver = FaultInjector(laboratory, lines), KobukiDriver(START)
     assert stops(laboratory, driver) == set()
     bench.do(fault)
     assert cause in stops(laboratory, driver)
@@ -189,26 +191,26 @@ def test_a_fault_stops_the_driver_and_healing_lets_it_go(
     assert laboratory.travelled("r1") > driven_by_then
 
 
-def test_a_corrupted_line_is_clean_again_and_unread_bytes_are_counted(lines: Lines) -> None:
-    jack, sent = Jack("r2", RANGE), bytes(range(256)) * 8
-    lines.scramble(jack, 0.1)
-    with lines.path(jack).open("rb", buffering=0) as host:
-        lines.send(jack, sent)
+def test_a_corrupted_line_is_clean_again_and_unread_bytes_are_counted(lines: EmulatedLines) -> None:
+    port, sent = DevicePort("r2", RANGE), bytes(range(256)) * 8
+    lines.corrupt(port, 0.1)
+    with lines.path(port).open("rb", buffering=0) as host:
+        lines.send(port, sent)
         damaged = host.read(4096)
-        lines.scramble(jack, 0.0)
-        lines.send(jack, sent)
+        lines.corrupt(port, 0.0)
+        lines.send(port, sent)
         assert host.read(4096) == sent
     assert damaged != sent
     assert len(damaged) == pytest.approx(len(sent), rel=0.05)
     for _ in range(100):
-        lines.send(jack, bytes(4096))
-    unread = lines.unread(jack)
+        lines.send(port, bytes(4096))
+    unread = lines.unread(port)
     assert unread > 200_000
-    lines.unplug(jack)
-    lines.send(jack, bytes(4096))
-    assert lines.read(jack) == b""
-    lines.plug(jack)
-    assert lines.unread(jack) == unread
+    lines.unplug(port)
+    lines.send(port, bytes(4096))
+    assert lines.read(port) == b""
+    lines.plug(port)
+    assert lines.unread(port) == unread
 
 
 def millimetres(scan: Scan) -> NDArray[np.int64]:

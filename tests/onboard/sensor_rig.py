@@ -23,7 +23,7 @@ from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, Disturbance, Jack
+from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, DevicePort, Disturbance
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory, LaboratorySetup
@@ -293,8 +293,8 @@ class SensorRig:
                     vehicle.bot.command(now, now, *vehicle.pilot.steer(scan))
             vehicle.serve(now)
             for device in vehicle.lines:
-                self.laboratory.take(Jack(name, device), now, vehicle.to_device(device))
+                self.laboratory.take(DevicePort(name, device), now, vehicle.to_device(device))
 
-    def _deliver(self, jack: Jack, data: bytes) -> None:
-        if jack.device != RADIO:
-            self.vehicles[jack.robot].from_device(jack.device, data)
+    def _deliver(self, port: DevicePort, data: bytes) -> None:
+        if port.device != RADIO:
+            self.vehicles[port.robot].from_device(port.device, data)

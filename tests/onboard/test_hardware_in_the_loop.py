@@ -168,5 +168,5 @@ def test_shipped_scenarios_and_everything_of_the_air_are_not_refused(tmp_path: P
     hardware_in_the_loop.check_limits(asked)
     plan = swarm.plan(asked, RunOptions(tmp_path / "out"))
     laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
-    laboratory.advance(Instant(20_000), lambda jack, data: None)
+    laboratory.advance(Instant(20_000), lambda port, data: None)
     assert laboratory.air.counters()["frames_sent"] == 0

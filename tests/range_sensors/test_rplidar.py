@@ -14,12 +14,11 @@ from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.robot_model import load_model, scan_angles
+from firmware_bridge.device_lines import CLEAN, Disturbance
 from firmware_bridge.range_sensors.rplidar import (
     HEALTH,
-    INFO,
     SCANNING,
     Health,
-    LidarInfo,
     LidarPhase,
     LidarRequest,
     Rplidar,
@@ -43,15 +42,11 @@ def test_bytes() -> None:
     assert LidarRequest.SCAN.bytes == bytes.fromhex("a5 20")
     assert LidarRequest.STOP.bytes == bytes.fromhex("a5 25")
     assert SCANNING.encode() == bytes.fromhex("a5 5a 05 00 00 40 81")
-    assert INFO.encode() == bytes.fromhex("a5 5a 14 00 00 00 04")
     assert HEALTH.encode() == bytes.fromhex("a5 5a 03 00 00 00 06")
     # 90 degrees = 5760/64: 5760 * 2 + 1 = 2d01; 1 m = 4000/4 mm = 0fa0; quality 15, turn's start: 3c | 1
     assert Sample(True, 15, 5760, 4000).encode() == bytes.fromhex("3d 01 2d a0 0f")
     assert Sample(False, 15, 5760, 4000).encode() == bytes.fromhex("3e 01 2d a0 0f")
     assert Health(1, 0x1234).encode() == bytes.fromhex("01 34 12")
-    info = LidarInfo(0x18, (1, 29), 7, bytes(range(16)))
-    assert info.encode() == bytes.fromhex("18 1d 01 07") + bytes(range(16))
-    assert LidarInfo.decode(info.encode()) == info
     assert Health.decode(bytes.fromhex("01 34 12")) == Health(1, 0x1234)
 
 
@@ -71,7 +66,7 @@ def test_samples_are_read_however_they_are_cut(
     reader = SampleReader()
     read = [s for at in range(0, len(wire), chunk) for s in reader.take(wire[at : at + chunk])]
     assert read == samples
-    assert reader.counts.skipped == 0
+    assert reader.skipped == 0
 
 
 def test_a_reader_that_lost_its_place_finds_it_again() -> None:
@@ -83,7 +78,7 @@ def test_a_reader_that_lost_its_place_finds_it_again() -> None:
     assert read[:100] == samples[:100]
     assert len(read) >= 295
     assert len([sample for sample in read if sample not in samples]) <= 1
-    assert reader.counts.skipped >= 4
+    assert reader.skipped >= 4
 
 
 class Rig:
@@ -95,17 +90,13 @@ class Rig:
         self.lidar = Rplidar(CHAPTER, START)
         self.scans: list[Scan] = []
         self.noise = np.random.default_rng(3)
-        self.scramble = 0.0
+        self.line = CLEAN
 
     def run(self, seconds: float) -> None:
         end = self.now + round(seconds * 1e6)
         while self.now < end:
             self.now = Instant(self.now + milliseconds(5))
-            data = self.device.run(self.now)
-            if self.scramble:
-                kept = self.noise.random(len(data)) >= self.scramble
-                data = bytes(byte for byte, keep in zip(data, kept.tolist(), strict=True) if keep)
-            self.lidar.take(self.now, data)
+            self.lidar.take(self.now, self.line.apply(self.device.run(self.now), self.noise))
             self.device.take(self.now, self.lidar.due(self.now))
             scan = self.lidar.scan()
             if scan is not None:
@@ -122,7 +113,6 @@ def test_it_starts_and_sees_the_room_along_the_models_rays() -> None:
     rig = Rig()
     rig.device.take(START, LidarRequest.SCAN.bytes)  # it scans already, and is stopped first
     rig.run(3.0)
-    assert rig.lidar.info == LidarInfo(0x18, (1, 29), 7, bytes(range(16)))
     assert rig.lidar.health == Health(0)
     assert 14 <= len(rig.scans) <= 16  # 5.5 turns a second, the first not whole
     truth = room(Rays(CHAPTER).angles)
@@ -159,7 +149,7 @@ def test_it_sees_a_thing_on_the_left_at_the_rays_that_look_there() -> None:
 def test_noise_costs_samples_but_no_scan() -> None:
     rig = Rig()
     rig.run(1.0)
-    rig.scramble = 0.002
+    rig.line = Disturbance(drop=0.002)
     rig.run(10.0)
     assert len(rig.scans) > 50
     assert rig.lidar.samples.skipped > 50
@@ -197,7 +187,7 @@ def test_whatever_comes_nothing_is_raised_and_little_is_kept() -> None:
         rig.lidar.take(rig.now, rig.noise.bytes(100))
         rig.lidar.due(rig.now)
     assert len(rig.lidar._pending) < 50
-    assert len(rig.lidar._samples._pending) < 200
+    assert len(rig.lidar.samples._pending) < 200
 
 
 @pytest.mark.parametrize("fault", ["dark", "stuck", "silent"])
