@@ -22,6 +22,7 @@ A robot that is restarted forgets what it had adopted; its own places it takes a
 from actors.robot.behaviour import FloorPlan
 from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
 from cleaning.cleaner import Cleaner
+from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, ensemble, milliseconds, seconds
 
 
@@ -115,3 +116,10 @@ class AdoptedDestinationRemove:
     ) -> AdaptiveCleaningRobot:
         """The member leaves it to the coordinator."""
         return member.leaving_to(coordinator, now, exchange=self.exchange)
+
+
+def exchanges(parameters: AdaptationParameters) -> tuple[object, ...]:
+    """The ensembles by which blocked robots exchange destinations."""
+    p = parameters
+    adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
+    return adoption, AdoptedDestinationRemove(p.exchange)

@@ -14,12 +14,13 @@ from actors.robot.behaviour import (
     Navigation,
     PlaceMonitor,
     Positioning,
+    Start,
     TaskList,
 )
 from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
-from cleaning.place import Assignment, Takeover, since
+from cleaning.place import Assignment, Takeover, assignments, since
 from deeco import Instant, Knowledge, component, milliseconds, periodic, replace, seconds
 
 
@@ -51,6 +52,12 @@ class CleaningRobot(Cleaner):
     """How often in a row navigation has found no way to the destination."""
     aborted: int = 0
     """How often in a row navigation has given the destination up."""
+
+    @classmethod
+    def at_start(cls, start: Start, parameters: CleaningParameters) -> Self:
+        """The robot as it begins: at its start pose, with its own places in the order given."""
+        route = assignments(start)
+        return cls(id=start.robot, position=start.pose.point, route=route, parameters=parameters)
 
     @property
     def target(self) -> Point | None:

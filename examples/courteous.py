@@ -16,7 +16,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import Assignment, assignments
+from cleaning.place import Assignment
 from cleaning.settings import from_settings
 from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, replace, role, seconds
 
@@ -118,9 +118,6 @@ class HandOver:
 
 def behaviour(start: Start) -> Behaviour:
     """Give way, help those who have more to do, and close in time: an example of a strategy of one's own."""
-    parameters = from_settings(CourteousParameters, start.settings)
-    robot = CourteousRobot(
-        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
-    )
-    way = GivingWay(parameters.adoption_distance)
+    p = from_settings(CourteousParameters, start.settings)
+    robot, way = CourteousRobot.at_start(start, p), GivingWay(p.adoption_distance)
     return host(start, robot, way, HandOver(), AdoptedDestinationRemove(exchange=False))

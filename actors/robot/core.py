@@ -40,20 +40,15 @@ from deeco.node import looking_on
 _LIMITS: Final = RobotLimits()
 
 
-@dataclass(frozen=True)
-class MotionThresholds:
-    """From when on a base counts as moving; own choices, above the noise of wheel encoders."""
+_SPEED: Final = 0.01
+"""Above this speed, m/s, or ..."""
+_TURN_RATE: Final = 0.02
+"""... this turn rate, rad/s, a base counts as moving; own choices, above the noise of wheel encoders."""
 
-    speed: float = 0.01
-    """m/s."""
-    turn_rate: float = 0.02
-    """rad/s."""
 
-    def exceeded_by(self, velocity: Twist) -> bool:
-        """True if the base moves."""
-        vx, vy, omega = velocity
-        most, turn = self.speed, self.turn_rate
-        return not (-most <= vx <= most and -most <= vy <= most and -turn <= omega <= turn)
+def _is_moving(velocity: Twist) -> bool:
+    vx, vy, omega = velocity
+    return not (-_SPEED <= vx <= _SPEED and -_SPEED <= vy <= _SPEED and -_TURN_RATE <= omega <= _TURN_RATE)
 
 
 @dataclass(frozen=True)
@@ -64,7 +59,6 @@ class RobotParts:
     localisation: Localisation
     navigation: Navigator
     behaviour: Behaviour
-    moving: MotionThresholds = MotionThresholds()
     introspector: Introspector | None = None
     """None: only results and causes are recorded."""
 
@@ -83,42 +77,18 @@ class RobotCore:
         limits: RobotLimits = _LIMITS,
     ) -> None:
         """`entry` names the behaviour in errors."""
-        self._robot = robot
-        self._parts = parts
-        self._entry = entry
-        self._step = first_step
+        self.localisation, self.navigation = parts.localisation, parts.navigation
+        self.behaviour = parts.behaviour
+        self.step = first_step
+        """The step that the robot is in."""
+        self.finished = False
+        """True once Senses with `halt` has been taken in."""
+        self._robot, self._entry, self._limits = robot, entry, limits
         self._step_us = step_us
-        self._limits = limits
-        self._finished = False
+        self._sweeps, self._introspector = parts.sweeps, parts.introspector
         self._senses, self._received = at(SENSES, robot), at(RECEIVED, robot)
         self._drive, self._transmit = at(DRIVE, robot), at(TRANSMIT, robot)
         self._introspection = at(INTROSPECTION, robot)
-        self._introspector = parts.introspector
-
-    @property
-    def navigation(self) -> Navigator:
-        """What drives the robot."""
-        return self._parts.navigation
-
-    @property
-    def localisation(self) -> Localisation:
-        """What tells the robot where it is."""
-        return self._parts.localisation
-
-    @property
-    def behaviour(self) -> Behaviour:
-        """The user's part; for those who execute a robot again to look into it."""
-        return self._parts.behaviour
-
-    @property
-    def step(self) -> int:
-        """The step that the robot is in."""
-        return self._step
-
-    @property
-    def finished(self) -> bool:
-        """True once Senses with `halt` has been taken in."""
-        return self._finished
 
     def listens(self) -> Sequence[Address]:
         """Every address that a message may come in on."""
@@ -143,77 +113,74 @@ class RobotCore:
             self._check_received(received, senses.events)
             events = received.events
         if senses.halt:
-            self._finished = True
+            self.finished = True
             return ()
         if self._introspector is None:
             outputs = self._outputs(*self._act(senses, events))
         else:
             with looking_on(self._introspector):  # a successor's node is made in a later step
                 outputs = self._outputs(*self._act(senses, events))
-            told = self._introspector.end(self._step, self._parts.behaviour)
+            told = self._introspector.end(self.step, self.behaviour)
             outputs += () if told is None else (Output(self._introspection, told),)
-        self._step += 1
+        self.step += 1
         return outputs
 
     def outcome(self) -> dict[str, object]:
-        """What there is to say about the run, by subject: the robot's own, and what its behaviour adds."""
-        parts = self._parts
+        """Return results of the run by subject: the robot's own, and what its behaviour adds."""
         own: dict[str, object] = {
-            "localisation": parts.localisation.outcome(),
-            "navigation": parts.navigation.report(),
+            "localisation": self.localisation.outcome(),
+            "navigation": self.navigation.report(),
         }
-        say = getattr(parts.behaviour, "outcome", None)
+        say = getattr(self.behaviour, "outcome", None)
         if say is None:
             return own
         outcome = say()
         if wrong := outcome_fault(outcome, tuple(own)):
-            raise BehaviourError(f"step {self._step}: behaviour {self._entry!r} of {self._robot} {wrong}")
+            raise BehaviourError(f"step {self.step}: behaviour {self._entry!r} of {self._robot} {wrong}")
         return own | cast(dict[str, object], outcome)
 
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
-        parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
+        odometry, instant = senses.odometry, Instant(senses.instant)
+        localisation, navigation = self.localisation, self.navigation
         here = made(Pose, (odometry.x, odometry.y, odometry.heading))
-        sweep = parts.sweeps.take(instant, here, senses.scan)
+        sweep = self._sweeps.take(instant, here, senses.scan)
         newest = sweep
         for scan in senses.earlier_scans:
-            earlier = parts.sweeps.placed(scan)
+            earlier = self._sweeps.placed(scan)
             newest = earlier if sweep is None else sweep
-            parts.localisation.update(here, earlier)
-            parts.navigation.sense(instant, here, earlier)
-        estimate = parts.localisation.update(here, sweep)
+            localisation.update(here, earlier)
+            navigation.sense(instant, here, earlier)
+        estimate = localisation.update(here, sweep)
         if self._introspector is not None:
             self._introspector.begin(instant, here, estimate, newest)
-        pose = estimate.pose
         velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
-        parts.navigation.sense(instant, here, sweep)
+        navigation.sense(instant, here, sweep)
         twist = STILL
         if estimate.located:  # else it stands: navigation waits, too
-            twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
-        moving = parts.moving.exceeded_by(velocity)
-        driven = parts.navigation
+            twist = navigation.advance(instant, here, estimate.pose, velocity, senses.bumper != 0)
         view = View(
             instant=instant,
-            pose=pose,
-            moving=moving,
-            goal=driven.goal,
+            pose=estimate.pose,
+            moving=_is_moving(velocity),
+            goal=navigation.goal,
             radio=events,
             covariance=estimate.covariance,
             lost=estimate.lost,
-            plan=driven.plan,
-            backing_out=driven.backing_out,
+            plan=navigation.plan,
+            backing_out=navigation.backing_out,
             places=tuple(Point(*place) for place in senses.places) if senses.places else (),
         )
         decision = self._decide(view, Instant(instant + self._step_us))
-        driven.take(decision.goal, decision.paused, decision.back_out)
+        navigation.take(decision.goal, decision.paused, decision.back_out)
         if decision.relocalise:
-            parts.localisation.relocalise()
+            localisation.relocalise()
         if decision.peers is not None:
-            parts.localisation.mask(decision.peers)
-        return decision, twist, pose if estimate.located else None
+            localisation.mask(decision.peers)
+        return decision, twist, estimate.pose if estimate.located else None
 
     def _decide(self, view: View, until: Instant) -> Decision:
         try:
-            decision = self._parts.behaviour.advance(view, until)
+            decision = self.behaviour.advance(view, until)
         except Exception as error:
             error.add_note(f"in {self._where(view.instant)}")
             raise
@@ -222,37 +189,37 @@ class RobotCore:
         return decision
 
     def _where(self, instant: int) -> str:
-        return f"step {self._step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
+        return f"step {self.step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
     def _outputs(self, decision: Decision, twist: Twist, pose: Pose | None) -> list[Output]:
         said = (decision.reports, decision.given_up, decision.route)
         frames = len(decision.frames)
         drive = Drive(
-            self._step, *twist, frames, *said, None if pose is None else (pose.x, pose.y, pose.heading)
+            self.step, *twist, frames, *said, None if pose is None else (pose.x, pose.y, pose.heading)
         )
         if not frames:
             return [Output(self._drive, drive)]
-        return [Output(self._transmit, Transmit(self._step, decision.frames)), Output(self._drive, drive)]
+        return [Output(self._transmit, Transmit(self.step, decision.frames)), Output(self._drive, drive)]
 
     def _catch_up(self, senses: Senses) -> None:
-        """The step is the world's to say: steps are missing while the robot is frozen."""
-        if senses.step < self._step:
+        """Take the step's number from the world: steps are missing while the robot is frozen."""
+        if senses.step < self.step:
             raise AcrcError(
-                f"step {self._step}: {self._robot} got Senses of step {senses.step}; "
-                f"it should be of step {self._step} or later"
+                f"step {self.step}: {self._robot} got Senses of step {senses.step}; "
+                f"it should be of step {self.step} or later"
             )
-        self._step = senses.step
+        self.step = senses.step
         if wrong := senses_fault(senses):
-            raise AcrcError(f"step {self._step}: {self._robot} got {wrong}")
+            raise AcrcError(f"step {self.step}: {self._robot} got {wrong}")
 
     def _check_received(self, received: Received, events: int) -> None:
-        if received.step > self._step:  # an earlier one was kept while the robot was frozen
+        if received.step > self.step:  # an earlier one was kept while the robot was frozen
             raise AcrcError(
-                f"step {self._step}: {self._robot} got Received of step {received.step}; "
-                f"it should be of step {self._step} or earlier"
+                f"step {self.step}: {self._robot} got Received of step {received.step}; "
+                f"it should be of step {self.step} or earlier"
             )
         if len(received.events) != events:
             raise AcrcError(
-                f"step {self._step}: {self._robot} got {len(received.events)} radio events; "
+                f"step {self.step}: {self._robot} got {len(received.events)} radio events; "
                 f"Senses counts {events}"
             )

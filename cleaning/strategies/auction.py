@@ -12,7 +12,7 @@ from typing import Annotated, Self
 from actors.robot.behaviour import Behaviour, FloorPlan, PlaceMonitor, Start, host
 from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
-from cleaning.place import Assignment, assignments
+from cleaning.place import Assignment
 from cleaning.settings import from_settings
 from cleaning.strategies.tour import Ways
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
@@ -171,11 +171,7 @@ class Outbid:
 
 def behaviour(start: Start) -> Behaviour:
     """Auction places by the length of ways with a charge for doors, again and again, also when stuck."""
-    parameters = from_settings(BiddingParameters, start.settings)
-    robot = BiddingRobot(
-        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
-    )
-    p = parameters
+    p = from_settings(BiddingParameters, start.settings)
     yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
-    further: list[object] = [SteppingAside(p.yield_distance)] if p.make_way else []
-    return host(start, robot, Auction(), Outbid(), yielding, *further)
+    further = [SteppingAside(p.yield_distance)] if p.make_way else []
+    return host(start, BiddingRobot.at_start(start, p), Auction(), Outbid(), yielding, *further)

@@ -13,10 +13,9 @@ from typing import Self
 from actors.robot.behaviour import FARTHEST_BACK, Behaviour, Navigation, Positioning, Start, host
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.adoption import exchanges
 from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import assignments
 from cleaning.settings import from_settings
 from deeco import Duration, Instant, adaptation, component, periodic, replace, seconds
 
@@ -78,6 +77,4 @@ class CarefulRobot(AdaptiveCleaningRobot):
 def behaviour(start: Start) -> Behaviour:
     """As the chapter's, but who knows that it is lost stops, goes back as it came, and looks for itself."""
     p = from_settings(CarefulParameters, start.settings)
-    robot = CarefulRobot(id=start.robot, position=start.pose.point, route=assignments(start), parameters=p)
-    adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
-    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange))
+    return host(start, CarefulRobot.at_start(start, p), *exchanges(p))

@@ -13,9 +13,8 @@ from typing import Final
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View, host
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
+from cleaning.adoption import MakingWay, PeerMask, exchanges
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.place import assignments
 from cleaning.settings import from_settings
 
 _SENSOR_RANGE: Final = 6.5
@@ -42,22 +41,22 @@ class GivingUpParameters(AdaptationParameters):
 
 def behaviour(start: Start) -> Behaviour:
     """Turn elsewhere when stuck, and exchange destinations with whom one is stuck: the chapter's example."""
-    return _adaptive(start, from_settings(AdaptationParameters, start.settings))
+    return _adaptive(start, AdaptationParameters)
 
 
 def released(start: Start) -> Behaviour:
     """The same with the thresholds and choices of the released code, without its defects."""
-    return _adaptive(start, from_settings(ReleasedParameters, start.settings))
+    return _adaptive(start, ReleasedParameters)
 
 
 def make_way(start: Start) -> Behaviour:
     """As the chapter's, and who is done goes out of the way of who is blocked."""
-    return _adaptive(start, from_settings(MakeWayParameters, start.settings))
+    return _adaptive(start, MakeWayParameters)
 
 
 def giving_up(start: Start) -> Behaviour:
     """As the chapter's, but a place is given up after five attempts at it in vain."""
-    return _adaptive(start, from_settings(GivingUpParameters, start.settings))
+    return _adaptive(start, GivingUpParameters)
 
 
 def mute(start: Start) -> Behaviour:
@@ -65,16 +64,12 @@ def mute(start: Start) -> Behaviour:
     return Mute(behaviour(start))
 
 
-def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
-    p = parameters
-    robot = AdaptiveCleaningRobot(
-        id=start.robot, position=start.pose.point, route=assignments(start), parameters=p
-    )
-    adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
+def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
+    p = from_settings(kind, start.settings)
     further: list[object] = [MakingWay(p.adoption_distance)] if p.make_way else []
     if p.peer_mask:
         further.append(PeerMask(_SENSOR_RANGE))
-    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange), *further)
+    return host(start, AdaptiveCleaningRobot.at_start(start, p), *exchanges(p), *further)
 
 
 class Mute:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, host
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.adoption import exchanges
 from cleaning.cleaner import Cleaner, State
-from cleaning.place import Assignment, assignments
+from cleaning.place import Assignment
 from cleaning.settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import (
@@ -214,14 +214,6 @@ class DoorsCleared:
 def behaviour(start: Start) -> Behaviour:
     """As the chapter's, with doors that one direction has at a time, and robots that back out."""
     p = from_settings(LeasingParameters, start.settings)
-    robot = LeasingRobot(id=start.robot, position=start.pose.point, route=assignments(start), parameters=p)
-    return host(
-        start,
-        robot,
-        DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff),
-        AdoptedDestinationRemove(p.exchange),
-        DoorRivals(),
-        DoorsCleared(p.yield_distance),
-        Yielding(p.yield_distance, p.yield_checks, p.insist_checks),
-        SteppingAside(p.yield_distance),
-    )
+    yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks), SteppingAside(p.yield_distance)
+    doors = DoorRivals(), DoorsCleared(p.yield_distance)
+    return host(start, LeasingRobot.at_start(start, p), *exchanges(p), *doors, *yielding)

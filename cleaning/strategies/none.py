@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from actors.robot.behaviour import Behaviour, Start, host
 from cleaning.parameters import CleaningParameters
-from cleaning.place import assignments
 from cleaning.robot import CleaningRobot
 from cleaning.settings import from_settings
 
@@ -35,21 +34,18 @@ class PlainGivingUpParameters(CleaningParameters):
 
 def behaviour(start: Start) -> Behaviour:
     """Visit the own places in their order, whatever the others do, for ever: the chapter's baseline."""
-    return _plain(start, from_settings(CleaningParameters, start.settings))
+    return _plain(start, CleaningParameters)
 
 
 def original(start: Start) -> Behaviour:
     """The same as the original did: a goal that navigation gave up once is never asked for again."""
-    return _plain(start, from_settings(OriginalParameters, start.settings))
+    return _plain(start, OriginalParameters)
 
 
 def giving_up(start: Start) -> Behaviour:
     """The same, but a place is given up once navigation has given it up ten times in a row."""
-    return _plain(start, from_settings(PlainGivingUpParameters, start.settings))
+    return _plain(start, PlainGivingUpParameters)
 
 
-def _plain(start: Start, parameters: CleaningParameters) -> Behaviour:
-    robot = CleaningRobot(
-        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
-    )
-    return host(start, robot)
+def _plain(start: Start, kind: type[CleaningParameters]) -> Behaviour:
+    return host(start, CleaningRobot.at_start(start, from_settings(kind, start.settings)))

@@ -12,7 +12,6 @@ from typing import Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from actors.runtime.errors import AcrcError
-from cleaning.place import assignments
 from cleaning.settings import from_settings
 from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, Outbid
 from cleaning.strategies.chapter import Mute
@@ -79,8 +78,5 @@ def behaviour(start: Start) -> Behaviour:
     if start.robot in _boards[-1].members and not start.epoch:
         _boards[:] = [_Board()]
     _boards[-1].members.add(start.robot)
-    parameters = from_settings(OracleParameters, start.settings)
-    robot = OracleRobot(
-        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
-    )
+    robot = OracleRobot.at_start(start, from_settings(OracleParameters, start.settings))
     return Mute(host(start, robot))

@@ -11,10 +11,9 @@ from numpy.random import Generator
 
 from actors.robot.behaviour import Behaviour, GoalStatus, Navigation, Start, host
 from cleaning.parameters import CleaningParameters
-from cleaning.place import assignments
 from cleaning.robot import CleaningRobot
 from cleaning.settings import from_settings
-from deeco import component, periodic, seconds
+from deeco import component, periodic, replace, seconds
 
 
 @component
@@ -32,8 +31,6 @@ class RandomRobot(CleaningRobot):
 
 def behaviour(start: Start) -> Behaviour:
     """Visit the own places in an order that is drawn: what chance alone is worth."""
-    parameters = from_settings(CleaningParameters, start.settings)
-    places = assignments(start)
-    route = tuple(places[int(index)] for index in start.generator.permutation(len(places)))
-    robot = RandomRobot(id=start.robot, position=start.pose.point, route=route, parameters=parameters)
-    return host(start, robot)
+    robot = RandomRobot.at_start(start, from_settings(CleaningParameters, start.settings))
+    order = start.generator.permutation(len(robot.route)).tolist()
+    return host(start, replace(robot, route=tuple(robot.route[index] for index in order)))

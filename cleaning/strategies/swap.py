@@ -16,7 +16,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import Assignment, assignments
+from cleaning.place import Assignment
 from cleaning.settings import from_settings
 from cleaning.strategies.tour import Ways
 from deeco import Duration, Instant, component, ensemble, replace, role, seconds
@@ -157,6 +157,6 @@ class Concludes:
 def behaviour(start: Start) -> Behaviour:
     """As the chapter's, but destinations are swapped by offer and answer, and only for shorter ways."""
     p = from_settings(SwapParameters, start.settings)
-    robot = SwappingRobot(id=start.robot, position=start.pose.point, route=assignments(start), parameters=p)
+    robot = SwappingRobot.at_start(start, p)
     remove = AdoptedDestinationRemove(exchange=False)
     return host(start, robot, Offers(p.adoption_distance), Accepts(), Concludes(), remove)

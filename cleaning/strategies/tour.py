@@ -12,9 +12,9 @@ from typing import Final, Self
 from actors.geometry import Point
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.adoption import exchanges
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import Assignment, assignments
+from cleaning.place import Assignment
 from cleaning.settings import from_settings
 from deeco import adaptation, component, periodic, replace, seconds
 
@@ -141,6 +141,4 @@ class TouringRobot(AdaptiveCleaningRobot):
 def behaviour(start: Start) -> Behaviour:
     """As the chapter's, with the own places in a short order by the length of ways."""
     p = from_settings(TourParameters, start.settings)
-    robot = TouringRobot(id=start.robot, position=start.pose.point, route=assignments(start), parameters=p)
-    adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
-    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange))
+    return host(start, TouringRobot.at_start(start, p), *exchanges(p))
