@@ -7,13 +7,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, NamedTuple, TypeAlias
+from typing import Annotated, Final, NamedTuple, TypeAlias
+
+import msgspec
 
 from actors.portable import atan2, cos_sin, hypot
 from deeco.knowledge import made
 
 GREATEST_COORDINATE: Final = 1e5
 """Of a point, either way, m. A velocity, m/s, and an angle, rad, have the same limit in messages."""
+Coordinate = Annotated[float, msgspec.Meta(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINATE)]
+"""A finite coordinate, velocity or angle; msgspec refuses others where it decodes."""
 
 
 class Point(NamedTuple):

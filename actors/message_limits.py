@@ -1,7 +1,6 @@
-"""How much one message between actors may hold: whoever receives it checks, also where the sender is ours.
+"""Limits of messages that their types do not express: of orders, and of what a robot sends in a step.
 
-The robot checks what its behaviour decides by the same numbers before it sends them. Each function gives what
-is wrong, in words that follow the sender's name, or None if nothing is.
+Each function returns what is wrong, in words that follow the sender's name, or None.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,9 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from actors import portable
-from actors.geometry import GREATEST_COORDINATE
 from actors.instant import in_seconds
-from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
+from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, Outgoing, Transmit
 from actors.orders import Give, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.task.task import TaskLimits, words_fault
 from actors.wording import brief, span
@@ -86,48 +84,28 @@ _TAGS: Final = 2**63
 
 @dataclass(frozen=True)
 class MessageLimits(TaskLimits):
-    """How much a robot may say in one step; own choices, far above what a strategy needs.
+    """How much a robot may send in one step; own choices, far above what a strategy needs.
 
-    What it says about places must also fit one message (actors.runtime.codec.MESSAGE_LIMIT).
+    Its reports of places must also fit one message (actors.runtime.codec.MESSAGE_LIMIT).
     """
 
-    frames: int = 32
-    """Frames to be sent; at 250 kbit/s a step of 0.1 s has air time for about as many of 80 bytes."""
+    frames: int = MOST_FRAMES
 
 
 LIMITS: Final = MessageLimits()
 
 
-def drive_fault(drive: Drive, step: int, begin: int, end: int, limits: MessageLimits = LIMITS) -> str | None:
-    """What is wrong with a Drive that answers the Senses of the step from `begin` to `end`, µs."""
+def drive_fault(drive: Drive, step: int, begin: int, end: int) -> str | None:
+    """Return what is wrong with a Drive that answers the Senses of the step from `begin` to `end`, µs."""
     if drive.step != step:
         return f"answers with a Drive of step {drive.step}; it should be of step {step}"
-    x, y, heading = drive.pose or (0.0, 0.0, 0.0)
-    if not are_plausible(x, y, heading, drive.vx, drive.vy, drive.omega):
-        return _motion_fault(drive)
-    if not 0 <= drive.transmits <= limits.frames:
-        return f"announces {drive.transmits} frames; it should be 0 to {limits.frames}"
     if drive.reports or drive.given_up or drive.route is not None:
-        return words_fault(drive, begin, end, limits)
+        return words_fault(drive, begin, end, LIMITS)
     return None
 
 
-def _motion_fault(drive: Drive) -> str:
-    """What is wrong with the velocity, else with the pose."""
-    if drive.pose is None or not are_plausible(drive.vx, drive.vy, drive.omega):
-        return (
-            f"wants to drive at {drive.vx:g}, {drive.vy:g} m/s and {drive.omega:g} rad/s; a velocity should "
-            f"be at most {GREATEST_COORDINATE:g}"
-        )
-    x, y, heading = drive.pose
-    return (
-        f"estimates its pose as ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
-        f"{GREATEST_COORDINATE:g}"
-    )
-
-
 def transmit_fault(transmit: Transmit, step: int, announced: int) -> str | None:
-    """What is wrong with a Transmit as a whole; each of its frames is taken or refused by itself."""
+    """Return what is wrong with a Transmit as a whole; each of its frames is taken or refused by itself."""
     if transmit.step != step:
         return f"gives a Transmit of step {transmit.step}; it should be of step {step}"
     if len(transmit.frames) != announced:
@@ -135,42 +113,8 @@ def transmit_fault(transmit: Transmit, step: int, announced: int) -> str | None:
     return None
 
 
-def truth_fault(truth: Truth, step: int) -> str | None:
-    """What is wrong with ground truth of a step."""
-    if truth.step != step:
-        return f"gives Truth of step {truth.step}; it should be of step {step}"
-    for robot in truth.robots:
-        if not are_plausible(robot.x, robot.y, 0.0, robot.vx, robot.vy, robot.omega):
-            return f"says that {robot.id} is at ({robot.x:g}, {robot.y:g}), or moves, as no robot can"
-    for jam in truth.jams:
-        if wrong := fault(_order(jam, truth.instant), OrderLimits()):
-            return f"switches a jammer on that cannot be: {wrong}"
-    return None
-
-
-def _order(jam: Jam, now: int) -> StartJam:
-    return StartJam(jam.x, jam.y, jam.radius, jam.until - now)
-
-
-def senses_fault(senses: Senses) -> str | None:
-    """What is wrong with the odometry that a base gives its robot, or with places."""
-    odometry = senses.odometry
-    for place in senses.places:
-        if not are_plausible(*place):
-            return (
-                f"a place at ({place[0]:g}, {place[1]:g}); each should be at most {GREATEST_COORDINATE:g} m"
-            )
-    x, y, heading = odometry.x, odometry.y, odometry.heading
-    if are_plausible(x, y, heading, odometry.vx, odometry.vy, odometry.omega):
-        return None
-    return (
-        f"the odometry ({odometry.x:g}, {odometry.y:g}), {odometry.heading:g} rad, at {odometry.vx:g}, "
-        f"{odometry.vy:g} m/s and {odometry.omega:g} rad/s; each should be at most {GREATEST_COORDINATE:g}"
-    )
-
-
 def frames_fault(frames: Sequence[object], begin: int, end: int, limits: MessageLimits) -> str | None:
-    """What is wrong with frames to be sent in the step from `begin` to `end`, µs."""
+    """Return what is wrong with frames to be sent in the step from `begin` to `end`, µs."""
     if len(frames) > limits.frames:
         return f"sends {len(frames)} frames in one step; at most {limits.frames} may be"
     earliest = begin
@@ -181,21 +125,6 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
             return wrong
         earliest = frame.instant
     return None
-
-
-def are_plausible(
-    x: float, y: float, angle: float = 0.0, vx: float = 0.0, vy: float = 0.0, omega: float = 0.0
-) -> bool:
-    """True for coordinates that may lie on a floor, and for what can be an angle, rad, and velocities."""
-    most = GREATEST_COORDINATE
-    return (
-        -most <= x <= most
-        and -most <= y <= most
-        and -most <= angle <= most
-        and -most <= vx <= most
-        and -most <= vy <= most
-        and -most <= omega <= most
-    )
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:

@@ -5,9 +5,12 @@ here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swar
 All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
 """
 
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
+
+import msgspec
 
 from actors.board_readings import BoardNote
+from actors.geometry import Coordinate
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.introspection import Introspection
 from actors.orders import Order
@@ -17,6 +20,9 @@ from actors.topic import Message, MessagePart, Topic
 MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = PSDU_LIMIT - MAC_OCTETS
 """Data bytes of one radio frame, 118: what MAC header and FCS leave of a PSDU."""
+MOST_FRAMES: Final = 32
+"""Frames of one robot in one step; own choice: at 250 kbit/s a step of 0.1 s has air time for about as many
+of 80 bytes."""
 TOO_WEAK: Final = -(2**15)
 """The strength of a copy, int16, that arrived too weakly to be followed."""
 NO_ECHO_MM: Final = 0xFFFF
@@ -41,12 +47,12 @@ class Ready(Message, frozen=True):
 class Odometry(MessagePart, frozen=True):
     """Pose since the base was switched on, in the frame of its first pose; velocity in the body's frame."""
 
-    x: float
-    y: float
-    heading: float
-    vx: float
-    vy: float
-    omega: float
+    x: Coordinate
+    y: Coordinate
+    heading: Coordinate
+    vx: Coordinate
+    vy: Coordinate
+    omega: Coordinate
 
 
 class Scan(MessagePart, frozen=True):
@@ -73,7 +79,7 @@ class Senses(Message, frozen=True):
     """The last message to this process: no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
-    places: tuple[tuple[float, float], ...] = ()
+    places: tuple[tuple[Coordinate, Coordinate], ...] = ()
     """Places that the robot is given from now on, m, map frame, beside those that it has: by an event of the
     scenario, or by a person's order. To a new process of the robot all those that came since the start."""
 
@@ -81,17 +87,17 @@ class Senses(Message, frozen=True):
 class Drive(Message, frozen=True):
     """One robot's answer to Senses: the velocity it wants from now on, and how its work stands."""
 
-    vx: float
-    vy: float
-    omega: float
-    transmits: int
+    vx: Coordinate
+    vy: Coordinate
+    omega: Coordinate
+    transmits: Annotated[int, msgspec.Meta(ge=0, le=MOST_FRAMES)]
     """How many frames Transmit carries in this step; 0 = no such message is sent."""
     reports: tuple[PlaceReport, ...] = ()
     given_up: tuple[PlaceGivenUp, ...] = ()
     route: tuple[PlaceKey, ...] | None = None
     """The places that the robot still means to visit, in their order; None: as it last said, and before its
     first word, those that it was given."""
-    pose: tuple[float, float, float] | None = None
+    pose: tuple[Coordinate, Coordinate, Coordinate] | None = None
     """Where the robot held itself to be at the step's start: x, y, heading, map frame. For the record, for
     observers and to measure; nobody steers by it. None: it does not know."""
 
@@ -179,12 +185,12 @@ class RobotTruth(MessagePart, frozen=True):
     """Where a robot truly is at the step's start, how it moves (map frame), and what it does."""
 
     id: str
-    x: float
-    y: float
-    heading: float
-    vx: float
-    vy: float
-    omega: float
+    x: Coordinate
+    y: Coordinate
+    heading: Coordinate
+    vx: Coordinate
+    vy: Coordinate
+    omega: Coordinate
     stepping: bool
     """False: frozen or ended; it takes no part in this step."""
     powered: bool
@@ -197,10 +203,11 @@ class RobotTruth(MessagePart, frozen=True):
 class Jam(MessagePart, frozen=True):
     """A jammer at a point: nothing is received within `radius` until the instant `until`."""
 
-    x: float
-    y: float
-    radius: float
-    until: int
+    x: Coordinate
+    y: Coordinate
+    radius: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
+    until: Annotated[int, msgspec.Meta(ge=0, le=9 * 10**15)]
+    """In nanoseconds, as the radio counts, it fits 64 bits."""
 
 
 class Loss(MessagePart, frozen=True):

@@ -33,7 +33,7 @@ import msgspec
 from msgspec import Meta
 
 from actors import wording
-from actors.geometry import GREATEST_COORDINATE
+from actors.geometry import GREATEST_COORDINATE, Coordinate
 from actors.instant import Duration, in_seconds, seconds
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
@@ -58,7 +58,6 @@ _WITHIN: Final = f"within ±{GREATEST_COORDINATE:.0f}"
 A_POSE: Final = f"a pose [x, y, heading] in m, m and rad, {_WITHIN}"
 A_POINT: Final = f"a point [x, y] in m, {_WITHIN}"
 
-Coordinate = Annotated[float, Meta(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINATE)]
 StartPose = Annotated[tuple[Coordinate, Coordinate, Coordinate], Meta(description=A_POSE)]
 Place = Annotated[tuple[Coordinate, Coordinate], Meta(description=A_POINT)]
 Span = Annotated[

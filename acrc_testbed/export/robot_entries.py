@@ -31,7 +31,6 @@ from acrc_testbed.run_model.recorded import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
-from actors.message_limits import senses_fault
 from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
@@ -76,7 +75,7 @@ def sensed_entries(
     for _, senses in messages_on(path, SENSES):
         if senses.halt:
             continue
-        if senses_fault(senses) is not None or abs(senses.instant) > LATEST:
+        if abs(senses.instant) > LATEST:
             left_out[f"/{robot}/odom"] += 1
             continue
         told = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]

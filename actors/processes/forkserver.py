@@ -1,26 +1,18 @@
-"""A process that starts the actors, reaps whatever they leave, and ends with whoever started it.
+"""A process that starts the actors, reaps what they leave, and ends with its starter.
 
-`python -m actors.processes.forkserver FD fork|exec reap|spare` serves on a socket. `{"start": kind}` is
-followed by a second message, `{module, argv, log, names}`, which only the child reads: what one actor is told
-must not be in the memory of the next one. The answer is `{"started": pid}`, or `{"refused": why}` where the
-log is no new file, and the end of a child is told as `{"ended": pid, "code": code, "strays": n, "cpu_s": s}`:
-n processes that the child had started outlived it and have been ended (`reap`; `spare` leaves them alone),
-and s is the CPU time that the system charged for it and for what it has waited for. Kinds are
-`plain` and `confined`, a robot that is shut off (see `confined`). `fork`: the server has imported and
-compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
-`{"share": [module, words]}`, sent with the descriptor of a folder in which the words name files, and which
-nothing answers, a server that forks makes what `share(*words)` of the module gives and holds it, so that
-children find it in memory. `{"withdraw": name}`, sent in the same way, names a router file: the passwords and
-sockets of a run, which the server removes at its end if they are still there. It ends, and its children, when
-the other end of the socket closes. The standard library's forkserver leaves a socket file and keeps running
-when its parent is killed, see docs/decisions.
+`python -m actors.processes.forkserver FD fork|exec reap|spare` serves on a socket: `Request`s in, `Reply`s
+out. A Start is followed by a `ProcessStart`, which only the child reads: what one actor is told
+must not be in the memory of the next one. `fork`: the server has imported and compiled everything once, and
+forks from there; `exec`: it is small, and every child is a new interpreter. `spare`: processes that a child
+has started are left alone when it ends. The server ends, and its children with it, when the other end of the
+socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent is
+killed, see docs/decisions.
 """
 
 import contextlib
 import gc
 import importlib
 import importlib.util
-import json
 import os
 import selectors
 import signal
@@ -28,11 +20,13 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
-from actors.processes.confined import Part, born
+import msgspec
+
+from actors.processes.confined import Part, ProcessStart, born
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT
@@ -47,45 +41,99 @@ from actors.runtime.linux import (
 from actors.runtime.process_table import python
 
 _GRACE_S: Final = 3.0
-"""How long an actor may take to end in order once whoever wanted it is gone."""
-Share = Callable[[str, Sequence[str]], object]
-"""What children are to share: module, words."""
+"""Time for actors to end in order once the starter is gone."""
+
+
+class Start(msgspec.Struct, frozen=True, tag=True):
+    """Start a child; `confined`: a sandboxed robot."""
+
+    confined: bool
+
+
+class Share(msgspec.Struct, frozen=True, tag=True):
+    """Hold the result of `share(*words)` of the module, so that forked children find it in memory.
+
+    Comes with the descriptor of the folder in which the words name files; has no reply.
+    """
+
+    module: str
+    words: tuple[str, ...]
+
+
+class Withdraw(msgspec.Struct, frozen=True, tag=True):
+    """Remove, at the server's end, what this router file names: passwords and sockets of a run.
+
+    Comes with the descriptor of its folder; has no reply.
+    """
+
+    name: str
+
+
+class Ready(msgspec.Struct, frozen=True, tag=True):
+    """The server has imported and compiled everything."""
+
+
+class Started(msgspec.Struct, frozen=True, tag=True):
+    """The child has a new log, and begins."""
+
+    pid: int
+
+
+class Refused(msgspec.Struct, frozen=True, tag=True):
+    """No child was started."""
+
+    reason: str
+
+
+class Ended(msgspec.Struct, frozen=True, tag=True):
+    """A child has ended."""
+
+    pid: int
+    code: int
+    """Negative: the signal that ended it."""
+    strays: int
+    """Processes that it had started, that outlived it, and that have been ended."""
+    cpu_s: float
+    """CPU time that the system charged for it and for what it has waited for."""
+
+
+Request = Start | Share | Withdraw
+Reply = Ready | Started | Refused | Ended
 
 
 class LogFile(NamedTuple):
-    """Which file a log is; not its name, which every child would find in memory."""
+    """Identity of a log; not its name, which every child would find in memory."""
 
     device: int
     inode: int
 
 
-class ForkServer:
-    """Starts children on request and tells of their ends."""
+_shared: Final[list[object]] = []
+"""Held for children."""
 
-    def __init__(
-        self, channel: socket.socket, share: Share | None, shared: list[object], *, reap: bool
-    ) -> None:
-        """`share`: makes what children are to share, and it is put into `shared`; None: they execute anew."""
+
+class ForkServer:
+    """Starts children on request and reports their ends."""
+
+    def __init__(self, channel: socket.socket, *, forks: bool, reaps: bool) -> None:
         self._channel = channel
-        self._share = share
-        self._shared = shared
-        self._reaps = reap
+        self._forks = forks
+        self._reaps = reaps
         self._actors: dict[int, LogFile] = {}
-        """The log of each child that runs, by process id."""
+        """Log of each running child, by process id."""
         self._withdrawn: list[tuple[int, str]] = []
-        """Router files by the descriptor of their folder, for no child may find its name in memory; what they
-        name is removed at the end if nobody has done so."""
+        """Router files by the descriptor of their folder, for no child may find its name in memory."""
         self._alarm_out, self._alarm_in = os.pipe()
         self._part: Part | None = None
-        """In a child: what it is to become."""
+        """In a child: its program."""
 
     def serve(self) -> Part | None:
-        """Start on request until the other end closes; then end everything. In a child: what it is."""
+        """Start on request until the other end closes; then end everything. In a child: its program."""
         os.set_blocking(self._alarm_in, False)
         signal.set_wakeup_fd(self._alarm_in, warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
         if self._reaps and sys.platform == "linux":
-            prctl(PR_SET_CHILD_SUBREAPER, 1)  # what an actor's process leaves behind falls to this one
+            prctl(PR_SET_CHILD_SUBREAPER, 1)  # orphans of an actor become children of this process
         with selectors.DefaultSelector() as selector:
             selector.register(self._channel, selectors.EVENT_READ)
             selector.register(self._alarm_out, selectors.EVENT_READ)
@@ -99,49 +147,49 @@ class ForkServer:
         return self._part
 
     def _answer(self, descriptor: int) -> bool:
-        """Do what is asked for; False once nobody is there to ask, and in a child."""
+        """Carry out what is asked for; False once the other end is closed, and in a child."""
         if descriptor == self._alarm_out:
             os.read(self._alarm_out, 512)
             self._reap()
             return True
         try:
-            request, folders, _, _ = socket.recv_fds(self._channel, MESSAGE_LIMIT, 1)
+            message, folders, _, _ = socket.recv_fds(self._channel, MESSAGE_LIMIT, 1)
         except ConnectionResetError:
             return False
-        if not request:
+        if not message:
             return False
-        asked = json.loads(request)
-        if "withdraw" in asked:
-            self._withdrawn.append((*folders, asked["withdraw"]))
-            return True
-        if "share" in asked:
-            self._hold(asked["share"], *folders)
-            return True
-        self._part = self._start(confined=asked["start"] == "confined")
+        match msgspec.json.decode(message, type=Request):
+            case Start(confined):
+                self._part = self._start(confined=confined)
+            case Share() as asked:
+                self._hold(asked, folders[0])
+            case Withdraw(name):
+                self._withdrawn.append((folders[0], name))
         return self._part is None
 
-    def _hold(self, asked: tuple[str, Sequence[str]], folder: int) -> None:
+    def _hold(self, asked: Share, folder: int) -> None:
         """Make what is to be shared, from files whose folder has no name here."""
         here = os.open(".", os.O_RDONLY)
         os.fchdir(folder)
-        if self._share is not None:
-            with contextlib.suppress(AcrcError):  # whoever needs it makes it, and says what is wrong
-                self._shared.append(self._share(*asked))
+        if self._forks:
+            with contextlib.suppress(AcrcError):  # the child that needs it makes it, and reports the error
+                _shared.append(importlib.import_module(asked.module).share(*asked.words))
+                _settle()
         os.fchdir(here)
         os.close(here)
         os.close(folder)
 
     def _start(self, *, confined: bool) -> Part | None:
-        """Fork a child; in it, what it is to become."""
+        """Fork a child; in it, return its program."""
         server = os.getpid()
         told, tell = os.pipe()
         try:
             pid = os.fork()
         except OSError as error:  # no more processes, or no memory for one
-            self._channel.recv(MESSAGE_LIMIT)  # what it was to be told
+            self._channel.recv(MESSAGE_LIMIT)  # the child's
             for descriptor in (told, tell):
                 os.close(descriptor)
-            self._tell({"refused": f"fork: {error.strerror}"})
+            self._reply(Refused(f"fork: {error.strerror}"))
             return None
         if not pid:
             try:
@@ -155,44 +203,41 @@ class ForkServer:
         os.close(told)
         if log:
             self._actors[pid] = LogFile(*map(int, log.split()))
-            self._tell({"started": pid})
+            self._reply(Started(pid))
         else:
-            os.waitpid(pid, 0)  # it has said why
+            os.waitpid(pid, 0)  # it has replied
         return None
 
     def _become(self, server: int, tell: int, *, confined: bool) -> Part:
-        """In a child: find out what it is to be, and let go of the server's things."""
+        """In a child: read its program, and let go of the server's descriptors."""
         _tie_to(server)
-        os.setsid()  # a terminal's Ctrl-C passes it by, and what it starts is known by the session
+        os.setsid()  # not in the terminal's foreground group; its own processes are known by the session
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         for descriptor in (self._alarm_out, self._alarm_in, *(folder for folder, _ in self._withdrawn)):
             os.close(descriptor)
-        if confined and self._share is not None:
-            channel = self._channel.fileno()
-            return born(lambda: json.loads(self._told(tell)), server, (channel, tell))
-        message = self._told(tell)
+        if confined and self._forks:
+            return born(lambda: self._told(tell), server, (self._channel.fileno(), tell))
+        told = self._told(tell)
         if confined:
-            return _elsewhere(message)
-        request = json.loads(message)
-        _show(Path(request["log"]).stem)
-        return Part(request["module"], tuple(request["argv"]))
+            return _elsewhere(told)
+        _show(Path(told.log).stem)
+        return told.part
 
-    def _told(self, tell: int) -> bytes:
-        """In a child: the request; from here on standard output and error lead to its log."""
-        message = self._channel.recv(MESSAGE_LIMIT)
-        log = json.loads(message)["log"]
+    def _told(self, tell: int) -> ProcessStart:
+        """In a child: receive its program; from here on standard output and error lead to its log."""
+        told = msgspec.json.decode(self._channel.recv(MESSAGE_LIMIT), type=ProcessStart)
         try:
-            stream = create_log(Path(log))
+            stream = create_log(Path(told.log))
         except OSError as error:
-            self._tell({"refused": f"{log}: {error.strerror}"})
+            self._reply(Refused(f"{told.log}: {error.strerror}"))
             os._exit(1)
         self._channel.close()
         found = os.fstat(stream)
         os.write(tell, f"{found.st_dev} {found.st_ino}".encode())
         os.close(tell)
         write_to(stream)
-        return message
+        return told
 
     def _reap(self) -> None:
         while True:
@@ -205,20 +250,19 @@ class ForkServer:
             log = self._actors.pop(pid, None)
             if log is not None:
                 strays = process_table.end_orphans(self._orphans(pid, log)) if self._reaps else 0
-                code = os.waitstatus_to_exitcode(status)
                 cpu_s = usage.ru_utime + usage.ru_stime
-                self._tell({"ended": pid, "code": code, "strays": strays, "cpu_s": cpu_s})
+                self._reply(Ended(pid, os.waitstatus_to_exitcode(status), strays, cpu_s))
 
     def _orphans(self, actor: int, log: LogFile) -> set[int]:
-        """What `actor`, which has ended, had started and has fallen to this process."""
+        """Return the children of this process that `actor`, which has ended, had started."""
         known = process_table.table()
         own = process_table.children(os.getpid(), known) - set(self._actors)
         if not self._actors:
-            return own  # the last one to end: nobody is left whose it could be
+            return own  # the last actor has ended: they can be no one else's
         return {pid for pid in own if known[pid].session == actor or _writes_to(pid, log)}
 
     def _end_all(self) -> None:
-        """Ask the actors to end, give them time, and end whatever is left."""
+        """Terminate the actors, wait, and kill what is left."""
         for pid in self._actors:
             os.kill(pid, signal.SIGTERM)
         deadline = time.monotonic() + _GRACE_S
@@ -231,7 +275,7 @@ class ForkServer:
             process_table.end_orphans(process_table.children(os.getpid(), process_table.table()))
 
     def _withdraw(self) -> None:
-        """Remove passwords and sockets that the router and whoever started it were killed too fast to."""
+        """Remove passwords and sockets that a killed router and a killed starter have left."""
         from actors.runtime.isolation import credentials  # noqa: PLC0415  # a server that executes stays small
 
         for folder, name in self._withdrawn:
@@ -239,47 +283,26 @@ class ForkServer:
             with contextlib.suppress(AcrcError):
                 credentials.remove_router_file(Path(name))
 
-    def _tell(self, message: dict[str, Any]) -> None:
+    def _reply(self, message: Reply) -> None:
         try:
-            self._channel.send(json.dumps(message).encode())
+            self._channel.send(msgspec.json.encode(message))
         except (BrokenPipeError, ConnectionResetError):
-            return  # nobody is there any more: the next request is the end of the socket
+            return  # the next request is the end of the socket
 
 
-def enter(part: Part) -> int:
-    """Run `main(argv)` of the module, or of a package's `__main__`, as exec would; its exit code."""
-    code: int = importlib.import_module(_program(part.module)).main(part.argv)
-    return code
-
-
-def share(module: str, words: Sequence[str]) -> object:
-    """What `share(*words)` of the module gives, where no collection will touch it, which would copy it."""
+def _settle() -> None:
     from actors.runtime.process import settle  # noqa: PLC0415  # a server that executes stays small
 
-    shared: object = importlib.import_module(module).share(*words)
     settle()
-    return shared
 
 
-def execute(part: Part) -> int:
-    """Become `python -P -m MODULE ARGV…`: what lies where it begins is no code."""
-    os.execv(sys.executable, [*python(), "-m", part.module, *part.argv])
-
-
-def _elsewhere(message: bytes) -> Part:
-    """The program that makes a robot in a process of its own, with the request waiting for it."""
+def _elsewhere(told: ProcessStart) -> Part:
+    """Return the program that makes a robot in a new interpreter, with its start waiting on a socket."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
-        ours.send(message)
+        ours.send(msgspec.json.encode(told))
     theirs.set_inheritable(True)
     return Part("actors.processes.confined", (str(theirs.detach()),))
-
-
-def _program(module: str) -> str:
-    """What `python -m module` executes."""
-    spec = importlib.util.find_spec(module)
-    is_package = spec is not None and spec.submodule_search_locations is not None
-    return f"{module}.__main__" if is_package else module
 
 
 def _writes_to(pid: int, log: LogFile) -> bool:
@@ -298,55 +321,56 @@ def _tie_to(parent: int) -> None:
             os._exit(1)
 
 
-def _show(title: str) -> None:
-    """Let ps and top say which process this is; wholly on Linux, and nowhere else."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError):  # without /proc it goes by its parent's
-            set_title(f"acrc {title}")
-
-
 def _tie_to_starter(channel: socket.socket) -> None:
-    """End at once with whoever started this process; for as long as the socket is not listened to."""
+    """End at once with the starter, for as long as the socket is not read."""
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    try:
-        gone = channel.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
-    except BlockingIOError:
-        gone = False
-    if gone:
-        os._exit(0)
+    with contextlib.suppress(BlockingIOError):
+        if channel.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b"":
+            os._exit(0)
+
+
+def _show(title: str) -> None:
+    """Show ps and top which process this is, on Linux."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):  # without /proc it keeps its parent's name
+            set_title(f"acrc {title}")
 
 
 def main(argv: Sequence[str]) -> int:
     """Preload if children are to be forked, then serve on the socket whose descriptor is given."""
     descriptor, how, whose = argv
+    forks = how == "fork"
     channel = socket.socket(fileno=int(descriptor))
     channel.set_inheritable(False)
     _tie_to_starter(channel)
-    if how == "fork":
+    if forks:
         _show("forkserver")
-        gc.disable()  # until all is there, which stays
+        gc.disable()  # everything that is imported stays
         importlib.import_module("actors.processes.preload")
         gc.enable()
-    shared: list[object] = []  # outlives the server in each child
-    server = ForkServer(channel, share if how == "fork" else None, shared, reap=whose == "reap")
+    server = ForkServer(channel, forks=forks, reaps=whose == "reap")
     if sys.platform == "linux":
-        prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket tells, and there is time for order
-    channel.send(json.dumps({"ready": os.getpid()}).encode())
+        prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket shows it, and leaves time
+    channel.send(msgspec.json.encode(Ready()))
     part = server.serve()
     if part is not None:
         channel.detach()  # a child has closed the descriptor
-        del server, channel  # nothing that a child finds leads to them
-        _be(part, enter if how == "fork" else execute)
+        del server, channel  # a child must find no reference to them
+        _run(part, forks=forks)
     channel.close()
     return 0
 
 
-def _be(part: Part, become: Callable[[Part], int]) -> NoReturn:
-    """In a child: its whole life."""
+def _run(part: Part, *, forks: bool) -> NoReturn:
+    """In a child: call `main(argv)` of the module, or execute it in a new interpreter."""
     code = 1
     try:
-        code = become(part)
+        if not forks:  # as `python -P -m MODULE ARGV…`: no module of the working directory is found
+            os.execv(sys.executable, [*python(), "-m", part.module, *part.argv])
+        spec = importlib.util.find_spec(part.module)
+        is_package = spec is not None and spec.submodule_search_locations is not None
+        code = importlib.import_module(part.module + ".__main__" * is_package).main(part.argv)
     except SystemExit as leave:
         code = leave.code if isinstance(leave.code, int) else 1
     except BaseException:

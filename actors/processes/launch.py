@@ -1,6 +1,5 @@
 """Starts actor processes through a server that forks or executes them, and sees them end."""
 
-import json
 import os
 import select
 import signal
@@ -10,12 +9,16 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
+import msgspec
+
 from actors.installation.repository import REPOSITORY
+from actors.processes.confined import Part, ProcessStart
+from actors.processes.forkserver import Ended, Ready, Refused, Reply, Request, Share, Start, Started, Withdraw
 from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names
@@ -63,6 +66,10 @@ class Child:
     """Processes that it had started, that ran on when it ended, and that have been ended since."""
     cpu_s: float = 0.0
     """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
+
+    def note(self, end: Ended) -> None:
+        """Take in that it has ended."""
+        self.exit_code, self.strays, self.cpu_s = end.code, end.strays, end.cpu_s
 
     @property
     def host(self) -> str:
@@ -113,19 +120,21 @@ class Launcher:
     They are children of a small server (`actors.processes.forkserver`), which reaps them.
     """
 
-    def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
-        """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
-        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
-        last word to a process of its own."""
+    arriving: Final = False
+    """No output of an ended program is still on its way: all is written on this computer."""
+
+    def __init__(self, how: str, *, reap: bool = True) -> None:
+        """`how`: fork or exec. `reap`: end what children leave running; not on board, where a process of the
+        base's may outlive it."""
         self._reap = reap
-        self._command = [*before, *python(), "-m", "actors.processes.forkserver"]
+        self._command = [*python(), "-m", "actors.processes.forkserver"]
         self._how = how
         self._children: dict[int, Child] = {}
-        self._ended: dict[int, tuple[int, int, float]] = {}
-        """Exit code, strays and CPU time of children whose start has not been answered yet."""
+        self._ended: dict[int, Ended] = {}
+        """Ends of children whose start has not been answered yet."""
         self._lost = False
-        self._ready = False
-        """The server has imported and compiled all."""
+        self.ready = False
+        """True once the server has imported and compiled everything, so that a start takes no time."""
 
     def __enter__(self) -> Self:
         """Begin the server; only the first start waits until it is ready."""
@@ -138,62 +147,53 @@ class Launcher:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self._ready:  # it is importing and compiling, for a run that will not be
+        if not self.ready:  # it is importing and compiling, for a run that will not be
             self._server.kill()
         self._channel.close()
         self._server.wait()
         if self._lost and self._reap:  # it has reaped nobody
             process_table.end_sessions(self._children)
 
-    arriving: Final = False
-    """Nothing of what has ended is on its way: all is written on this computer."""
-
     def fileno(self) -> int:
         """For `select`: readable when a child may have ended."""
         return self._channel.fileno()
 
-    @property
-    def ready(self) -> bool:
-        """The server has imported and compiled all, so that a start takes no time."""
-        return self._ready
-
-    def fault(self) -> None:
-        """Of a host, because of which the run cannot go on; here is none."""
+    def fault(self) -> str | None:
+        """Return why the run cannot go on because of a host; there is none here."""
+        return None
 
     def table(self) -> Mapping[int, ProcessGlance]:
-        """All processes that children may have started."""
+        """Return all processes that children may have started."""
         return process_table.table()
 
     def queued_s(self, pid: int) -> float | None:
-        """How long a process has waited for a processor, s; None where that is unknown."""
+        """Return a process's waiting time for a processor, s; None where that is unknown."""
         return process_table.queued_s(pid)
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Let programs that are started later find what `share(*words)` of the module gives, if it forks.
+        """Let programs that are started later find the result of `share(*words)` of the module, if it forks.
 
         Files among the words are named as they lie in `folder`.
         """
-        self._ask_about(folder, {"share": [module, list(words)]})
+        self._ask_about(folder, Share(module, tuple(words)))
 
     def withdraw(self, router: Path) -> None:
-        """Remove what a router file names at the end, also when everybody else has been killed by then."""
-        self._ask_about(router.parent, {"withdraw": router.name})
+        """Remove what a router file names at the end, even if all others have been killed by then."""
+        self._ask_about(router.parent, Withdraw(router.name))
 
     def start(self, program: Program) -> Child:
-        """Start one program; a set-up is in its file then, in place of an earlier start's."""
+        """Start one program; its set-up replaces an earlier start's file. Raises LaunchError."""
         if program.setup is not None:
             write_setup(program)
-        names = None if program.names is None else asdict(program.names)
-        self._ask({"start": "plain" if names is None else "confined"})
-        self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})
-        while not {"started", "refused"} & (answer := self._hear()).keys():
+        self._ask(Start(program.names is not None))
+        self._ask(ProcessStart(Part(program.module, program.argv), str(program.log), program.names))
+        while not isinstance(reply := self._hear(), Started | Refused):
             pass
-        if "refused" in answer:
-            raise LaunchError(f"{program.actor} is not started; {answer['refused']}")
-        child = Child(program, answer["started"])
-        if child.pid in self._ended:
-            child.exit_code, child.strays, child.cpu_s = self._ended.pop(child.pid)
-        self._children[child.pid] = child
+        if isinstance(reply, Refused):
+            raise LaunchError(f"{program.actor} is not started; {reply.reason}")
+        child = self._children[reply.pid] = Child(program, reply.pid)
+        if end := self._ended.pop(child.pid, None):
+            child.note(end)
         return child
 
     def wait(self, timeout_s: float) -> None:
@@ -209,22 +209,22 @@ class Launcher:
             self._hear()
             timeout_s = 0.0
 
-    def _ask_about(self, folder: Path, request: dict[str, Any]) -> None:
-        """Ask for something with files of a folder, of which the server is given no name."""
+    def _ask_about(self, folder: Path, request: Share | Withdraw) -> None:
+        """Send a request with the descriptor of a folder, whose name the server must not know."""
         place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             self._ask(request, place)
         finally:
             os.close(place)
 
-    def _ask(self, request: dict[str, Any], *descriptors: int) -> None:
+    def _ask(self, request: Request | ProcessStart, *descriptors: int) -> None:
         try:
-            socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
+            socket.send_fds(self._channel, [msgspec.json.encode(request)], descriptors)
         except BrokenPipeError:
             raise self._loss() from None
 
-    def _hear(self) -> dict[str, Any]:
-        """The server's next message; the end of a child is noted on the way."""
+    def _hear(self) -> Reply:
+        """Return the server's next message; note it if it is the end of a child."""
         if not select.select([self._channel], [], [], _ANSWER_S)[0]:
             self._server.kill()
             raise LaunchError(f"the forkserver has not answered within {_ANSWER_S:g} s and was ended")
@@ -234,16 +234,14 @@ class Launcher:
             text = b""
         if not text:
             raise self._loss()
-        message: dict[str, Any] = json.loads(text)
-        self._ready = self._ready or "ready" in message
-        if "ended" in message:
-            end = (message["code"], message["strays"], message["cpu_s"])
-            child = self._children.get(message["ended"])
-            if child is None:
-                self._ended[message["ended"]] = end
+        reply: Reply = msgspec.json.decode(text, type=Reply)
+        self.ready = self.ready or isinstance(reply, Ready)
+        if isinstance(reply, Ended):
+            if reply.pid in self._children:
+                self._children[reply.pid].note(reply)
             else:
-                child.exit_code, child.strays, child.cpu_s = end
-        return message
+                self._ended[reply.pid] = reply
+        return reply
 
     def _loss(self) -> LaunchError:
         self._lost = True
@@ -252,7 +250,7 @@ class Launcher:
         return LaunchError(f"the forkserver {how}, and every process of the run with it")
 
     def _look(self) -> None:
-        """Without the server: which children are gone, though not how."""
+        """Find out, without the server, which children are gone; their exit codes are lost."""
         for child in self._children.values():
             if child.exit_code is None:
                 there = process_table.glance(child.pid)
@@ -274,7 +272,7 @@ def begin(command: Sequence[str], channel: socket.socket) -> Server:
 
 
 def launcher(spawn: str, *, reap: bool = True) -> Launcher:
-    """`forkserver` or `exec`; for `reap` see Launcher."""
+    """Return a launcher for an option's `forkserver` or `exec`; for `reap` see Launcher."""
     return Launcher("fork" if spawn == "forkserver" else "exec", reap=reap)
 
 

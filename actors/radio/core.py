@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from actors.message_limits import transmit_fault, truth_fault
+from actors.message_limits import transmit_fault
 from actors.messages import (
     AIRED,
     FRAME_OUTCOMES,
@@ -117,7 +117,8 @@ class RadioCore:
         if truth.halt:
             self._finished = True
             return ()
-        if wrong := truth_fault(truth, self._step):
+        if truth.step != self._step:
+            wrong = f"gives Truth of step {truth.step}; it should be of step {self._step}"
             raise AcrcError(f"Step {self._step}: the world {wrong}.")
         given = self._delivered(truth, self._events(truth, inputs))
         outputs = [

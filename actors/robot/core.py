@@ -12,7 +12,6 @@ from typing import Final, cast
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
-from actors.message_limits import senses_fault
 from actors.messages import (
     DRIVE,
     INTROSPECTION,
@@ -209,8 +208,6 @@ class RobotCore:
                 f"it should be of step {self.step} or later"
             )
         self.step = senses.step
-        if wrong := senses_fault(senses):
-            raise AcrcError(f"step {self.step}: {self._robot} got {wrong}")
 
     def _check_received(self, received: Received, events: int) -> None:
         if received.step > self.step:  # an earlier one was kept while the robot was frozen

@@ -113,7 +113,8 @@ def test_robots_that_meet_clean_all_places(
     """Each process in a network namespace of its own, in which no link is up (util-linux)."""
     overrides = Overrides(robots=3, duration=300.0) if full else Overrides(robots=2, duration=15.0)
     options = RunOptions(tmp_path / "out", spawn="exec", hardware=True, json=True)
-    launcher = Launcher("exec", ("unshare", "--map-root-user", "--net"), reap=False)
+    launcher = Launcher("exec", reap=False)
+    launcher._command[:0] = ["unshare", "--map-root-user", "--net"]
     plan = load_scenario(ROOT / "scenarios" / "head_on.toml", overrides)
     result = hardware_in_the_loop.run(plan, options, launcher)
     for name, robot in result.per_robot.items():

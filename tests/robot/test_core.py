@@ -311,15 +311,3 @@ def test_heading_goes_the_short_way_round() -> None:
     assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
     with refused("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16"):
         Sweeps(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))
-
-
-@pytest.mark.parametrize("wild", [float("nan"), float("inf"), -1e200])
-@pytest.mark.parametrize("field", ["x", "y", "heading", "vx", "vy", "omega"])
-def test_odometry_that_cannot_be_is_refused(field: str, wild: float) -> None:
-    robot = Robot()
-    senses = robot.base.senses(0)
-    senses = replace(senses, odometry=replace(senses.odometry, **{field: wild}))
-    told = refusal(robot, senses=senses)
-    assert told.startswith("step 0: r1 got the odometry (") and f"{wild:g}" in told
-    assert told.endswith("; each should be at most 100000")
-    assert robot.behaviour.views == []

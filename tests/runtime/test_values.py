@@ -1,7 +1,10 @@
 """The wire format: equal messages give equal bytes, and whatever does not fit is named."""
 
+import math
 import platform
-from typing import Annotated, Literal
+import re
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -9,7 +12,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.messages import DRIVE, MESSAGE_VERSION, RECEIVED, Drive, Heard, Received, Sent
+from actors.messages import (
+    DRIVE,
+    MESSAGE_VERSION,
+    RECEIVED,
+    SENSES,
+    TRUTH,
+    Drive,
+    Heard,
+    Jam,
+    Odometry,
+    Received,
+    RobotTruth,
+    Senses,
+    Sent,
+    Truth,
+)
 from actors.runtime import typed_json
 from actors.runtime.codec import WireError, decode, encode
 from actors.runtime.processor import (
@@ -26,7 +44,7 @@ from actors.runtime.replay_bus import first_difference
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 
-REALS = st.floats(allow_nan=False, allow_infinity=False)
+REALS = st.floats(-1e5, 1e5)
 COUNTS = st.integers(min_value=0, max_value=2**40)
 REPORTS = st.builds(PlaceReport, st.text(max_size=5), COUNTS, COUNTS)
 GIVEN_UP = st.builds(PlaceGivenUp, st.text(max_size=5), COUNTS, COUNTS, st.text(max_size=9))
@@ -37,7 +55,7 @@ DRIVES = st.builds(
     REALS,
     REALS,
     REALS,
-    COUNTS,
+    st.integers(0, 32),
     st.lists(REPORTS, max_size=3).map(tuple),
     st.lists(GIVEN_UP, max_size=3).map(tuple),
     st.none() | st.lists(KEYS, max_size=3).map(tuple),
@@ -101,6 +119,49 @@ def test_the_error_names_key_field_and_value(topic: Topic[Message], payload: byt
     with pytest.raises(WireError) as caught:
         decode(topic, "swarm/k", payload)
     assert str(caught.value) == sentence
+
+
+TRUTH_OF_R1 = RobotTruth("r1", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0)
+DRIVE_OF_R1 = Drive(7, 0.1, 0.0, 0.0, 0)
+STILL = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+JAM = Jam(0.0, 0.0, 1.0, 0)
+
+
+@pytest.mark.parametrize("wild", [float("nan"), float("inf"), -1e200])
+@pytest.mark.parametrize(
+    ("part", "fields", "topic", "message"),
+    [
+        (STILL, "x y heading vx vy omega", SENSES, lambda part: Senses(0, 0, 0, part, 0)),
+        (DRIVE_OF_R1, "vx vy omega", DRIVE, lambda part: part),
+        (TRUTH_OF_R1, "x y heading vx vy omega", TRUTH, lambda part: Truth(0, 0, (part,))),
+        (JAM, "x y radius", TRUTH, lambda part: Truth(0, 0, (), (part,))),
+    ],
+    ids=["odometry", "drive", "truth", "jam"],
+)
+def test_impossible_numbers_are_refused(
+    part: msgspec.Struct, fields: str, topic: Topic[Message], message: Callable[[Any], Message], wild: float
+) -> None:
+    for field in fields.split():
+        payload = encode(message(msgspec.structs.replace(part, **{field: wild})))
+        with pytest.raises(WireError, match=re.escape(f" is {wild}, but must be a number ")):
+            decode(topic, "k", payload)
+    assert decode(topic, "k", encode(message(part))) == message(part)
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        (DRIVE, Drive(7, 0.0, 0.0, 0.0, 33)),
+        (DRIVE, Drive(7, 0.0, 0.0, 0.0, -1)),
+        (DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, pose=(1.0, 1.0, math.inf))),
+        (SENSES, Senses(0, 0, 0, STILL, 0, places=((0.0, math.nan),))),
+        (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, radius=0.0),))),
+        (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, until=10**16),))),
+    ],
+)
+def test_values_beyond_their_limit_are_refused(topic: Topic[Message], message: Message) -> None:
+    with pytest.raises(WireError, match=r"^k: \w+\.\S+ is .*, but must be a (whole )?number (of at|above)"):
+        decode(topic, "k", encode(message))
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
