@@ -17,13 +17,12 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from actors import messages
 from actors.instant import Instant
-from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Refused, Transmit
+from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Refused, Transmit, Unconfirmed
 from actors.radio.frame import DataFrame, rssi_dbm, size_fault
 from actors.runtime.errors import AcrcError
 from firmware_bridge.beeclick.air import BoardRadio
-from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings, Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings, Event
 
 
 class PseudoTerminal:
@@ -342,7 +341,7 @@ class TransceiverLink:
         tags = [*self._flying, *(frame.tag for frame in self._waiting)]
         self.forget()
         self._flying.clear()
-        return [UnconfirmedPacket(now, tag, "lost") for tag in tags]
+        return [Unconfirmed(now, tag) for tag in tags]
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[Event]:
         """Take a frame, to be written by `due`."""
@@ -369,7 +368,7 @@ class TransceiverLink:
             msgspec.structs.replace(event, instant=now)
             for message in told
             for event in message.events
-            if not isinstance(event, messages.Unconfirmed) and self._is_news(event)
+            if not isinstance(event, Unconfirmed) and self._is_news(event)
         ]
 
     def wake(self) -> None:

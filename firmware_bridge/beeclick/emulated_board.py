@@ -323,8 +323,6 @@ class CommandRing:
 
     def __init__(self) -> None:
         self.in_step = False
-        self.overflows = 0
-        """How often eight commands have vanished, or one has been written over the packet in the air."""
         self._memory = bytearray(SLOTS * SLOT_BYTES)
         self._read = self._write = self._at = 0
 
@@ -344,7 +342,6 @@ class CommandRing:
         if ended:
             self._at = 0
             self._write = (self._write + 1) % SLOTS
-            self.overflows += self._write == self._read
         return ended
 
     def current(self) -> bytes:

@@ -6,27 +6,27 @@ unfinished command, SYNC, and once that is answered address, channel and power, 
 
 The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
 will never get one. The answer to a SYNC settles the packets in flight, whose confirmations come first. A
-packet settled without a confirmation is an `UnconfirmedPacket`. If a command is overdue, a SYNC is sent
+packet settled without a confirmation is `Unconfirmed`. If a command is overdue, a SYNC is sent
 early: if the board was only busy, its answer comes after the others; lost bytes become visible.
 """
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from actors.board_readings import LinkState
 from actors.instant import Duration, Instant
-from actors.messages import AccessFailure, Overflow, Refused, Sent
+from actors.messages import AccessFailure, Overflow, Refused, Sent, Unconfirmed
 from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.reception import (
     DEFAULTS,
+    NAMES,
     BeeClickParameters,
     BoardSettings,
     Event,
-    LinkCounters,
+    PacketEnd,
     Reader,
-    UnconfirmedPacket,
     news,
 )
 from firmware_bridge.beeclick.wire import (
@@ -82,7 +82,7 @@ class BoardLink:
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.settings = settings
         self.phase = LinkPhase.OFF
-        self.counters = LinkCounters()
+        self.counters = Counter(dict.fromkeys(NAMES, 0))
         self._p = parameters
         self._reader = Reader()
         self._setup = settings.commands()
@@ -120,8 +120,8 @@ class BoardLink:
         """The port has gone; packets in flight are unconfirmed, those that wait go on waiting."""
         self._standing.down(now, "lost")
         self.phase = LinkPhase.OFF
-        self.counters.add("lost")
-        self._settle(now, len(self._asked), "lost")
+        self.counters["lost"] += 1
+        self._settle(now, len(self._asked))
         return self._given()
 
     def send(self, now: Instant, tag: int, data: bytes) -> list[Event]:
@@ -141,7 +141,7 @@ class BoardLink:
         """Drop the packets that wait, without a PacketEnd: how many. What the board has, it keeps."""
         forgotten = len(self._waiting)
         self._waiting.clear()
-        self.counters.add("forgotten", forgotten)
+        self.counters["forgotten"] += forgotten
         return forgotten
 
     def take(self, now: Instant, data: bytes = b"") -> list[Event]:
@@ -172,7 +172,7 @@ class BoardLink:
             while self._waiting and self.in_flight < most and self._pace.has_room:
                 out += self._ask_packet(now, self._waiting.popleft())
             if not self._asked and now >= self._answered_at + self._p.probe_interval:
-                self.counters.add("probes")
+                self.counters["probes"] += 1
                 out += self._ask(now, self._setup[0])
             if now >= self._sync_due():
                 out += self._sync(now)
@@ -206,7 +206,7 @@ class BoardLink:
 
     def _answer(self, now: Instant, answer: Answer) -> None:
         if isinstance(answer, Synchronised | PacketSent | Setting):
-            self.counters.add("answers")
+            self.counters["answers"] += 1
             place = self._place(answer)
             if place is None:
                 self._unasked(now, answer)
@@ -229,7 +229,7 @@ class BoardLink:
         skipped_setting = any(
             asked.answer not in (None, Synchronised()) for asked in list(self._asked)[:place]
         )
-        self._settle(now, place, "answer_skipped")
+        self._settle(now, place)
         asked = self._asked.popleft()
         self._answered_at = now
         self._pace.answered(len(self._asked))
@@ -251,7 +251,7 @@ class BoardLink:
         if self.phase is LinkPhase.READY:
             if not skipped:
                 return  # it was held up, and no more
-            self.counters.add("answer_skipped")
+            self.counters["answer_skipped"] += 1
             self._standing.down(now, "answer_skipped")
         self.phase = LinkPhase.SETTING
         self._to_set.extend(self._setup)
@@ -259,18 +259,18 @@ class BoardLink:
     def _unasked(self, now: Instant, answer: Answer) -> None:
         """An answer to nothing that is on its way."""
         if isinstance(answer, Synchronised):
-            self.counters.add("late_sync")  # to an earlier one of several
+            self.counters["late_sync"] += 1  # to an earlier one of several
         elif isinstance(answer, PacketSent) and self._was_used(answer.number):
-            self.counters.add("late_confirmation")
+            self.counters["late_confirmation"] += 1
         elif self.phase is LinkPhase.SYNCING:
-            self.counters.add("late_echo")
+            self.counters["late_echo"] += 1
         else:
             cause = "strange_confirmation" if isinstance(answer, PacketSent) else "strange_echo"
             self._noise(now, cause)
             self._reader.search()
 
     def _noise(self, now: Instant, cause: str) -> None:
-        self.counters.add(cause)
+        self.counters[cause] += 1
         self._begin_sync(now, cause)
 
     def _expire(self, now: Instant) -> bool:
@@ -285,7 +285,7 @@ class BoardLink:
                 if self.in_flight:
                     self._standing.fruitless(now)
                 self._standing.silent(now)
-                self._settle(now, len(self._asked), "silent")
+                self._settle(now, len(self._asked))
         elif self._asked and now >= self._deadline():
             if self._asked[0].answer is None:
                 self._standing.fruitless(now)
@@ -329,7 +329,7 @@ class BoardLink:
     def _sync(self, now: Instant) -> bytes:
         if not self._sync_asked():
             self._asked.append(_Asked(Synchronised(), now))
-        self.counters.add("syncs")
+        self.counters["syncs"] += 1
         self._pace.synchronising(now)
         return _FILLER * self._p.filler + encode_command(Synchronise())
 
@@ -355,15 +355,15 @@ class BoardLink:
 
     # --- what becomes of packets -------------------------------------------------------------------------
 
-    def _settle(self, now: Instant, count: int, cause: str) -> None:
+    def _settle(self, now: Instant, count: int) -> None:
         """The first `count` commands on their way will not be answered any more."""
         for _ in range(count):
             asked = self._asked.popleft()
             if asked.answer is None:
-                self._end(UnconfirmedPacket(now, asked.tag, cause), "unconfirmed")
+                self._end(Unconfirmed(now, asked.tag), "unconfirmed")
 
-    def _end(self, end: Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused, counter: str) -> None:
-        self.counters.add(counter)
+    def _end(self, end: PacketEnd, counter: str) -> None:
+        self.counters[counter] += 1
         self._events.append(end)
 
     def _given(self) -> list[Event]:
@@ -443,7 +443,7 @@ not: one may be lost on the line."""
 class LinkStanding:
     """Up and Down in turns, however often a board is found and lost; silent once, until it is up again."""
 
-    def __init__(self, counters: LinkCounters, events: list[Event]) -> None:
+    def __init__(self, counters: Counter[str], events: list[Event]) -> None:
         """`events`: where what is said goes."""
         self._counters = counters
         self._events = events
@@ -479,7 +479,7 @@ class LinkStanding:
         self.is_up = False
         if not self._silent:
             self._silent = True
-            self._counters.add("silent")
+            self._counters["silent"] += 1
             self._events.append(LinkState(now, False, "silent"))
 
     def connected(self) -> None:
@@ -488,5 +488,5 @@ class LinkStanding:
 
     def _up(self, now: Instant) -> None:
         self.is_up, self._silent = True, False
-        self._counters.add("ups")
+        self._counters["ups"] += 1
         self._events.append(LinkState(now, True, ""))

@@ -8,8 +8,8 @@ The result does not depend on how the bytes are cut into reads.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 from typing import Annotated, Final
@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from actors.board_readings import BoardNote, Fix, Humidity, Info, Temperature
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
+from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent, Unconfirmed
 from actors.radio.frame import DataFrame, rssi_dbm
 from actors.settings import ParameterError, Settings
 from firmware_bridge.beeclick.wire import (
@@ -271,18 +271,8 @@ _LEAST_FIELDS: Final = 10
 """Type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
 
 
-@dataclass(frozen=True)
-class RecommendedMinimum:
-    """What a sentence says; degrees, north and east positive."""
-
-    valid: bool
-    """True if the receiver vouches for the position, which is then there."""
-    latitude: float | None
-    longitude: float | None
-
-
-def parse_rmc(text: bytes) -> RecommendedMinimum | None:
-    """The sentence in `text`; None if it is none: checksum, fields, ranges and digits must be right."""
+def parse_rmc(now: Instant, text: bytes) -> Fix | None:
+    """Return the position in a sentence; None unless checksum, fields, ranges and digits are right."""
     frame = _FRAME.fullmatch(text)
     if frame is None or reduce(xor, frame[1]) != int(frame[2], 16):
         return None
@@ -294,10 +284,8 @@ def parse_rmc(text: bytes) -> RecommendedMinimum | None:
         longitude = _degrees(fields[5], fields[6], 3, "EW", 180.0)
     except ValueError:
         return None
-    valid = fields[2] == "A"
-    if valid and (latitude is None or longitude is None):
-        return None
-    return RecommendedMinimum(valid, latitude, longitude)
+    valid = fields[2] == "A"  # the receiver vouches for the position, which is then there
+    return None if valid and (latitude is None or longitude is None) else Fix(now, valid, latitude, longitude)
 
 
 def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> float | None:
@@ -338,28 +326,7 @@ NAMES: Final = (
 """All that a link counts, in the order in which it is shown."""
 
 
-class LinkCounters(dict[str, int]):
-    """The counters of one link, by name."""
-
-    def __init__(self) -> None:
-        super().__init__(dict.fromkeys(NAMES, 0))
-
-    def add(self, name: str, more: int = 1) -> None:
-        """Count one more, or several, of a name that there is."""
-        self[name] += more
-
-
-@dataclass(frozen=True)
-class UnconfirmedPacket:
-    """Nobody knows whether the packet `tag` has left: the board had it and never said."""
-
-    instant: Instant
-    tag: int
-    cause: str
-    """One word or two, as in the counters."""
-
-
-PacketEnd = Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused
+PacketEnd = Sent | AccessFailure | Unconfirmed | Overflow | Refused
 """What becomes of a packet: every one that is sent comes to exactly one of these."""
 Event = PacketEnd | Heard | BoardNote
 
@@ -373,49 +340,41 @@ _WETTEST: Final = 1000
 
 
 def news(
-    now: Instant, answer: Answer, settings: BoardSettings, counters: LinkCounters, drop_bad_fcs: bool
+    now: Instant, answer: Answer, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
 ) -> list[Event]:
-    """The event that an unasked message is; none for what is to be dropped."""
+    """Return the event that an unasked message is; none for what is to be dropped."""
     match answer:
         case ReceivedPacket():
             return _heard(now, answer, settings, counters, drop_bad_fcs)
         case Sentence(text):
-            return _fix(now, text, counters)
+            fix = parse_rmc(now, text)
+            counters["bad_sentence" if fix is None else "fixes"] += 1
+            return [] if fix is None else [fix]
         case TemperatureReading(tenths):
             valid = _NO_SENSOR < tenths <= _HOTTEST
-            counters.add("temperatures" if valid else "bad_sensor")
+            counters["temperatures" if valid else "bad_sensor"] += 1
             return [Temperature(now, tenths / 10, valid)]
         case HumidityReading(tenths):
             valid = 0 <= tenths <= _WETTEST
-            counters.add("humidities" if valid else "bad_sensor")
+            counters["humidities" if valid else "bad_sensor"] += 1
             return [Humidity(now, tenths / 10, valid)]
         case Notes(text):
-            counters.add("infos")
+            counters["infos"] += 1
             return [Info(now, text.decode())]
         case _:
             raise AssertionError(answer)
 
 
 def _heard(
-    now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: LinkCounters, drop_bad_fcs: bool
+    now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
 ) -> list[Event]:
     if packet.fcs != DataFrame(packet.pan, packet.address, packet.data).check:
-        counters.add("bad_fcs")
+        counters["bad_fcs"] += 1
         if drop_bad_fcs:
             return []
     if packet.pan != settings.pan:
-        counters.add("other_pan")
+        counters["other_pan"] += 1
         return []
-    if packet.address == settings.address:
-        counters.add("own_address")  # another robot has it, too
-    counters.add("heard")
+    counters["own_address"] += packet.address == settings.address  # another robot has it, too
+    counters["heard"] += 1
     return [Heard(now, packet.address, rssi_dbm(packet.rssi_code), packet.lqi, packet.data)]
-
-
-def _fix(now: Instant, text: bytes, counters: LinkCounters) -> list[Event]:
-    position = parse_rmc(text)
-    if position is None:
-        counters.add("bad_sentence")
-        return []
-    counters.add("fixes")
-    return [Fix(now, position.valid, position.latitude, position.longitude)]

@@ -49,7 +49,7 @@ from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import Event, PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import Event, PacketEnd
 from firmware_bridge.device_lines import TransceiverLink
 from firmware_bridge.onboard.device_loop import (
     BridgeProgram,
@@ -179,7 +179,7 @@ class BridgeCore(TimedCore):
             match event:
                 case Heard():
                     self._hold(event)
-                case Sent() | AccessFailure() | Overflow() | Refused() | UnconfirmedPacket():
+                case Sent() | AccessFailure() | Overflow() | Refused() | Unconfirmed():
                     self._ended(event)
                 case _:
                     self._notes.append(event)
@@ -188,8 +188,6 @@ class BridgeCore(TimedCore):
         tag = self._tags.pop(end.tag, None)
         if tag is None:  # a frame of the epoch before
             self.forgotten_events += 1
-        elif isinstance(end, UnconfirmedPacket):
-            self._hold(Unconfirmed(end.instant, tag))
         else:
             self._hold(msgspec.structs.replace(end, tag=tag))
 

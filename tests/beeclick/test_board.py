@@ -178,13 +178,13 @@ FIX = "GPRMC,123519.50,A,5005.2460,N,01425.1230,E,000.0,084.4,230614,,"
 
 
 def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
-    position = parse_rmc(sentence(FIX))
+    position = parse_rmc(START, sentence(FIX))
     assert position is not None
     assert position.valid
     assert position.latitude == pytest.approx(50.087433333333334)
     assert position.longitude == pytest.approx(14.418716666666667)
-    south = parse_rmc(sentence("GPRMC,000000,A,3351.0000,S,15112.0000,W,0,0,010100"))
-    none = parse_rmc(sentence("GPRMC,,V,,,,,,,,,,N"))
+    south = parse_rmc(START, sentence("GPRMC,000000,A,3351.0000,S,15112.0000,W,0,0,010100"))
+    none = parse_rmc(START, sentence("GPRMC,,V,,,,,,,,,,N"))
     assert none is not None and (none.valid, none.latitude, none.longitude) == (False, None, None)
     assert south is not None and (south.latitude, south.longitude) == (-33.85, -151.2)
 
@@ -198,13 +198,13 @@ def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
     ],
 )  # fmt: skip
 def test_a_sentence_with_a_wrong_part_is_no_fix(part: str, wrong: str) -> None:
-    assert parse_rmc(sentence(FIX.replace(part, wrong))) is None
-    assert parse_rmc(sentence(FIX)[:-2] + b"00") is None
+    assert parse_rmc(START, sentence(FIX.replace(part, wrong))) is None
+    assert parse_rmc(START, sentence(FIX)[:-2] + b"00") is None
 
 
 @given(st.binary(max_size=100))
 def test_junk_is_no_fix(text: bytes) -> None:
-    assert parse_rmc(b"$GPRMC," + text) is parse_rmc(text) is None
+    assert parse_rmc(START, b"$GPRMC," + text) is parse_rmc(START, text) is None
 
 
 def test_code_and_dbm_agree_to_half_a_code() -> None:

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from actors.board_readings import Fix, Humidity, Info, LinkState, Temperature
 from actors.instant import START, Instant, milliseconds, seconds
-from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
+from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent, Unconfirmed
 from actors.radio.frame import DataFrame, octets
 from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.reception import BeeClickParameters, BoardSettings, Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import BeeClickParameters, BoardSettings, Event
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,
@@ -101,7 +101,7 @@ def test_a_packet_of_the_wrong_size_or_beyond_the_queue_is_dropped() -> None:
 def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     host = Host().get_ready()
     first, second = host.send(1, 2)
-    assert host.hear(confirm(second)) == [UnconfirmedPacket(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
+    assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1), Sent(host.now, 2)]
     assert host.hear(confirm(first), confirm(second)) == []  # never twice
     assert host.link.counters["late_confirmation"] == 2
     assert host.link.phase is LinkPhase.READY
@@ -128,7 +128,7 @@ def test_an_answer_that_swallows_the_sync_answer_is_given_up() -> None:
     assert host.hear(confirm(numbers[0], failed=True), HEAD, confirm(numbers[1]), SYNC_PATTERN) == [
         AccessFailure(host.now, 1),
         Sent(host.now, 2),
-        UnconfirmedPacket(host.now, 3, "answer_skipped"),
+        Unconfirmed(host.now, 3),
     ]
     assert host.link.counters["swallowed_sync"] == 1
     assert len(host.commands()) == 3
@@ -186,8 +186,8 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
     assert events == [
         LinkState(Instant(1_000_000), False, "no_confirmation"),
         LinkState(Instant(2_000_000), False, "silent"),
-        UnconfirmedPacket(Instant(2_000_000), 1, "silent"),
-        UnconfirmedPacket(Instant(2_000_000), 9, "silent"),
+        Unconfirmed(Instant(2_000_000), 1),
+        Unconfirmed(Instant(2_000_000), 9),
     ]
     assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
@@ -202,7 +202,7 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     numbers = host.send(1, 2, 3, 4, 5)
     assert host.link.lost(host.now) == [
         LinkState(host.now, False, "lost"),
-        *(UnconfirmedPacket(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
+        *(Unconfirmed(host.now, tag) for tag in (1, 2, 3, 4)),
     ]
     assert host.hear(confirm(numbers[0])) == []
     assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)
@@ -315,7 +315,7 @@ WHOLE = conversation([])
 def test_each_packet_of_a_long_conversation_is_reported_once() -> None:
     events, counters, _ = WHOLE
     assert [e.tag for e in events if isinstance(e, Sent)] == [1, 2, 5, 6]
-    assert [e.tag for e in events if isinstance(e, UnconfirmedPacket)] == [3, 4]
+    assert [e.tag for e in events if isinstance(e, Unconfirmed)] == [3, 4]
     assert len([e for e in events if isinstance(e, Heard)]) == 3
     assert (counters["ups"], counters["unknown_type"], counters["swallowed_sync"]) == (3, 1, 1)
 
@@ -330,7 +330,7 @@ def test_how_the_system_cuts_the_bytes_changes_nothing(data: st.DataObject) -> N
     assert conversation(pieces)[:2] == WHOLE[:2]
 
 
-ENDS = (Sent, AccessFailure, UnconfirmedPacket, Overflow, Refused)
+ENDS = (Sent, AccessFailure, Unconfirmed, Overflow, Refused)
 SET_UP = (0xBABA, 2, 15)
 """PAN, address and channel code that a link with the default settings gives its board."""
 
@@ -464,7 +464,7 @@ def test_each_packet_is_reported_once_and_as_the_board_says(
     soak.end()
     record_property("packets", {"all": soak.packets, **soak.ends})
     record_property("ready again at most after, ms", {one.name: ms for one, ms in soak.back_ms.items()})
-    assert soak.ends["Sent"] > 250 and soak.ends["UnconfirmedPacket"] > 50
+    assert soak.ends["Sent"] > 250 and soak.ends["Unconfirmed"] > 50
     assert max(soak.reported.values()) == 1
     assert soak.packets == len(soak.reported) + soak.link.waiting
     assert soak.false == 0

@@ -23,6 +23,7 @@ from actors.messages import (
     Sent,
     Transmit,
     Truth,
+    Unconfirmed,
 )
 from actors.radio.program import build
 from actors.radio.propagation.walls import WallPatch
@@ -30,7 +31,7 @@ from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import BoardSettings, Event, UnconfirmedPacket
+from firmware_bridge.beeclick.reception import BoardSettings, Event
 from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
 from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
 from tests.laboratory.hosts import ROOT
@@ -244,7 +245,7 @@ class Pair:
         return [
             (type(event), event.tag)
             for event in self.events[0]
-            if isinstance(event, Sent | Overflow | Refused | UnconfirmedPacket | AccessFailure)
+            if isinstance(event, Sent | Overflow | Refused | Unconfirmed | AccessFailure)
         ]
 
 
@@ -269,7 +270,7 @@ def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:
     pair.send(3, b"not written yet")
     pair.events[0] += pair.links[0].lost(pair.now)
     pair.send(4, b"nowhere")
-    assert pair.ends() == [*((UnconfirmedPacket, tag) for tag in range(4)), (Overflow, 4)]
+    assert pair.ends() == [*((Unconfirmed, tag) for tag in range(4)), (Overflow, 4)]
     assert pair.links[0].due(pair.now) == b""
     pair.links[0].connect(pair.now)
     pair.run(50)

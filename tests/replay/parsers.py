@@ -192,7 +192,7 @@ def device_parsers() -> Iterator[Made]:
     yield (
         "board's sentence",
         (b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",),
-        parse_rmc,
+        lambda text: parse_rmc(START, text),
     )
     payload = encode_feedback(Inertial(5, -7)) + encode_feedback(Unknown(19, bytes(12)))
     yield "base's frames", (encode_frame(payload) * 4,), FrameReader(decode_feedback).take
