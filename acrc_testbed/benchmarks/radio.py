@@ -32,8 +32,7 @@ from actors.installation.usage import OptionError
 from actors.radio.medium.medium import Medium, Poisson, Request
 from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Outcome, Transceiver
-from actors.radio.propagation.indoor import IndoorPropagation, ShadowingParameters
-from actors.radio.propagation.walls import build
+from actors.radio.propagation import IndoorPropagation, ShadowingParameters
 from actors.radio.radio_model import (
     RadioParameters,
     RadioSetup,
@@ -43,6 +42,7 @@ from actors.radio.radio_model import (
     preset,
     radio_model,
 )
+from actors.radio.walls import build
 
 PER_FLOOR: Final = 20
 """Robots to each copy of the floor plan."""

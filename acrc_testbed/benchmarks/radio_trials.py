@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium, Poisson, Propagation, Request, Saturated
 from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
-from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation import IndoorPropagation
 from actors.radio.radio_model import preset
 from actors.runtime.errors import AcrcError
 

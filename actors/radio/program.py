@@ -5,10 +5,9 @@ from pathlib import Path
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
-from actors.radio import robot_medium
+from actors.radio import propagation, robot_medium
 from actors.radio.core import RadioCore
 from actors.radio.medium import medium
-from actors.radio.propagation import indoor
 from actors.radio.radio_model import RadioProgram, RadioReport, RadioSetup, radio_model
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
@@ -16,7 +15,7 @@ from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import combined, fingerprints
 
-KERNELS = (foundations, arrays, portable_draws, indoor, medium, robot_medium)
+KERNELS = (foundations, arrays, portable_draws, propagation, medium, robot_medium)
 """Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""

@@ -20,13 +20,13 @@ from actors.portable.draws import exponentials
 from actors.radio.medium.medium import Interferer, Propagation
 from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Cca, PhyParameters, Transceiver
-from actors.radio.propagation.indoor import (
+from actors.radio.propagation import (
     IndoorPropagation,
     PathLossParameters,
     PropagationParameters,
     line_of_sight,
 )
-from actors.radio.propagation.walls import MaterialName, WallPatch, build, material
+from actors.radio.walls import MaterialName, WallPatch, build, material
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail

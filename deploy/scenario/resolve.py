@@ -13,8 +13,8 @@ from actors.floor.placement import PlacementError, check_pose, draw_points
 from actors.geometry import Point, wrap
 from actors.instant import milliseconds, seconds
 from actors.radio import radio_model
-from actors.radio.propagation.walls import inside
 from actors.radio.radio_model import RadioSetup
+from actors.radio.walls import inside
 from actors.randomness import generator
 from actors.robot.assembly import RobotSetup
 from actors.robot.stack import Adaptation, Stack

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final, Literal
 from msgspec import Meta, field
 
 from actors.floor.placement import Area
-from actors.radio.propagation.walls import WallPatch
 from actors.radio.radio_model import RadioTable, WifiParameters
+from actors.radio.walls import WallPatch
 from actors.randomness import keyed_seed
 from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack

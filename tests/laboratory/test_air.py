@@ -26,8 +26,8 @@ from actors.messages import (
     Unconfirmed,
 )
 from actors.radio.program import build
-from actors.radio.propagation.walls import WallPatch
 from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
+from actors.radio.walls import WallPatch
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink

@@ -22,7 +22,7 @@ from actors.messages import (
 )
 from actors.radio.core import RadioCore
 from actors.radio.medium.state import Cca, PhyParameters, Transceiver
-from actors.radio.propagation.indoor import IndoorPropagation, line_of_sight
+from actors.radio.propagation import IndoorPropagation, line_of_sight
 from actors.radio.radio_model import RadioModel, RadioParameters
 from actors.topic import Message
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Outcome
-from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
+from actors.radio.propagation import IndoorPropagation, PropagationParameters
 from actors.radio.radio_model import Jammer, Wifi, WifiParameters, in_band_db, preset
 from actors.runtime.errors import AcrcError
 

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 
 from actors.installation.repository import REPOSITORY
 from actors.radio.medium.reception import frame_error_rate
-from actors.radio.propagation.indoor import (
+from actors.radio.propagation import (
     IndoorPropagation,
     PathLossParameters,
     PropagationParameters,
     line_of_sight,
     over,
 )
-from actors.radio.propagation.walls import MATERIALS
 from actors.radio.radio_model import (
     PRESETS,
     DirectReach,
@@ -30,6 +29,7 @@ from actors.radio.radio_model import (
     reach,
     share,
 )
+from actors.radio.walls import MATERIALS
 from actors.runtime.errors import AcrcError
 
 CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")

@@ -13,7 +13,7 @@ from actors.messages import Jam
 from actors.radio.medium import engine
 from actors.radio.medium.medium import Medium, Poisson, Request, fingerprint
 from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
-from actors.radio.propagation.indoor import IndoorPropagation, PathLossParameters, PropagationParameters
+from actors.radio.propagation import IndoorPropagation, PathLossParameters, PropagationParameters
 from actors.radio.radio_model import preset
 from tests.radio.plain_medium import PlainMedium, Said, mw
 from tests.radio.swarm import STEP, Frame, Robot, Swarm, around

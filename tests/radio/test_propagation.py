@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.radio.propagation.indoor import (
+from actors.radio.propagation import (
     IndoorPropagation,
     PathLossParameters,
     PropagationParameters,
@@ -20,7 +20,7 @@ from actors.radio.propagation.indoor import (
     Waves,
     waves,
 )
-from actors.radio.propagation.walls import (
+from actors.radio.walls import (
     MATERIALS,
     TILE,
     WallPatch,
@@ -28,7 +28,7 @@ from actors.radio.propagation.walls import (
     between,
     build,
     material,
-    tiles_of,
+    walls_of,
 )
 
 BRICK = MATERIALS["brick"]
@@ -39,7 +39,7 @@ def loss(
 ) -> float:
     side = TILE * walls.resolution
     (x0, y0), (x1, y1) = (((x - walls.west) / side, (y - walls.south) / side) for x, y in (one, other))
-    return float(between(*walls.tiles, walls.crossing_db, walls.per_metre_db * side, x0, y0, x1, y1, most_db))
+    return float(between(walls, walls.per_metre_db * side, x0, y0, x1, y1, most_db))
 
 
 def room(middle: int = OCCUPIED) -> OccupancyGrid:
@@ -104,8 +104,8 @@ kinds = st.integers(0, 2**32 - 1).map(
 spots = st.tuples(st.floats(-0.5, 3.6), st.floats(-0.5, 2.8))
 
 
-def walls_of(kinds: NDArray[np.uint8]) -> Walls:
-    return Walls(tiles_of(kinds), 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0]))
+def walls(kinds: NDArray[np.uint8]) -> Walls:
+    return walls_of(kinds, 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0]))
 
 
 def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float]) -> list[float]:
@@ -132,12 +132,12 @@ def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[flo
 def test_the_way_through_every_material_is_exact(
     kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float]
 ) -> None:
-    walls = walls_of(kinds)
+    floor = walls(kinds)
     nothing = np.zeros(3)
     for kind, length in enumerate(crossed(kinds, one, other)):
         rate = np.zeros(3)
         rate[kind] = 1.0 if kind else 0.0
-        only = Walls(walls.tiles, 0.1, 0.0, 0.0, nothing, rate)
+        only = floor._replace(crossing_db=nothing, per_metre_db=rate)
         assert loss(only, one, other) == pytest.approx(length if kind else 0.0, abs=1e-7)
 
 
@@ -152,8 +152,8 @@ def rooms() -> NDArray[np.uint8]:
 def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_once() -> None:
     kinds, rng = rooms(), np.random.default_rng(5)
     rates, entered = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
-    lengths = Walls(tiles_of(kinds), 0.1, 0.0, 0.0, np.zeros(3), rates)
-    entries = Walls(lengths.tiles, 0.1, 0.0, 0.0, entered, np.zeros(3))
+    lengths = walls_of(kinds, 0.1, 0.0, 0.0, np.zeros(3), rates)
+    entries = lengths._replace(crossing_db=entered, per_metre_db=np.zeros(3))
     for one, other in rng.uniform([-1.0, -1.0], [21.0, 16.0], (300, 2, 2)):
         ends = (float(one[0]), float(one[1])), (float(other[0]), float(other[1]))
         assert loss(lengths, *ends) == pytest.approx(sum(crossed(kinds, *ends)[1:]), abs=1e-7)
@@ -168,11 +168,11 @@ def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_onc
 def test_a_loss_is_symmetric_and_exact_or_known_to_be_too_much(
     kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float], most_db: float
 ) -> None:
-    walls = walls_of(kinds)
-    whole = loss(walls, one, other)
-    cut = loss(walls, one, other, most_db)
+    floor = walls(kinds)
+    whole = loss(floor, one, other)
+    cut = loss(floor, one, other, most_db)
     assert cut == whole if whole <= most_db else cut > most_db
-    assert whole == loss(walls, other, one) >= 0.0, "the same from both sides"
+    assert whole == loss(floor, other, one) >= 0.0, "the same from both sides"
 
 
 Floats = NDArray[np.float64]

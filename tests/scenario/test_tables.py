@@ -14,8 +14,8 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import Area
 from actors.installation.repository import REPOSITORY
 from actors.instant import milliseconds, seconds
-from actors.radio.propagation.walls import WallPatch
 from actors.radio.radio_model import WifiParameters
+from actors.radio.walls import WallPatch
 from actors.randomness import generator
 from actors.robot import assembly
 from actors.robot.behaviour.ports import ExchangeSettings

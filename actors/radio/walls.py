@@ -22,6 +22,7 @@ from actors.portable import exp, log, log10
 from actors.runtime.errors import AcrcError
 from actors.settings import Settings, Span, check_spans
 
+Floats = NDArray[np.float64]
 _GHZ: Final = 2.45
 """The middle of the band, channels 11 to 26."""
 
@@ -80,8 +81,8 @@ TILE: Final = 16
 """Side of a tile, cells."""
 
 
-class Tiles(NamedTuple):
-    """A floor plan of kinds of cells, 0 of which is air; made by `tiles_of`."""
+class Walls(NamedTuple):
+    """A floor plan of kinds of cells, 0 of which is air; made by `walls_of`."""
 
     leaps: NDArray[np.uint8]
     """(2, rows, columns): side, in tiles, of the largest square of tiles of nothing but air that has the tile
@@ -91,10 +92,26 @@ class Tiles(NamedTuple):
     blocks: NDArray[np.uint8]
     """(blocks, 5): rectangles that do not overlap, all of one kind: first column and row within the tile,
     those behind the last, and which kind."""
+    resolution: float
+    """Side of a cell, m."""
+    west: float
+    south: float
+    """The map's corner, m."""
+    crossing_db: Floats
+    """(kinds,): loss of each wall that is entered, dB."""
+    per_metre_db: Floats
+    """(kinds,): loss of each metre in it, dB."""
 
 
-def tiles_of(kinds: NDArray[np.uint8]) -> Tiles:
-    """The tiles of (rows, columns) of kinds; beyond its edges everything is air."""
+def walls_of(
+    kinds: NDArray[np.uint8],
+    resolution: float,
+    west: float,
+    south: float,
+    crossing_db: Floats,
+    per_metre_db: Floats,
+) -> Walls:
+    """Return the walls of (rows, columns) of kinds; beyond the edges everything is air."""
     rows, columns = (-(-size // TILE) for size in kinds.shape)
     begins = np.zeros(rows * columns + 1, np.int32)
     _find_blocks(kinds, columns, begins, np.zeros((0, 5), np.uint8))
@@ -103,7 +120,7 @@ def tiles_of(kinds: NDArray[np.uint8]) -> Tiles:
     walled = (np.diff(begins) > 0).reshape(rows, columns)
     leaps = equal_squares(walled.astype(np.uint8))[::2].copy()
     leaps[:, walled] = 0
-    return Tiles(leaps, begins, blocks)
+    return Walls(leaps, begins, blocks, resolution, west, south, crossing_db, per_metre_db)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -136,10 +153,6 @@ def _find_blocks(
         begins[tile + 1] = found
 
 
-Floats = NDArray[np.float64]
-_AIR: Final = 0
-
-
 MaterialName = Annotated[
     str,
     Meta(
@@ -164,23 +177,6 @@ class WallPatch(Settings, frozen=True):
         check_spans(self, "x", "y")
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """The floor plan as the wave sees it; made by `build`."""
-
-    tiles: Tiles
-    """Where which material is; 0 is air."""
-    resolution: float
-    """Side of a cell, m."""
-    west: float
-    south: float
-    """The map's corner, m."""
-    crossing_db: Floats
-    """(materials,): loss of each wall that is entered, dB."""
-    per_metre_db: Floats
-    """(materials,): loss of each metre in it, dB."""
-
-
 def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = ()) -> Walls:
     """The walls of a floor plan: occupied cells are of `everywhere`, in a patch of its material.
 
@@ -189,18 +185,13 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     mostly not wall. Nor does anything outside of the map. AcrcError if a material is unknown.
     """
     names = list(dict.fromkeys(["air", everywhere, *(patch.material for patch in patches)]))
-    stuff: list[Material] = [material(name) for name in names]
-    kinds = np.where(grid.cells == OCCUPIED, names.index(everywhere), _AIR).astype(np.uint8)
+    stuff = [material(name) for name in names]
+    kinds = np.where(grid.cells == OCCUPIED, names.index(everywhere), 0).astype(np.uint8)
     for patch in patches:
         kinds[inside(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
-    return Walls(
-        tiles_of(kinds),
-        grid.resolution,
-        grid.origin.x,
-        grid.origin.y,
-        np.array([one.crossing_db for one in stuff]),
-        np.array([one.per_metre_db for one in stuff]),
-    )
+    crossing_db = np.array([one.crossing_db for one in stuff])
+    per_metre_db = np.array([one.per_metre_db for one in stuff])
+    return walls_of(kinds, grid.resolution, *grid.origin, crossing_db, per_metre_db)
 
 
 def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
@@ -237,10 +228,7 @@ def _within(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _along(
-    leaps: NDArray[np.uint8],
-    begins: NDArray[np.int32],
-    blocks: NDArray[np.uint8],
-    crossing_db: Floats,
+    walls: Walls,
     per_tile_db: Floats,
     x: float,
     y: float,
@@ -250,6 +238,7 @@ def _along(
     most_db: float,
 ) -> float:
     """The loss, dB, from (x, y) along the unit vector (dx, dy), dx ≥ 0, in tiles; inf if above most_db."""
+    leaps, begins, blocks = walls.leaps, walls.begins, walls.blocks
     southward = 0 if dy >= 0 else 1
     rows, columns = leaps.shape[1:]
     at, last = _clipped(x, dx, columns, 0.0, length)
@@ -274,7 +263,7 @@ def _along(
             if met == 0:
                 break
             if kind != before or first > until:
-                loss += crossing_db[kind]
+                loss += walls.crossing_db[kind]
             loss += (end - first) * per_tile_db[kind]
             if loss > most_db:
                 return math.inf
@@ -288,20 +277,11 @@ def _along(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def between(
-    leaps: NDArray[np.uint8],
-    begins: NDArray[np.int32],
-    blocks: NDArray[np.uint8],
-    crossing_db: Floats,
-    per_tile_db: Floats,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    most_db: float,
+    walls: Walls, per_tile_db: Floats, x0: float, y0: float, x1: float, y1: float, most_db: float
 ) -> float:
-    """The loss by walls, dB, between two places, in tiles from the map's corner; inf if above most_db.
+    """Return the loss by walls, dB, between two places, in tiles from the map's corner; inf if above most_db.
 
-    The same, to the last bit, in both directions. leaps … blocks: the fields of `Tiles`.
+    It is the same, to the last bit, in both directions. per_tile_db: as `walls.per_metre_db`.
     """
     if x1 < x0 or (x1 == x0 and y1 < y0):
         x0, y0, x1, y1 = x1, y1, x0, y0
@@ -309,7 +289,5 @@ def between(
     length = math.sqrt(dx * dx + dy * dy)
     if length == 0.0:
         return 0.0
-    loss: float = _along(
-        leaps, begins, blocks, crossing_db, per_tile_db, x0, y0, dx / length, dy / length, length, most_db
-    )
+    loss: float = _along(walls, per_tile_db, x0, y0, dx / length, dy / length, length, most_db)
     return loss

@@ -17,7 +17,7 @@ NIPS 2007). So the loss depends only on the two positions and the seed.
 
 import math
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -27,8 +27,7 @@ from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos, exp, exp10, log10, sin
 from actors.portable.draws import normals, uniforms
-from actors.radio.propagation import walls
-from actors.radio.propagation.walls import TILE, Walls, tiles_of
+from actors.radio.walls import TILE, Walls, between, walls_of
 
 Floats = NDArray[np.float64]
 
@@ -57,16 +56,9 @@ class PathLossParameters:
         """What the kernels take: near loss and slope, breakpoint, far loss and slope per decade, nearest."""
         far = 10.0 * self.far_exponent
         far_at_one = self.far_loss_db - (0.0 if math.isinf(self.breakpoint) else far * log10(self.breakpoint))
-        return np.array(
-            [
-                self.excess_db + self.near_loss_db,
-                10.0 * self.near_exponent,
-                self.breakpoint,
-                self.excess_db + far_at_one,
-                far,
-                self.nearest,
-            ]
-        )
+        near_at_one, far_at_one = self.excess_db + self.near_loss_db, self.excess_db + far_at_one
+        near = 10.0 * self.near_exponent
+        return np.array([near_at_one, near, self.breakpoint, far_at_one, far, self.nearest])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -114,8 +106,7 @@ class ShadowingParameters:
     needs no new sines. Default: own choice; the step from one to the next is about 1/4 sigma."""
 
 
-@dataclass(frozen=True, eq=False)
-class Waves:
+class Waves(NamedTuple):
     """The sinusoids of one seed; made by `waves`."""
 
     first: Floats
@@ -135,10 +126,9 @@ def waves(parameters: ShadowingParameters, rng: Generator) -> Waves:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _phasors(
-    column: int, row: int, grain: float, first: Floats, second: Floats, phase: Floats, phasors: Floats
-) -> None:
-    """The phasors, (4, sinusoids), of a square: as the first end, and as the second."""
+def _phasors(column: int, row: int, grain: float, waves: Waves, phasors: Floats) -> None:
+    """Write the phasors, (4, sinusoids), of a square: as the first end, and as the second."""
+    first, second, phase = waves
     x, y = (column + 0.5) * grain, (row + 0.5) * grain
     for k in range(phase.size):
         one = first[k, 0] * x + first[k, 1] * y + phase[k]
@@ -148,15 +138,7 @@ def _phasors(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def refresh(
-    places: Floats,
-    grain: float,
-    first: Floats,
-    second: Floats,
-    phase: Floats,
-    cells: NDArray[np.int64],
-    phasors: Floats,
-) -> None:
+def refresh(places: Floats, grain: float, waves: Waves, cells: NDArray[np.int64], phasors: Floats) -> None:
     """Bring the phasors, (4, sinusoids, n), of those who have come into another square up to date.
 
     places (n, 2), m; cells (n, 2): the squares that the phasors are of, written.
@@ -165,7 +147,7 @@ def refresh(
         column, row = math.floor(places[j, 0] / grain), math.floor(places[j, 1] / grain)
         if cells[j, 0] != column or cells[j, 1] != row:
             cells[j, 0], cells[j, 1] = column, row
-            _phasors(column, row, grain, first, second, phase, phasors[:, :, j])
+            _phasors(column, row, grain, waves, phasors[:, :, j])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -175,9 +157,7 @@ def add_shadowing(
     sigma_db: float,
     correlation_distance: float,
     grain: float,
-    first: Floats,
-    second: Floats,
-    phase: Floats,
+    waves: Waves,
     cells: NDArray[np.int64],
     phasors: Floats,
     loss_db: Floats,
@@ -187,8 +167,8 @@ def add_shadowing(
     cells, phasors: of the receivers, see `refresh`. The field F(p, q) is made symmetric: (F(p, q) + F(q, p))
     / sqrt(2 + 2 exp(-2 |p - q| / correlation distance)), which has the same variance everywhere.
     """
-    n = receivers.shape[0]
-    own = np.empty((4, phase.size))
+    n, sinusoids = receivers.shape[0], waves.phase.size
+    own = np.empty((4, sinusoids))
     total = np.empty(n)
     for i in range(senders.shape[0]):
         column, row = math.floor(senders[i, 0] / grain), math.floor(senders[i, 1] / grain)
@@ -198,12 +178,12 @@ def add_shadowing(
                 known = j
         if known >= 0:
             for end in range(4):  # not as one slice: its message of sizes that differ compiles for seconds
-                for k in range(phase.size):
+                for k in range(sinusoids):
                     own[end, k] = phasors[end, k, known]
         else:
-            _phasors(column, row, grain, first, second, phase, own)
+            _phasors(column, row, grain, waves, own)
         total[:] = 0.0
-        for k in range(phase.size):
+        for k in range(sinusoids):
             a, b, c, d = own[0, k], own[1, k], own[2, k], own[3, k]
             for j in range(n):  # in this order for the processor's vectors, which must not change the sums
                 there = a * phasors[2, k, j] - b * phasors[3, k, j]
@@ -213,7 +193,7 @@ def add_shadowing(
             dx, dy = column - cells[j, 0], row - cells[j, 1]
             apart = grain * math.sqrt(dx * dx + dy * dy)
             alike = exp(-2.0 * apart / correlation_distance)
-            loss_db[i, j] += sigma_db * total[j] / math.sqrt(phase.size * (1.0 + alike))
+            loss_db[i, j] += sigma_db * total[j] / math.sqrt(sinusoids * (1.0 + alike))
 
 
 _ROUNDING_DB: Final = 1e-9
@@ -266,11 +246,7 @@ class IndoorPropagation:
         if floor is None:
             _path_losses(senders, receivers, self._coefficients, loss)
         else:
-            _losses(
-                senders, receivers, self._coefficients, *floor.tiles,
-                floor.resolution, floor.west, floor.south, floor.crossing_db, floor.per_metre_db,
-                most_db, loss,
-            )  # fmt: skip
+            _losses(senders, receivers, self._coefficients, floor, most_db, loss)
         return loss
 
     def _add_shadowing(self, waves: Waves, senders: Floats, receivers: Floats, loss: Floats) -> None:
@@ -279,11 +255,9 @@ class IndoorPropagation:
         if len(self._cells) != len(receivers):
             self._cells = np.full((len(receivers), 2), NOWHERE, np.int64)
             self._phasors = np.empty((4, p.sinusoids, len(receivers)))
-        refresh(receivers, p.grain, waves.first, waves.second, waves.phase, self._cells, self._phasors)
-        add_shadowing(
-            senders, receivers, p.sigma_db, p.correlation_distance, p.grain,
-            waves.first, waves.second, waves.phase, self._cells, self._phasors, loss,
-        )  # fmt: skip
+        kept = p.grain, waves, self._cells, self._phasors
+        refresh(receivers, *kept)
+        add_shadowing(senders, receivers, p.sigma_db, p.correlation_distance, *kept, loss)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -303,44 +277,31 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _losses(
-    senders: Floats,
-    receivers: Floats,
-    coefficients: Floats,
-    leaps: NDArray[np.uint8],
-    begins: NDArray[np.int32],
-    blocks: NDArray[np.uint8],
-    resolution: float,
-    west: float,
-    south: float,
-    crossing_db: Floats,
-    per_metre_db: Floats,
-    most_db: float,
-    loss_db: Floats,
+    senders: Floats, receivers: Floats, coefficients: Floats, floor: Walls, most_db: float, loss_db: Floats
 ) -> None:
     """Add the loss by distance and walls to loss_db, (s, r) dB; 0 at least.
 
     What comes to more than most_db may be any value above it.
     """
-    side = TILE * resolution
-    per_tile_db = per_metre_db * side
+    side, west, south = TILE * floor.resolution, floor.west, floor.south
+    per_tile_db = floor.per_metre_db * side
     for i in range(senders.shape[0]):
         x, y = (senders[i, 0] - west) / side, (senders[i, 1] - south) / side
         for j in range(receivers.shape[0]):
             loss = _over(senders, i, receivers, j, coefficients)
             left_db = most_db - (loss + loss_db[i, j])
             if left_db >= 0.0:
-                loss += walls.between(
-                    leaps, begins, blocks, crossing_db, per_tile_db, x, y,
-                    (receivers[j, 0] - west) / side, (receivers[j, 1] - south) / side, left_db + _ROUNDING_DB,
-                )  # fmt: skip
+                to_x, to_y = (receivers[j, 0] - west) / side, (receivers[j, 1] - south) / side
+                loss += between(floor, per_tile_db, x, y, to_x, to_y, left_db + _ROUNDING_DB)
             loss_db[i, j] = max(loss + loss_db[i, j], 0.0)
 
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     kinds = (arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.8).astype(np.uint8)
-    floor = Walls(tiles_of(kinds), 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
+    floor = walls_of(kinds, 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)
     parameters = PropagationParameters(shadowing=ShadowingParameters(4.0))
     propagation = IndoorPropagation(parameters, floor, np.random.default_rng(1))
-    return b"".join(part.tobytes() for part in floor.tiles) + propagation.loss_db(places, places).tobytes()
+    tiles = floor.leaps, floor.begins, floor.blocks
+    return b"".join(part.tobytes() for part in tiles) + propagation.loss_db(places, places).tobytes()
