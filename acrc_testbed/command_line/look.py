@@ -2,10 +2,10 @@
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -27,6 +27,8 @@ from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
     from acrc_testbed.run_model.data import RunData
+    from actors.robot_model import RobotModel
+    from deploy.scenario.survey import MapSurvey
 
 _PAGES: Final = (".png", ".svg", ".html")
 _JUDGED_S: Final = 5.0
@@ -273,7 +275,7 @@ def scenario(
     """
     from actors.floor import offices
     from actors.robot.behaviour.foreign import admitted, permit_of
-    from deploy.run import out_folder
+    from actors.robot_model import load_model
     from deploy.run.swarm import preflight_here
     from deploy.scenario import survey
     from deploy.scenario.resolve import resolve
@@ -284,44 +286,25 @@ def scenario(
     if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
-        _part(file, png, is_map=is_map, json=json)
+        _answer_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
     permit = permit_of(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
     settled = resolve(load_scenario(file, overrides))
-    found = survey.survey(settled)
+    _answer_survey(survey.survey(settled), png, json=json)
+    folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
+    preflight_here(settled, folders)
+
+
+def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
+    """Draw what a file means, and say it."""
+    from deploy.run import out_folder
+    from deploy.scenario import survey
+
     if png is not None:
         from deploy.scenario import scenario_picture
 
         with out_folder.writing(png.parent):
             scenario_picture.write(found, png)
-    _answer_surveyed(survey.sentences(found), survey.as_json(found), png, json=json)
-    folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
-    preflight_here(settled, folders)
-
-
-def _part(file: Path, png: Path | None, *, is_map: bool, json: bool) -> None:
-    """The same for a map or a robot model."""
-    from actors.robot_model import load_model
-    from deploy.run import out_folder
-    from deploy.scenario import survey
-
-    floor = survey.survey_map(file) if is_map else None
-    model = None if is_map else load_model(str(file))
-    if png is not None:
-        from deploy.scenario import scenario_picture
-
-        with out_folder.writing(png.parent):
-            if floor:
-                scenario_picture.write_map(floor, png)
-            elif model:
-                scenario_picture.write_model(model, png)
-    if floor:
-        _answer_surveyed(survey.map_sentences(floor), survey.map_as_json(floor), png, json=json)
-    elif model:
-        _answer_surveyed(survey.model_sentences(model), survey.model_as_json(model), png, json=json)
-
-
-def _answer_surveyed(sentences: Iterable[str], told: dict[str, Any], png: Path | None, *, json: bool) -> None:
-    """What a file means, and where it was drawn."""
-    answer([*sentences, *([] if png is None else [str(png)])], told | {"picture": png}, json=json)
+    drawn = [] if png is None else [str(png)]
+    answer([*survey.sentences(found), *drawn], survey.as_json(found) | {"picture": png}, json=json)

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Wedge
@@ -18,7 +19,6 @@ from actors.radio.radio_model import needed_dbm, radio_model
 from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.scenario_file import title
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey
 
 _LATTICE: Final = 0.25
@@ -27,10 +27,7 @@ _LATTICE: Final = 0.25
 
 def draw(found: ScenarioSurvey) -> Figure:
     """The picture."""
-    figure = style.new_figure(11.0, 6.6)
-    axes = figure.add_subplot()
-    floor_picture.draw_floor(axes, found.grid)
-    floor_picture.draw_regions(axes, found.grid, found.parts, found.reached)
+    figure, axes = _floor_figure(found)
     world = found.resolved.world
     few = style.few([body.id for body in world.robots])
     if few:
@@ -50,22 +47,45 @@ def draw(found: ScenarioSurvey) -> Figure:
             shut = PlaceKey(body.id, number) in found.out_of_reach
             mark = {"marker": "X", "ms": 8.0} if shut else {"marker": "o", "ms": 4.6 if few else 2.6}
             axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **mark)  # type: ignore[arg-type]
-    scenario = found.resolved.scenario
-    axes.set_title(
-        f"{title(scenario.map)}: {len(world.robots)} robots, {sum(len(b.places) for b in world.robots)} "
-        f"places, seed {world.seed}",
-        loc="left", fontweight="bold", fontsize=10,
-    )  # fmt: skip
-    figure.legend(
-        handles=_legend(found, few=few), loc="outside lower center", ncols=3, fontsize=7, frameon=False
-    )
+    places = sum(len(body.places) for body in world.robots)
+    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {places} places, seed {world.seed}")
+    _add_legend(figure, _legend(found, few=few), 3)
     return figure
 
 
-def write(found: ScenarioSurvey, path: Path) -> None:
-    """The picture as a PNG or SVG file."""
+def write(found: MapSurvey | RobotModel, path: Path) -> None:
+    """The picture of a scenario, a map or a robot model as a PNG or SVG file."""
     with style.applied(style.LOOK):
-        style.save(draw(found), path)
+        if isinstance(found, RobotModel):
+            figure = draw_model(found)
+        else:
+            figure = draw(found) if isinstance(found, ScenarioSurvey) else draw_map(found)
+        style.save(figure, path)
+
+
+def _floor_figure(found: MapSurvey) -> tuple[Figure, Axes]:
+    figure = style.new_figure(11.0, 6.6)
+    axes = figure.add_subplot()
+    floor_picture.draw_floor(axes, found.grid)
+    floor_picture.draw_regions(axes, found.grid, found.parts, found.reached)
+    return figure, axes
+
+
+def _floor_legend(found: MapSurvey) -> list[Line2D | Patch]:
+    handles: list[Line2D | Patch] = [
+        Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops")
+    ]
+    if ((found.parts.labels > 0) & ~found.reached).any():
+        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
+    return handles
+
+
+def _set_title(axes: Axes, text: str) -> None:
+    axes.set_title(text, loc="left", fontweight="bold", fontsize=10)
+
+
+def _add_legend(figure: Figure, handles: list[Line2D | Patch], columns: int) -> None:
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=7, frameon=False)
 
 
 def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
@@ -94,56 +114,32 @@ def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np
 
 def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The x and the y of the points at which radio is looked at, m."""
-    west, south, (east, north) = grid.origin.x, grid.origin.y, grid.corner
-    return _every(west, east), _every(south, north)
-
-
-def _every(begin: float, end: float) -> NDArray[np.float64]:
-    return np.asarray(np.arange(begin + _LATTICE / 2, end, _LATTICE), np.float64)
+    spans = ((grid.origin.x, grid.corner.x), (grid.origin.y, grid.corner.y))
+    x, y = (np.arange(begin + _LATTICE / 2, end, _LATTICE, np.float64) for begin, end in spans)
+    return x, y
 
 
 def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
         Line2D([], [], marker="o", ls="", ms=8, color=style.INK, label="start of a robot"),
         Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label="place to be cleaned"),
-        Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops"),
     ]
     if few:
         says = "to here half of the longest frames from the start arrive"
         handles.append(Line2D([], [], ls="dotted", lw=0.8, color=style.INK, label=says))
     if found.out_of_reach:
         handles.append(Line2D([], [], marker="X", ls="", ms=8, mfc="w", mec=style.INK, label="out of reach"))
-    if ((found.parts.labels > 0) & ~found.reached).any():
-        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
-    return handles
+    return [*handles, *_floor_legend(found)]
 
 
 _BODY, _SEEN, _FELT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
 
 
-def write_map(found: MapSurvey, path: Path) -> None:
-    """The map as a PNG or SVG file."""
-    with style.applied(style.LOOK):
-        style.save(draw_map(found), path)
-
-
-def write_model(model: RobotModel, path: Path) -> None:
-    """The robot as a PNG or SVG file."""
-    with style.applied(style.LOOK):
-        style.save(draw_model(model), path)
-
-
 def draw_map(found: MapSurvey) -> Figure:
     """Floor, doors, and where a robot has room but no way leads."""
-    figure = style.new_figure(11.0, 6.6)
-    axes = figure.add_subplot()
-    floor_picture.draw_floor(axes, found.grid)
-    shut = floor_picture.draw_regions(axes, found.grid, found.parts, found.reached)
-    axes.set_title(found.name, loc="left", fontweight="bold", fontsize=10)
-    handles = [Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops")]
-    if shut:
-        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=7, frameon=False)
+    figure, axes = _floor_figure(found)
+    _set_title(axes, found.name)
+    _add_legend(figure, _floor_legend(found), 2)
     return figure
 
 
@@ -161,22 +157,22 @@ def draw_model(model: RobotModel) -> Figure:
         axes.set_xlabel("forward, m")
         axes.set_ylabel("to the left, m")
         axes.grid(alpha=0.25, lw=0.5)
-    near.set_title(model.name, loc="left", fontweight="bold", fontsize=10)
-    far.set_title(f"sensor {model.default_sensor}", loc="left", fontweight="bold", fontsize=10)
-    handles: list[Patch | Line2D] = [
+    _set_title(near, model.name)
+    _set_title(far, f"sensor {model.default_sensor}")
+    handles: list[Line2D | Patch] = [
         Patch(color=_BODY, alpha=0.35, label="body, the line straight ahead"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
         Patch(color=_SEEN, label="what the sensor sees"),
     ]
     if model.bumper is not None:
         handles.append(Line2D([], [], lw=3, color=_FELT, label="bumper: right, centre, left"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=7, frameon=False)
+    _add_legend(figure, handles, 4)
     return figure
 
 
 def _draw_body(axes: Axes, model: RobotModel) -> None:
     body, ahead = model.footprint, model.footprint.circumradius
-    look_ = {"facecolor": (*_rgb(_BODY), 0.35), "edgecolor": _BODY, "lw": 1.4, "zorder": 4}
+    look_ = {"facecolor": to_rgba(_BODY, 0.35), "edgecolor": _BODY, "lw": 1.4, "zorder": 4}
     if body.vertices is None:
         axes.add_patch(Circle((0.0, 0.0), ahead, **look_))
     else:
@@ -197,8 +193,3 @@ def _draw_seen(axes: Axes, model: RobotModel) -> None:
     seen = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_SEEN)
     axes.add_patch(seen)
     axes.plot(mount.x, mount.y, marker="^", ms=5, color=style.INK, zorder=6)
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5))
-    return red, green, blue

@@ -1,9 +1,10 @@
 """What a scenario, a map and a robot model mean before anything runs, and what will fail in a run."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -42,6 +43,7 @@ from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
 from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.scenario_file import title
 
 _CYCLE_US: Final = 200_000
 _TRIED_US: Final = 60_000_000
@@ -58,13 +60,10 @@ _SAMPLES: Final = 80
 """Points of each part of the floor between which radio links are computed, at most."""
 
 
-def scenario_warnings(resolved: ResolvedScenario) -> tuple[str, ...]:
+def scenario_warnings(resolved: ResolvedScenario, floor: "_Floor | None" = None) -> tuple[str, ...]:
     """Return what will fail in a run of the scenario, a sentence each."""
-    return _warnings(_floor(resolved, resolved.grid))
-
-
-def _warnings(floor: "_Floor") -> tuple[str, ...]:
-    told = map_warnings(floor.resolved.world.map)
+    floor = floor or _floor(resolved, resolved.grid)
+    told = map_warnings(resolved.world.map)
     return (*told, *_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
 
 
@@ -327,67 +326,90 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-@dataclass(frozen=True, eq=False)
-class ScenarioSurvey:
-    """What there is to know."""
+WALKER: Final = "turtlebot2"
+"""The robot model for which a map is surveyed."""
 
-    resolved: ResolvedScenario
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MapSurvey:
+    """Properties of a map."""
+
+    name: str
     grid: OccupancyGrid
     radius: float
-    """Of the largest robot, m."""
+    """Of the robot for which it was surveyed, m; of a scenario the largest."""
     reached: NDArray[np.bool_]
-    """(rows, columns): where the centre of such a robot gets from some start."""
+    """(rows, columns): where the centre of such a robot gets from the starts, or in the largest part."""
     parts: Regions
-    """The floor in regions, with the doors between them."""
+    """The floor with room for it in regions, with the doors between them."""
+    warnings: tuple[str, ...]
+
+    @property
+    def surface(self) -> float:
+        """Floor that robots get to, m²."""
+        return float(self.reached.sum()) * self.grid.resolution**2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScenarioSurvey(MapSurvey):
+    """Properties of a scenario."""
+
+    resolved: ResolvedScenario
     out_of_reach: tuple[PlaceKey, ...]
     """Places that their owner's navigation does not get near enough to."""
-    warnings: tuple[str, ...]
-    """Expected failures of the run, a sentence each."""
     close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
     """Pairs of one robot's places so near to each other, m, that the first visit may tick both off."""
     radio_reach: float
     """In line of sight, over which half of the longest frames arrive, m."""
 
-    @property
-    def surface(self) -> float:
-        """That robots get to, m²."""
-        return float(self.reached.sum()) * self.grid.resolution**2
-
 
 def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     """Look at everything. Raises an AcrcError where a file that the scenario names cannot be read."""
     world, grid = resolved.world, resolved.grid
-    radii = {body.id: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
-    floors = {body.id: reachable(grid, Point(*body.start[:2]), radii[body.id]) for body in world.robots}
-    radius = max(radii.values())
-    standing, floor = passable(grid, radius), _floor(resolved, grid)
+    radii = {body: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
+    floors = [reachable(grid, Point(*body.start[:2]), radius) for body, radius in radii.items()]
+    radius, floor = max(radii.values()), _floor(resolved, grid)
     return ScenarioSurvey(
+        name=title(resolved.scenario.map),
         resolved=resolved,
         grid=grid,
         radius=radius,
-        reached=np.logical_or.reduce(list(floors.values())),
-        parts=regions(grid, standing, grid.clearance),
+        reached=np.logical_or.reduce(floors),
+        parts=regions(grid, passable(grid, radius), grid.clearance),
         out_of_reach=tuple(floor.unreached),
-        warnings=_warnings(floor),
+        warnings=scenario_warnings(resolved, floor),
         close=tuple(_close(resolved, CleaningParameters().reach)),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
 
 
 def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
-    found = []
-    for body in resolved.world.robots:
-        for index, one in enumerate(body.places):
-            for other in range(index + 1, len(body.places)):
-                apart = math.dist(one, body.places[other])
-                if apart < near:
-                    found.append((PlaceKey(body.id, index), PlaceKey(body.id, other), apart))
-    return found
+    return [
+        (PlaceKey(body.id, one), PlaceKey(body.id, other), apart)
+        for body in resolved.world.robots
+        for (one, here), (other, there) in combinations(enumerate(body.places), 2)
+        if (apart := math.dist(here, there)) < near
+    ]
 
 
-def sentences(found: ScenarioSurvey) -> Sequence[str]:
-    """What a person wants to know first."""
-    told = as_json(found)
+def sentences(found: MapSurvey | RobotModel) -> Iterable[str]:
+    """Return what a person wants to know first."""
+    if isinstance(found, RobotModel):
+        return _model_sentences(found)
+    return _scenario_sentences(found) if isinstance(found, ScenarioSurvey) else _map_sentences(found)
+
+
+def as_json(found: MapSurvey | RobotModel) -> dict[str, Any]:
+    """Return the same for programs: m, m², s; of a robot model all that its file says."""
+    if isinstance(found, RobotModel):
+        told: dict[str, Any] = msgspec.to_builtins(found)
+        sensor, name = told.pop("sensors")[found.default_sensor], told.pop("default_sensor")
+        return {"is": "robot model", **told, "sensor": sensor, "sensor_name": name}
+    return _scenario_as_json(found) if isinstance(found, ScenarioSurvey) else _map_as_json(found)
+
+
+def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
+    told = _scenario_as_json(found)
     floor, count = told["floor"], told["robots"]
     said = [
         f"{count} robot{'s' * (count > 1)}, {told['places']} places, {told['duration_s']:g} s at most, "
@@ -404,8 +426,7 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
     return [*said, *(f"warning: {sentence}" for sentence in found.warnings)]
 
 
-def as_json(found: ScenarioSurvey) -> dict[str, Any]:
-    """The same for programs: m, m², s."""
+def _scenario_as_json(found: ScenarioSurvey) -> dict[str, Any]:
     world, grid = found.resolved.world, found.grid
     return {
         "is": "scenario",
@@ -438,35 +459,18 @@ def _name(key: PlaceKey) -> str:
     return f"{key.owner}/{key.place}"
 
 
-WALKER: Final = "turtlebot2"
-"""The robot model for which a map is looked at."""
-
-
-@dataclass(frozen=True, eq=False)
-class MapSurvey:
-    """What there is to know of a map."""
-
-    name: str
-    grid: OccupancyGrid
-    warnings: tuple[str, ...]
-    radius: float
-    """Of the robot for which it was looked at, m."""
-    reached: NDArray[np.bool_]
-    """(rows, columns): the largest piece of floor in which its centre gets everywhere."""
-    parts: Regions
-    """The floor with room for it in regions, with the doors between them."""
-
-
 def survey_map(path: Path) -> MapSurvey:
     """Look at a map's YAML file and its image. Raises MapError."""
     grid, radius = load_map(path), load_model(WALKER).footprint.circumradius
     parts = regions(grid, passable(grid, radius), grid.clearance)
-    return MapSurvey(path.name, grid, map_warnings(path), radius, largest_region(grid, radius), parts)
+    return MapSurvey(
+        name=path.name, grid=grid, radius=radius, reached=largest_region(grid, radius), parts=parts,
+        warnings=map_warnings(path),
+    )  # fmt: skip
 
 
-def map_sentences(found: MapSurvey) -> Iterator[str]:
-    """What a person wants to know first."""
-    told, origin, cell = map_as_json(found), found.grid.origin, found.grid.resolution**2
+def _map_sentences(found: MapSurvey) -> Iterator[str]:
+    told, origin, cell = _map_as_json(found), found.grid.origin, found.grid.resolution**2
     yield (
         f"{found.name}: {told['width_m']:.1f} m by {told['depth_m']:.1f} m in cells of {told['cell_m']:g} m, "
         f"from ({origin.x:g}, {origin.y:g}) on; free {told['free_m2']:.0f} m², unknown "
@@ -483,8 +487,7 @@ def map_sentences(found: MapSurvey) -> Iterator[str]:
         yield f"{apart:.1f} m² more have room for it, but no way leads there from the largest piece"
 
 
-def map_as_json(found: MapSurvey) -> dict[str, Any]:
-    """The same for programs: m, m²."""
+def _map_as_json(found: MapSurvey) -> dict[str, Any]:
     grid, cell = found.grid, found.grid.resolution**2
     return {
         "is": "map",
@@ -494,7 +497,7 @@ def map_as_json(found: MapSurvey) -> dict[str, Any]:
         "cell_m": grid.resolution,
         "free_m2": float(grid.free.sum() * cell),
         "unknown_m2": float((grid.cells == UNKNOWN).sum() * cell),
-        "reached_m2": float(found.reached.sum() * cell),
+        "reached_m2": found.surface,
         "narrow_places": len(found.parts.doors),
     }
 
@@ -508,15 +511,7 @@ def is_model(path: Path) -> bool:
         return False
 
 
-def model_as_json(model: RobotModel) -> dict[str, Any]:
-    """The same for programs, and all else that the model says, as its file has it."""
-    told: dict[str, Any] = msgspec.to_builtins(model)
-    told |= {"sensor": told.pop("sensors")[model.default_sensor], "sensor_name": told.pop("default_sensor")}
-    return {"is": "robot model", **told}
-
-
-def model_sentences(model: RobotModel) -> Iterator[str]:
-    """What a person wants to know first; of the sensors, the one that is mounted."""
+def _model_sentences(model: RobotModel) -> Iterator[str]:
     body, drive, sensor = model.footprint, model.drive, model.sensor
     shape = f"a disc of {2 * body.circumradius:g} m" if body.radius is not None else (
         f"a polygon within {2 * body.circumradius:.2f} m, {2 * body.inradius:.2f} m at its narrowest"

@@ -79,7 +79,7 @@ def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
 
 
 def test_options_replace_what_the_file_says_and_wrong_ones_are_told(tmp_path: Path) -> None:
-    more = survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))
+    more = [*survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))]
     assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
     for words, told in (
         ((CHAPTER, "--png", tmp_path / "a.gif"), "must be a file in a folder that exists, its name ending"),

@@ -38,7 +38,9 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
     file = copy / "scenario.toml"
     text = file.read_text()
     file.write_text(text.replace("start = [12.44, 4.4, 1.57]", "start = [12.44, 4.5, 1.57]"))
-    with pytest.raises(ReplayError, match=r"^step 0: swarm/(up|down|infra)/.* is .*; in the recording it was "):
+    with pytest.raises(
+        ReplayError, match=r"^step 0: swarm/(up|down|infra)/.* is .*; in the recording it was "
+    ):
         replay_swarm(copy, permit=INSTALLED)
     shutil.rmtree(copy / "world")
     (copy / "run.json").unlink()
