@@ -1,12 +1,16 @@
-"""What a robot computed in a step, in messages that only its own recording has.
+"""What a robot computed, in messages that only its own recording has: one per PERIOD, and one at its end.
 
-Only what changed since the robot's last message is there. Arrays are bytes, little-endian. What the recording
-says elsewhere is not said again: the estimated pose is that of Drive, ranges are those of Senses.
+Only changes are there. Arrays are bytes, little-endian. What the recording says elsewhere is not repeated:
+the estimated pose is that of Drive, ranges and instants of steps are those of Senses.
 """
 
-from typing import ClassVar
+from typing import Final
 
+from actors.instant import milliseconds
 from actors.topic import Message, MessagePart
+
+PERIOD: Final = milliseconds(500)
+"""Between two messages: as often as a person can follow."""
 
 
 class EstimateQuality(MessagePart, frozen=True):
@@ -23,8 +27,8 @@ class EstimateQuality(MessagePart, frozen=True):
 class CostWindow(MessagePart, frozen=True):
     """The local cost map that navigation steers by: `CostMap.restore` has all costs from it."""
 
-    corner: tuple[float, float, float]
-    """Pose of its south-west corner, map frame: x, y, m, heading, rad."""
+    corner: tuple[int, int]
+    """Column and row of its south-west corner, cells from the origin of the odometry frame."""
     side: int
     """Rows and columns."""
     marked: bytes
@@ -33,10 +37,10 @@ class CostWindow(MessagePart, frozen=True):
 
 
 class PerceptionSample(MessagePart, frozen=True):
-    """What the robot perceived and planned, looked at every 500 ms."""
+    """What the robot perceived and planned, sampled with each message but the last."""
 
-    sensor: tuple[float, float, float] | None
-    """Pose of the range sensor at the last scan, map frame, by the present estimate; None: no scan yet."""
+    scanned: tuple[float, float, float] | None
+    """Pose of the body at the last scan, x, y, m, heading, rad, odometry frame; None: no scan yet."""
     particles: bytes | None
     """float32, x and y of at most 300 particles, m, map frame; None: as before, or there are none."""
     plan: bytes | None
@@ -65,14 +69,6 @@ class GoalState(MessagePart, frozen=True):
     status: str | None = None
     reason: str | None = None
     phase: str | None = None
-
-
-class ReplicaContact(MessagePart, frozen=True):
-    """A replica that the robot's node has from this step on, or has no longer."""
-
-    peer: str
-    heard: int | None
-    """When it had come, µs; None: it is forgotten."""
 
 
 class ValueChange(MessagePart, frozen=True):
@@ -128,19 +124,25 @@ class KnowledgeCommit(MessagePart, frozen=True):
     decision: DecisionRecord | None = None
 
 
-class Introspection(Message, frozen=True):
-    """What a robot computed in a step, as far as it changed."""
+class StepRecord(MessagePart, frozen=True):
+    """What changed in one step."""
 
-    omissible: ClassVar[int] = 8
-    instant: int
-    """The step's start, by the robot's own time, µs."""
+    step: int
     quality: EstimateQuality | None = None
     pose: tuple[float, float, float] | None = None
     """The estimate while the robot is not located, x, y, m, heading, rad, map frame."""
     activity: Activity | None = None
     goal: GoalState | None = None
-    contacts: tuple[ReplicaContact, ...] = ()
+    contacts: tuple[tuple[str, int | None], ...] = ()
+    """Peers of which the node has a new replica, and when that came, µs; None: it is forgotten."""
     commits: tuple[KnowledgeCommit, ...] = ()
+
+
+class Introspection(Message, frozen=True):
+    """What a robot computed since its last message, up to and including the message's step."""
+
+    steps: tuple[StepRecord, ...] = ()
+    """Of steps in which nothing changed there is none."""
     sample: PerceptionSample | None = None
     knowledge: tuple[tuple[str, str], ...] = ()
-    """Names and values, in words, of the fields of its knowledge that changed; looked at with samples."""
+    """Names and values, in words, of the fields of its knowledge that changed; sampled."""

@@ -336,7 +336,7 @@ class FrameOutcome(MessagePart, frozen=True):
 
 
 class FrameOutcomes(Message, frozen=True):
-    """The frames that ended in the step, in order of time."""
+    """The frames that ended since the last message and up to the end of the step, in order of time."""
 
     frames: tuple[FrameOutcome, ...]
 

@@ -17,7 +17,7 @@ from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, made, roles_of, roles_under
 from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, Commit, LocalComponent, Pairing, Witness
-from deeco.network import Network, NetworkParameters, News, Replica
+from deeco.network import Network, NetworkParameters, News, Replica, Replicas
 from deeco.schema import RoleBook
 from deeco.statistics import Statistics
 
@@ -196,9 +196,9 @@ class Node:
         return self._now
 
     @property
-    def replicas(self) -> tuple[Replica, ...]:
+    def replicas(self) -> Replicas:
         """What is known of other nodes' components, in the order of their ids."""
-        return tuple(self._network.replicas)
+        return self._network.replicas
 
     def knowledge(self, component: str) -> Knowledge:
         """The present knowledge of a component of this node."""

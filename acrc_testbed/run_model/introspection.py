@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.recordings.run_recordings import told as first_record
+from actors import geometry
 from actors.instant import LATEST, Instant
 from actors.introspection import (
     CostWindow,
@@ -19,6 +20,7 @@ from actors.introspection import (
     Introspection,
     KnowledgeCommit,
     PerceptionSample,
+    StepRecord,
     ValueChange,
 )
 from actors.messages import NO_ECHO_MM, Drive, Heard, Received, Scan, Senses
@@ -198,6 +200,7 @@ class RobotInternals:
 class _SensedStep(NamedTuple):
     number: int
     instant: int
+    odometry: geometry.Pose
     scan: Scan | None
     """The newest one that the robot had."""
 
@@ -214,7 +217,11 @@ class ProcessModel:
         self._rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
         self._scan: Scan | None = None
         self._steps: list[_SensedStep] = []
-        self._told: dict[int, Introspection] = {}
+        self._records: dict[int, StepRecord] = {}
+        """By step, as of the samples."""
+        self._samples: dict[int, Introspection] = {}
+        self.covered = -1
+        """The last step up to which introspection has been read."""
         self._senders: dict[int, int] = {}
         """Of frames by when they were received, µs."""
         self._quality: EstimateQuality | None = None
@@ -232,35 +239,41 @@ class ProcessModel:
                 scans = (*message.earlier_scans, message.scan)
                 self._scan = next((one for one in reversed(scans) if one is not None), self._scan)
                 if not message.halt:
-                    self._steps.append(_SensedStep(message.step, message.instant, self._scan))
+                    told = message.odometry
+                    odometry = geometry.Pose(told.x, told.y, told.heading)
+                    self._steps.append(_SensedStep(message.step, message.instant, odometry, self._scan))
             case Received():
                 self._senders |= {one.instant: one.sender for one in message.events if isinstance(one, Heard)}
             case Introspection():
-                self._told[message.step] = message
+                self._records |= {one.step: one for one in message.steps}
+                self._samples[message.step] = message
+                self.covered = message.step
 
     def take(self, until: int, answers: Mapping[int, Drive]) -> RobotInternals:
-        """Take out the steps up to `until`; `answers`: of the robot, by step.
+        """Take out the steps up to `until` of which introspection has been read; `answers`: of the robot, by
+        step.
 
         Raises IntrospectionError for values that cannot be.
         """
-        steps = [one for one in self._steps if one.number <= until]
-        self._steps = self._steps[len(steps) :]
+        steps = [one for one in self._steps if one.number <= min(until, self.covered)]
+        self._steps = self._steps[len(steps) :] if self.is_recorded else []
         part = _Part(self, steps)
         for step in steps:
             try:
-                part.extend(step, self._told.pop(step.number, None), answers.get(step.number))
+                record = self._records.pop(step.number, None) or StepRecord(step.number)
+                part.extend(step, record, self._samples.pop(step.number, None), answers.get(step.number))
             except ValueError as error:
                 raise IntrospectionError(
                     f"{self.process.actor}: its introspection of step {step.number} is damaged: {error}"
                 ) from None
         return part.result()
 
-    def quality(self, told: Introspection | None) -> EstimateQuality | None:
+    def quality(self, changed: EstimateQuality | None) -> EstimateQuality | None:
         """Return the present quality of the estimate."""
-        if told is not None and told.quality is not None:
-            if len(told.quality.covariance) != 9:
-                raise ValueError(f"its covariance has {len(told.quality.covariance)} values, but must have 9")
-            self._quality = told.quality
+        if changed is not None:
+            if len(changed.covariance) != 9:
+                raise ValueError(f"its covariance has {len(changed.covariance)} values, but must have 9")
+            self._quality = changed
         return self._quality
 
     def commit(self, step: int, second: float, commit: KnowledgeCommit) -> StepCommit:
@@ -295,10 +308,11 @@ class ProcessModel:
             raise ValueError(f"its knowledge has more than {_MOST_FIELDS} fields")
         return tuple(self._knowledge.items())
 
-    def scan_points(self, sensor: Pose, scan: Scan | None) -> Singles:
-        """Return where a scan met something, (k, 2), m, map frame; `sensor`: pose of the range sensor."""
-        if scan is None:
+    def scan_points(self, body: geometry.Pose | None, scan: Scan | None) -> Singles:
+        """Return where a scan met something, (k, 2), m, map frame; `body`: the robot's pose at the scan."""
+        if scan is None or body is None:
             return np.zeros((0, 2), np.float32)
+        sensor = body.compose(self._sensor.mount)
         ranges = np.frombuffer(scan.ranges_mm, "<u2")
         if len(ranges) != len(self._rays):
             raise ValueError(f"a scan has {len(ranges)} rays, but must have {len(self._rays)}")
@@ -336,43 +350,47 @@ class _Part:
         self._goals: list[StepGoal] = []
         self._commits: list[StepCommit] = []
 
-    def extend(self, step: _SensedStep, told: Introspection | None, drive: Drive | None) -> None:
-        """Add one step. Raises ValueError for values that cannot be."""
-        second, quality = self._seconds[step.number], self._model.quality(told)
-        pose = None if drive is None else drive.pose
-        pose = pose if told is None or told.pose is None else told.pose
+    def extend(
+        self, step: _SensedStep, record: StepRecord, message: Introspection | None, drive: Drive | None
+    ) -> None:
+        """Add one step; `message`: with its sample. Raises ValueError for values that cannot be."""
+        second, quality = self._seconds[step.number], self._model.quality(record.quality)
+        pose = record.pose or (None if drive is None else drive.pose)
         if pose is not None and quality is not None:
             self._estimates.append(StepEstimate(step.number, pose, quality))
-        if told is None:
-            return
-        if (doing := told.activity) is not None:
+        if (doing := record.activity) is not None:
             self._activities.append(ActivityChange(second, doing.activity, doing.destination, doing.point))
-        if told.goal is not None:
-            self._goals.append(StepGoal(step.number, told.goal))
+        if record.goal is not None:
+            self._goals.append(StepGoal(step.number, record.goal))
         self._contacts += [
-            ReplicaChange(second, one.peer, None if one.heard is None else self._at(one.heard))
-            for one in told.contacts
+            ReplicaChange(second, peer, None if heard is None else self._at(heard))
+            for peer, heard in record.contacts
         ]
-        self._commits += [self._model.commit(step.number, self._at(one.instant), one) for one in told.commits]
-        if told.knowledge:
-            self._knowledge.append((second, self._model.words(told.knowledge)))
-        if told.sample is not None:
+        self._commits += [
+            self._model.commit(step.number, self._at(one.instant), one) for one in record.commits
+        ]
+        if message is not None and message.knowledge:
+            self._knowledge.append((second, self._model.words(message.knowledge)))
+        if message is not None and message.sample is not None and pose is not None and quality is not None:
             twist = (0.0, 0.0) if drive is None else (drive.vx, drive.omega)
-            self._sample(second, told.sample)
-            if pose is not None and quality is not None:
-                self._samples.append((second, pose, quality, twist))
-                sensor = told.sample.sensor
-                self._scans.append(
-                    self._model.scan_points(sensor or (0.0, 0.0, 0.0), None if sensor is None else step.scan)
-                )
+            self._samples.append((second, pose, quality, twist))
+            self._sample(second, message.sample, step, geometry.Pose(*pose).frame(step.odometry))
 
-    def _sample(self, second: float, sample: PerceptionSample) -> None:
+    def _sample(
+        self, second: float, sample: PerceptionSample, step: _SensedStep, correction: geometry.Pose
+    ) -> None:
+        """Add a sample; `correction`: pose of the odometry frame in the map frame."""
+        scanned = sample.scanned
+        body = None if scanned is None else correction.compose(geometry.Pose(*scanned))
+        self._scans.append(self._model.scan_points(body, step.scan))
         if sample.particles is not None:
             self._particles.append((second, _points(sample.particles)))
         if sample.plan is not None:
             self._plans.append((second, _points(sample.plan)))
         if (window := sample.window) is not None:
-            self._windows.append((second, self._model.costs(window), window.corner))
+            column, row = window.corner
+            corner = correction.compose(geometry.Pose(column * self._model.cell, row * self._model.cell, 0.0))
+            self._windows.append((second, self._model.costs(window), corner))
 
     def _at(self, instant: int) -> float:
         if abs(instant) > LATEST:

@@ -78,6 +78,8 @@ class RunReader:
         """By robot the last step of which its senses were read."""
         self._closed = -1
         """The last step that the world has closed."""
+        self._aired = -1
+        """The last step of which all outcomes of frames were read."""
         self._moved = time.monotonic()
         self._over = False
         """The last part has been taken out."""
@@ -127,8 +129,10 @@ class RunReader:
             return run
         step, answers = self.model.step, self._answers
         taken = [one.take(step, answers.get(one.process.robot, {})) for one in self._internals.values()]
-        for robot, known in answers.items():
-            answers[robot] = {number: drive for number, drive in known.items() if number > step}
+        for one in self._internals.values():
+            robot, until = one.process.robot, min(step, one.covered) if one.is_recorded else step
+            known = answers.get(robot, {})
+            answers[robot] = {number: drive for number, drive in known.items() if number > until}
         return replace(run, internals=tuple(taken))
 
     def _processes(self) -> list[RecordedProcess]:
@@ -164,6 +168,8 @@ class RunReader:
             raise RunDataError(f"{path}: {error}") from None
         if one.topic is SENSES:
             self._sensed[robot] = one.step
+        elif one.topic is FRAME_OUTCOMES:
+            self._aired = one.step
         if internals is None:
             return
         if isinstance(message, Drive):
@@ -181,6 +187,8 @@ class RunReader:
         if not truths:
             return -1
         until = min(truths[-1].step, self._closed)
+        if self.description.records_frames:
+            until = min(until, self._aired)
         if time.monotonic() <= self._moved + _PATIENCE_S:
             acting = [robot.id for robot in truths[-1].robots if robot.stepping]
             until = min([until, *(self._sensed.get(robot, -1) for robot in acting)])

@@ -254,14 +254,16 @@ class RunDrawing:
         if last and not run.since and run.records_floor and (run.out / "run.json").is_file():
             self._deadlocks(run)
         self._recorded |= {one.process.robot for one in run.internals if one.is_recorded}
+        known = len(self._exchanges)
         for inside in run.internals:
             if inside.is_recorded:
                 self._inside(inside, end)
+        begin = min([run.since, *(one.second for one in self._exchanges[known:])])
         for robot, activity in self._outside.items():
             changes = [Occupation(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
             if robot not in self._recorded:
                 self._lanes[robot].do(changes, run.end)
-        self._ensembles(run.since)
+        self._ensembles(begin)
         if last:
             for lane in self._lanes.values():
                 lane.end(run.end)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from actors.introspection import PERIOD
 from actors.message_limits import transmit_fault
 from actors.messages import (
     AIRED,
@@ -80,7 +81,8 @@ class RadioCore:
         *,
         records_outcomes: bool = False,
     ) -> None:
-        """`records_outcomes`: give FrameOutcomes(k) too, in steps in which a frame has ended."""
+        """`records_outcomes`: give FrameOutcomes too, once per PERIOD and at the end."""
+        self._records_outcomes = records_outcomes
         self._step = 0
         self._step_us = step_us
         self._finished = False
@@ -116,7 +118,8 @@ class RadioCore:
         truth = read(inputs, TRUTH)
         if truth.halt:
             self._finished = True
-            return ()
+            outcomes = self._medium.take_outcomes()
+            return [to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes))] if outcomes else ()
         if truth.step != self._step:
             wrong = f"gives Truth of step {truth.step}; it should be of step {self._step}"
             raise AcrcError(f"Step {self._step}: the world {wrong}.")
@@ -124,8 +127,8 @@ class RadioCore:
         outputs = [
             to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
         ]
-        if outcomes := self._medium.take_outcomes():
-            outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes)))
+        if self._records_outcomes and self._step * self._step_us % PERIOD < self._step_us:
+            outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, self._medium.take_outcomes())))
         counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
         outputs.append(to(AIRED, Aired(self._step, counts)))
         self._step += 1

@@ -1,6 +1,7 @@
 """The medium as the robots know it: frames with their data and jams in, what the transceivers say out."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -186,9 +187,12 @@ def _copies(
     tenths = np.full(powers.shape, TOO_WEAK, "<i2")
     tenths[powers > 0.0] = np.rint(100.0 * arrays.log10(powers[powers > 0.0]))
     rows, receivers = np.nonzero(listed)
-    bounds = np.searchsorted(rows, np.arange(1, len(sent)))
-    parts = (np.split(one, bounds) for one in (receivers.astype("<u2"), outcomes[listed], tenths))
-    return [(*(one.tobytes() for one in row),) for row in zip(*parts, strict=True)]
+    bounds = np.searchsorted(rows, np.arange(len(sent) + 1)).tolist()
+    parts = receivers.astype("<u2").tobytes(), outcomes[listed].tobytes(), tenths.tobytes()
+    return [
+        (parts[0][2 * begin : 2 * end], parts[1][begin:end], parts[2][2 * begin : 2 * end])
+        for begin, end in pairwise(bounds)
+    ]
 
 
 Notices = list[list[RadioEvent]]

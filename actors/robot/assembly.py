@@ -124,7 +124,7 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     localisation, navigation = _localisation(setup, model, common.field), navigator(common, model, stack)
     introspector = None
     if setup.detail == "full":
-        introspector = Introspector(setup.id, model.sensor, localisation, navigation)
+        introspector = Introspector(setup.id, localisation, navigation)
     with nullcontext() if introspector is None else looking_on(introspector):
         behaviour = behaviour_of(setup.behaviour, start(setup, model, common.floor))
     parts = RobotParts(Sweeps(model.sensor), localisation, navigation, behaviour, introspector=introspector)

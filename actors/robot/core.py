@@ -113,7 +113,8 @@ class RobotCore:
             events = received.events
         if senses.halt:
             self.finished = True
-            return ()
+            rest = None if self._introspector is None else self._introspector.rest(self.step)
+            return () if rest is None else (Output(self._introspection, rest),)
         if self._introspector is None:
             outputs = self._outputs(*self._act(senses, events))
         else:
@@ -151,7 +152,7 @@ class RobotCore:
             navigation.sense(instant, here, earlier)
         estimate = localisation.update(here, sweep)
         if self._introspector is not None:
-            self._introspector.begin(instant, here, estimate, newest)
+            self._introspector.begin(instant, estimate, newest)
         velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
         navigation.sense(instant, here, sweep)
         twist = STILL

@@ -13,9 +13,10 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
-from actors.geometry import CERTAIN, Point, Pose
-from actors.instant import Instant, milliseconds
+from actors.geometry import CERTAIN, ORIGIN, Point, Pose
+from actors.instant import Instant
 from actors.introspection import (
+    PERIOD,
     Activity,
     CostWindow,
     DecisionRecord,
@@ -24,8 +25,8 @@ from actors.introspection import (
     Introspection,
     KnowledgeCommit,
     PerceptionSample,
-    ReplicaContact,
     ReplicaUse,
+    StepRecord,
     ValueChange,
 )
 from actors.robot.behaviour.decisions import Deciding
@@ -35,7 +36,6 @@ from actors.robot.localisation import Estimate, Localisation
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.sweep import Sweep
-from actors.robot_model import RangeSensor
 from actors.runtime.errors import printable
 from actors.task.task import PlaceKey
 from deeco.knowledge import Knowledge
@@ -43,8 +43,6 @@ from deeco.local import Commit
 from deeco.network import Replica
 from deeco.node import Node, Onlooker, onlooker
 
-PERIOD: Final = milliseconds(500)
-"""Between two samples: as often as a person can follow."""
 ACTIVITIES: Final = (
     "driving", "planning", "no trajectory", "backing out", "blocked", "adopted", "elsewhere", "paused",
     "aborted", "idle",
@@ -72,31 +70,43 @@ _ROOM: Final = 1_000_000
 _MOST_SHOWN: Final = 10_000
 """Values of last changes that are remembered, so that they are not recorded twice."""
 _MOST_COMMITS: Final = 10_000
-"""Changes of knowledge of one step."""
+"""Changes of knowledge in one message."""
 _MOST_CHANGES: Final = 500
 """Changed values of one commit."""
 _DEEPEST: Final = 3
 """Values nested deeper are left out of words."""
 
 
+class _Step(NamedTuple):
+    """State of the robot after a step, and what its node did in it."""
+
+    number: int
+    estimate: Estimate
+    goal: Goal | None
+    knowledge: Any
+    contacts: dict[str, int | None]
+    commits: list[tuple[Commit, Replica | None]]
+
+
 class Introspector:
-    """Collects what changed in one robot, step by step; told by its node of commits and replicas."""
+    """Collects what one robot computes; told by its node of commits and replicas.
+
+    A step only keeps references. They are compared and encoded once per PERIOD, when all of that is in the
+    processor's caches.
+    """
 
     def __init__(
         self,
         robot: str,
-        sensor: RangeSensor,
         localisation: Localisation,
         navigation: Navigator,
     ) -> None:
-        self._robot, self._sensor = robot, sensor
-        self._localisation, self._navigation = localisation, navigation
+        self._robot, self._localisation, self._navigation = robot, localisation, navigation
         planner = navigation.local_planner
         self._planner = planner if isinstance(planner, BaseLocalPlanner) else None
         self._outer: Onlooker | None = onlooker()
         self._instant, self._due = Instant(0), Instant(0)
-        self._here = Pose(0.0, 0.0, 0.0)
-        self._estimate = Estimate(self._here, CERTAIN)
+        self._estimate = Estimate(ORIGIN, CERTAIN)
         self._quality: EstimateQuality | None = None
         self._sweep: Sweep | None = None
         self._steered: Instant | None = None
@@ -107,12 +117,15 @@ class Introspector:
         """The goal by which the activity was told last."""
         self._knowledge: Any = None
         self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
-        self._heard: dict[str, int] = {}
-        self._news: dict[str, int] = {}
+        self._peers: set[str] = set()
+        """Of which there are replicas."""
+        self._news: dict[str, int | None] = {}
         self._room = _ROOM
         self._shown: dict[tuple[str, str], object] = {}
         """By component and path the value that a change brought last."""
         self._commits: list[tuple[Commit, Replica | None]] = []
+        self._steps: list[_Step] = []
+        """Since the last message."""
         self._values: dict[str, object] = {}
         self._words: dict[str, str] = {}
 
@@ -133,33 +146,47 @@ class Introspector:
         if self._outer is not None:
             self._outer.heard(component, replica, now)
 
-    def begin(self, instant: Instant, here: Pose, estimate: Estimate, sweep: Sweep | None) -> None:
-        """A step begins. `here`: the odometry's pose; `sweep`: the last scan since the last step."""
-        self._instant, self._here, self._estimate = instant, here, estimate
+    def begin(self, instant: Instant, estimate: Estimate, sweep: Sweep | None) -> None:
+        """A step begins. `sweep`: the last scan since the last step."""
+        self._instant, self._estimate = instant, estimate
         if sweep is not None:
             self._sweep = sweep
 
     def end(self, step: int, behaviour: Behaviour) -> Introspection | None:
-        """Return what changed in the step; None if nothing did."""
-        instant, estimate = self._instant, self._estimate
+        """Note a step; return what changed since the last message once per PERIOD, otherwise None."""
         node = node_of(behaviour)
         knowledge = None if node is None else _knowledge(node, self._robot)
-        is_due = instant >= self._due
-        told = Introspection(
-            step=step,
-            instant=instant,
-            quality=self._changed_quality(estimate),
-            pose=None if estimate.located else _triple(estimate.pose),
-            activity=self._changed_activity(knowledge),
-            goal=self._changed_goal(),
-            contacts=() if node is None else self._changed_contacts(node),
-            commits=self._taken_commits() if self._commits else (),
-            sample=self._sample() if is_due else None,
-            knowledge=self._changed_words(knowledge) if is_due and knowledge is not None else (),
-        )
-        if is_due:
-            self._due = Instant((instant // PERIOD + 1) * PERIOD)
-        return None if msgspec.structs.astuple(told)[2:] == _NOTHING else told
+        contacts = {} if node is None else self._contacts(node)
+        goal, commits, self._commits = self._navigation.goal, self._commits, []
+        self._steps.append(_Step(step, self._estimate, goal, knowledge, contacts, commits))
+        if self._instant < self._due:
+            return None
+        self._due = Instant((self._instant // PERIOD + 1) * PERIOD)
+        words = () if knowledge is None else self._changed_words(knowledge)
+        return Introspection(step, self._step_records(), self._sample(), words)
+
+    def rest(self, step: int) -> Introspection | None:
+        """Return what changed since the last message, at the robot's end; None if it took no step."""
+        return Introspection(step, self._step_records()) if self._steps else None
+
+    def _step_records(self) -> tuple[StepRecord, ...]:
+        steps, self._steps, self._room, found = self._steps, [], _ROOM, list[StepRecord]()
+        left = _MOST_COMMITS
+        for one in steps:
+            estimate = one.estimate
+            record = StepRecord(
+                one.number,
+                self._changed_quality(estimate),
+                None if estimate.located else _triple(estimate.pose),
+                self._changed_activity(one.knowledge, one.goal),
+                self._changed_goal(one.goal),
+                tuple(one.contacts.items()),
+                tuple([self._commit(*commit) for commit in one.commits[:left]]),
+            )
+            left -= len(record.commits)
+            if record != StepRecord(one.number):
+                found.append(record)
+        return tuple(found)
 
     def _changed_quality(self, estimate: Estimate) -> EstimateQuality | None:
         last = self._quality
@@ -174,29 +201,23 @@ class Introspector:
         self._quality = EstimateQuality(covariance, estimate.lost, estimate.located)
         return self._quality
 
-    def _changed_goal(self) -> GoalState | None:
-        goal = self._navigation.goal
+    def _changed_goal(self, goal: Goal | None) -> GoalState | None:
         if goal is self._goal or goal == self._goal:
             return None
         self._goal = goal
         return goal_state(goal)
 
-    def _changed_contacts(self, node: Node) -> tuple[ReplicaContact, ...]:
-        news, replicas = self._news, node.replicas
-        if news:
-            self._news = {}
-            self._heard |= news
-        if len(replicas) == len(self._heard):
-            return tuple([ReplicaContact(peer, heard) for peer, heard in news.items()]) if news else ()
-        present = {one.id for one in replicas}
-        gone = sorted(self._heard.keys() - present)
-        for peer in gone:
-            del self._heard[peer]
-        found = [ReplicaContact(peer, heard) for peer, heard in news.items() if peer in present]
-        return (*found, *(ReplicaContact(peer, None) for peer in gone))
+    def _contacts(self, node: Node) -> dict[str, int | None]:
+        """Take out the news of replicas, with None for those that are forgotten."""
+        news, self._news, replicas = self._news, {}, node.replicas
+        self._peers.update(news)
+        if len(replicas) == len(self._peers):
+            return news
+        gone = self._peers - {one.id for one in replicas}
+        self._peers -= gone
+        return news | dict.fromkeys(sorted(gone))
 
-    def _changed_activity(self, knowledge: Any) -> Activity | None:
-        goal = self._navigation.goal
+    def _changed_activity(self, knowledge: Any, goal: Goal | None) -> Activity | None:
         if knowledge is self._knowledge and goal is self._acted:
             return None
         self._knowledge, self._acted = knowledge, goal
@@ -211,10 +232,6 @@ class Introspector:
         self._activity = now
         name = "" if destination is None else in_words(destination)
         return Activity(activity, name, None if point is None else (point.x, point.y))
-
-    def _taken_commits(self) -> tuple[KnowledgeCommit, ...]:
-        commits, self._commits, self._room = self._commits[:_MOST_COMMITS], [], _ROOM
-        return tuple([self._commit(commit, replica) for commit, replica in commits])
 
     def _commit(self, commit: Commit, replica: Replica | None) -> KnowledgeCommit:
         instant = commit.instant
@@ -265,12 +282,8 @@ class Introspector:
         return tuple(found)
 
     def _sample(self) -> PerceptionSample:
-        correction, sensor = self._estimate.pose.frame(self._here), None
-        if self._sweep is not None:
-            sensor = _triple(correction.compose(self._sweep.pose).compose(self._sensor.mount))
-        return PerceptionSample(
-            sensor, self._changed_particles(), self._changed_plan(), self._window(correction)
-        )
+        scanned = None if self._sweep is None else _triple(self._sweep.pose)
+        return PerceptionSample(scanned, self._changed_particles(), self._changed_plan(), self._window())
 
     def _changed_particles(self) -> bytes | None:
         particles = getattr(self._localisation, "particles", None)
@@ -291,16 +304,14 @@ class Introspector:
             return b""
         return np.concatenate((plan.way[::_PLAN_STRIDE], plan.way[-1:])).astype(np.float32).tobytes()
 
-    def _window(self, correction: Pose) -> CostWindow | None:
+    def _window(self) -> CostWindow | None:
         planner = self._planner
         if planner is None or planner.steered == self._steered:
             return None
         self._steered, local = planner.steered, planner.local
-        cell, side = local.parameters.cell, local.side
-        corner = Pose(local.corner.column * cell, local.corner.row * cell, 0.0)
-        return CostWindow(
-            _triple(correction.compose(corner)), side, local.marked().astype(cell_type(side)).tobytes()
-        )
+        side = local.side
+        corner = (int(local.corner.column), int(local.corner.row))
+        return CostWindow(corner, side, local.marked().astype(cell_type(side)).tobytes())
 
 
 def _triple(pose: Pose) -> tuple[float, float, float]:
@@ -310,9 +321,6 @@ def _triple(pose: Pose) -> tuple[float, float, float]:
 def cell_type(side: int) -> str:
     """Return the type of the cells' indices in a window of so many rows and columns."""
     return "<u2" if side * side <= 65_536 else "<u4"
-
-
-_NOTHING: Final = msgspec.structs.astuple(Introspection(0, 0))[2:]
 
 
 def _knowledge(node: Node, robot: str) -> Any:

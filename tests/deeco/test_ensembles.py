@@ -178,7 +178,7 @@ def test_old_replicas_take_no_part_and_are_forgotten() -> None:
     assert b.knowledge("b") == Car(id="b", followed=("a", "a")), "at 1 and 2 s, and no more"
     assert [replica.id for replica in b.replicas] == ["a"]
     air.run(seconds(0.3))
-    assert b.replicas == ()
+    assert not b.replicas
     assert b.outcome()["counters"]["replicas_forgotten"] == 1
 
 

@@ -18,7 +18,6 @@ from actors.introspection import Introspection
 from actors.messages import INTROSPECTION
 from actors.processes.launch import launcher
 from actors.robot.introspection import Introspector
-from actors.robot_model import load_model
 from actors.runtime.codec import decode
 from actors.runtime.process_setup import RecordDetail
 from actors.runtime.recording import LARGEST_RECORD, Entry, read_recording
@@ -72,8 +71,10 @@ def test_a_robot_records_its_estimate_plan_window_and_decisions(recorded_run: Pa
     assert any(one.particles for one in samples)
     assert any(one.plan for one in samples)
     assert any(one.window is not None and one.window.marked for one in samples)
-    assert any(commit.decision is not None for one in found for commit in one.commits)
-    assert {"driving", "planning"} <= {one.activity.activity for one in found if one.activity is not None}
+    steps = [step for one in found for step in one.steps]
+    assert [step.step for step in steps] == sorted({step.step for step in steps})
+    assert any(commit.decision is not None for step in steps for commit in step.commits)
+    assert {"driving", "planning"} <= {step.activity.activity for step in steps if step.activity is not None}
     assert sum(len(one.payload or b"") for one in entries) <= _MOST_BYTES * 300
 
 
@@ -98,18 +99,22 @@ class Hoarder(Knowledge):
 
 def test_knowledge_of_any_size_stays_within_a_record() -> None:
     navigation: Any = SimpleNamespace(local_planner=None, goal=None)
-    introspector = Introspector("r1", load_model("turtlebot2").sensor, cast(Any, None), navigation)
+    introspector = Introspector("r1", cast(Any, None), navigation)
     kept = Hoarder(id="r1")
     for number in range(12_000):
         text = chr(ord("a") + number % 26) * 15_000
         new = replace(kept, texts=(text,), table={f"{number}-{key}": text for key in range(3)})
         introspector.committed(Commit("Hoarder.hoard", Instant(number), kept, new, adaptation=False), None)
         kept = new
-    commits = introspector._taken_commits()
+    introspector._instant = Instant(-1)
+    assert introspector.end(0, cast(Any, None)) is None
+    told = introspector.rest(1)
+    assert told is not None
+    ((*_, commits),) = map(msgspec.structs.astuple, told.steps)
     size = len(msgspec.msgpack.encode(commits))
     assert 500_000 < size < LARGEST_RECORD / 4
     assert commits[-1].changed[-1].after == '"more changes have no room here"'
-    assert introspector._taken_commits() == ()
+    assert introspector.rest(2) is None
 
 
 def test_a_level_of_recording_is_checked_wherever_it_is_given(tmp_path: Path) -> None:

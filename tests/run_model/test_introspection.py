@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from acrc_testbed.recordings.run_recordings import run_of
 from acrc_testbed.run_model.introspection import (
@@ -19,9 +20,9 @@ from actors.introspection import (
     Introspection,
     KnowledgeCommit,
     PerceptionSample,
-    ReplicaContact,
+    StepRecord,
 )
-from actors.messages import Odometry, Scan, Senses
+from actors.messages import Drive, Odometry, Scan, Senses
 
 CERTAIN = EstimateQuality((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 0.0, True)
 POSE = (0.0, 0.0, 0.0)
@@ -37,20 +38,24 @@ def senses(step: int, scan: Scan | None = None) -> Senses:
     return Senses(step, step * 100_000, 0, Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, scan)
 
 
+def step(number: int = 0, quality: EstimateQuality = CERTAIN, **parts: object) -> Introspection:
+    return Introspection(number, (StepRecord(number, quality, POSE, **parts),))  # type: ignore[arg-type]
+
+
 def sample(**parts: object) -> Introspection:
-    whole = {"sensor": None, "particles": None, "plan": None, "window": None, **parts}
-    return Introspection(0, 0, CERTAIN, POSE, sample=PerceptionSample(**whole))  # type: ignore[arg-type]
+    whole = {"scanned": None, "particles": None, "plan": None, "window": None, **parts}
+    return structs.replace(step(), sample=PerceptionSample(**whole))  # type: ignore[arg-type]
 
 
 HOSTILE = {
-    "its covariance has 2 values": Introspection(0, 0, EstimateQuality((1.0, 2.0), 0.0, True), POSE),
+    "its covariance has 2 values": step(quality=EstimateQuality((1.0, 2.0), 0.0, True)),
     "5 bytes are no points": sample(plan=b"12345"),
     "7 bytes": sample(particles=b"1234567"),
-    "has 3 rows": sample(window=CostWindow(POSE, 3, b"")),
-    "and all its marks": sample(window=CostWindow(POSE, 80, np.array([6400], "<u2").tobytes())),
-    "no clock shows": Introspection(0, 0, contacts=(ReplicaContact("r2", 2**62),)),
-    "a scan has 2 rays": sample(sensor=POSE),
-    "as no clock": Introspection(0, 0, commits=(KnowledgeCommit(2**62, "r1", "a", True, "", 0, ()),)),
+    "has 3 rows": sample(window=CostWindow((0, 0), 3, b"")),
+    "and all its marks": sample(window=CostWindow((0, 0), 80, np.array([6400], "<u2").tobytes())),
+    "no clock shows": step(contacts=(("r2", 2**62),)),
+    "a scan has 2 rays": sample(scanned=POSE),
+    "as no clock": step(commits=(KnowledgeCommit(2**62, "r1", "a", True, "", 0, ()),)),
 }
 
 
@@ -63,10 +68,19 @@ def test_what_cannot_be_is_refused(model: ProcessModel, fault: str, told: Intros
 
 
 def test_parts_make_up_the_whole(model: ProcessModel) -> None:
-    for step in range(4):
-        model.extend(senses(step))
-        model.extend(Introspection(step, 0, CERTAIN, POSE, knowledge=((f"field {step}", "new"),)))
+    for number in range(4):
+        model.extend(senses(number))
+        model.extend(structs.replace(step(number), knowledge=((f"field {number}", "new"),)))
     first, second = model.take(1, {}), model.take(3, {})
     assert [one.step for one in (*first.step_estimates, *second.step_estimates)] == [0, 1, 2, 3]
     assert (first.end, second.end) == (0.1, 0.3) and first.is_recorded
-    assert second.knowledge[-1] == (0.3, tuple((f"field {step}", "new") for step in range(4)))
+    assert second.knowledge[-1] == (0.3, tuple((f"field {number}", "new") for number in range(4)))
+
+
+def test_steps_wait_for_their_introspection(model: ProcessModel) -> None:
+    for number in range(8):
+        model.extend(senses(number))
+    assert model.take(5, {}).step_estimates == ()
+    model.extend(Introspection(5, (StepRecord(1, CERTAIN, POSE), StepRecord(5, None, POSE))))
+    part = model.take(7, {2: Drive(2, 0.0, 0.0, 0.0, 0, pose=POSE)})
+    assert [one.step for one in part.step_estimates] == [1, 2, 5] and part.end == 0.5

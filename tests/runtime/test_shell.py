@@ -96,7 +96,7 @@ class Introspective(Answerer):
         outputs = super().advance(inputs)
         size = self._noise * step
         sample = PerceptionSample(None, None, random.Random(step).randbytes(size), None)
-        told = Introspection(step, 0, sample=sample)
+        told = Introspection(step, sample=sample)
         return (to(INTROSPECTION, told, self._robot), *outputs) if outputs else ()
 
 
