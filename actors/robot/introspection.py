@@ -170,22 +170,20 @@ class Introspector:
         return Introspection(step, self._step_records()) if self._steps else None
 
     def _step_records(self) -> tuple[StepRecord, ...]:
-        steps, self._steps, self._room, found = self._steps, [], _ROOM, list[StepRecord]()
-        left = _MOST_COMMITS
-        for one in steps:
-            estimate = one.estimate
-            record = StepRecord(
-                one.number,
+        steps, self._steps, self._room, left = self._steps, [], _ROOM, _MOST_COMMITS
+        found: list[StepRecord] = []
+        for number, estimate, goal, knowledge, contacts, commits in steps:
+            changed = (
                 self._changed_quality(estimate),
                 None if estimate.located else _triple(estimate.pose),
-                self._changed_activity(one.knowledge, one.goal),
-                self._changed_goal(one.goal),
-                tuple(one.contacts.items()),
-                tuple([self._commit(*commit) for commit in one.commits[:left]]),
+                self._changed_activity(knowledge, goal),
+                self._changed_goal(goal),
+                tuple(contacts.items()),
+                tuple([self._commit(*commit) for commit in commits[:left]]),
             )
-            left -= len(record.commits)
-            if record != StepRecord(one.number):
-                found.append(record)
+            left -= len(changed[-1])
+            if any(changed):
+                found.append(StepRecord(number, *changed))
         return tuple(found)
 
     def _changed_quality(self, estimate: Estimate) -> EstimateQuality | None:
