@@ -1,6 +1,5 @@
 """Commands on campaigns: campaign, compare, report, bundle, study plan and study freeze."""
 
-import dataclasses
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -289,17 +288,9 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
             }
             for one in found.verdicts
         ],
-        "across_cells": [
-            one._asdict()
-            | {
-                "fitted": None if one.fitted is None else dataclasses.asdict(one.fitted),
-                "without": [each._asdict() for each in one.without],
-                "says": across_sentences(one),
-            }
-            for one in found.across
-        ],
+        "across_cells": [one.builtins() for one in found.across],
         "too_few": list(found.too_few),
-        "estimates": [dataclasses.asdict(one) for one in found.estimates],
+        "estimates": [one.estimates() for one in found.estimates],
     }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from statistics import median
 from typing import Any, Final, NamedTuple
@@ -13,8 +14,11 @@ from numpy.typing import NDArray
 
 from acrc_testbed.experiments.paired_tests import (
     LEAST_PAIRS,
+    NO_TEST,
     Interval,
+    PairedTest,
     a12_interval,
+    fewest_differing,
     mean_interval,
 )
 from acrc_testbed.experiments.study import Study, Variant
@@ -28,14 +32,13 @@ Run = RunResult | None
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a run, of which the mean over runs is told."""
+    """One number of a run; runs are summarised by their mean."""
 
     name: str
     says: str
-    """What it is."""
     unit: str
     value: Callable[[RunResult], float | None]
-    """None: unknown of this run."""
+    """None: unknown."""
     more_is_better: bool
 
 
@@ -152,7 +155,7 @@ class Scores(NamedTuple):
     others: Floats
     sign: int
     """1: more is better; -1: less is."""
-    happened: bool
+    happened: bool = True
     """False: a time at which nothing happened in any run."""
 
     @property
@@ -163,25 +166,114 @@ class Scores(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """One metric of one pair of strategies, without any claim."""
+    """One metric of a paired sample: its estimates, and the decision of its test if it was declared."""
 
-    one: str
-    other: str
-    variant: Variant
+    sample: PairedSample
     metric: str
-    says: str
-    unit: str
-    pairs: int
-    better: int
-    """Pairs in which `one` is better."""
-    worse: int
-    ones: float | None
-    """Mean of `one`, of times restricted to the run's length; None for the lexicographic order."""
-    others: float | None
-    difference: Interval | None
-    """The mean over pairs of `one` less `other`, with its 95 % interval."""
-    effect: Interval
-    """A12: the probability that `one` is better than `other`, ties counted half, with its 95 % interval."""
+    scores: Scores
+    margin: float | None = None
+    """Within which strategies are equivalent, in the metric's unit; None: none was declared."""
+    test: PairedTest = NO_TEST
+    """Of how much better the first run of each pair is."""
+    equivalence_p: float = 1.0
+    tests: int = 1
+    """So many share the error."""
+    tested: bool = False
+    """False: too few pairs differ for any claim."""
+    adjusted: float = 1.0
+    """The test's p-value after Holm; at an interim look as it is."""
+    differs: bool = False
+    equivalent: bool = False
+    threshold: float | None = None
+    """What p must be at most at the interim look that was the last one; None: after all runs."""
+
+    @property
+    def one(self) -> str:
+        """The first strategy."""
+        return self.sample.one
+
+    @property
+    def other(self) -> str:
+        """The second strategy."""
+        return self.sample.other
+
+    @property
+    def variant(self) -> Variant:
+        """Values of the study's factors."""
+        return self.sample.variant
+
+    @property
+    def says(self) -> str:
+        """Description of the metric."""
+        return _LEXICOGRAPHIC_SAYS if self.metric == LEXICOGRAPHIC else named(self.metric).says
+
+    @property
+    def unit(self) -> str:
+        """Unit of the metric; empty if it has none."""
+        return "" if self.metric == LEXICOGRAPHIC else named(self.metric).unit
+
+    @property
+    def happened(self) -> bool:
+        """Return whether the metric is known of some pair, and a time of some run."""
+        return self.scores.happened and self.scores.ones.size > 0
+
+    @property
+    def is_estimated(self) -> bool:
+        """Return whether enough pairs have the metric for the estimates below."""
+        return self.pairs >= LEAST_PAIRS
+
+    @property
+    def pairs(self) -> int:
+        """Pairs in which the metric is known."""
+        return self.scores.ones.size
+
+    @property
+    def better(self) -> int:
+        """Pairs in which `one` is better."""
+        return int((self.scores.gains > 0).sum())
+
+    @property
+    def worse(self) -> int:
+        """Pairs in which `one` is worse."""
+        return int((self.scores.gains < 0).sum())
+
+    @property
+    def ones(self) -> float | None:
+        """Mean of `one`, of times restricted to the run's length; None for the lexicographic order."""
+        return None if self.metric == LEXICOGRAPHIC else float(self.scores.ones.mean())
+
+    @property
+    def others(self) -> float | None:
+        """The same of `other`."""
+        return None if self.metric == LEXICOGRAPHIC else float(self.scores.others.mean())
+
+    @cached_property
+    def difference(self) -> Interval | None:
+        """Mean over pairs of `one` less `other`, with its 95 % interval; None for the lexicographic order."""
+        if self.metric == LEXICOGRAPHIC:
+            return None
+        return mean_interval(self.scores.ones - self.scores.others)
+
+    @cached_property
+    def effect(self) -> Interval:
+        """A12: the probability that `one` is better than `other`, ties counted half, with its interval."""
+        ones, others, sign, _ = self.scores
+        return a12_interval(sign * ones, sign * others)
+
+    @property
+    def fewest(self) -> int:
+        """Pairs that must differ before the test can show anything."""
+        return fewest_differing(self.tests) if self.threshold is None else fewest_differing(1, self.threshold)
+
+    def estimates(self) -> dict[str, Any]:
+        """Return the estimates by name."""
+        return {name: getattr(self, name) for name in _ESTIMATES}
+
+
+_ESTIMATES: Final = (
+    "one", "other", "variant", "metric", "says", "unit", "pairs", "better", "worse", "ones", "others",
+    "difference", "effect",
+)  # fmt: skip
 
 
 def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict[Variant, StrategyRuns]:
@@ -241,60 +333,32 @@ def too_few_pairs(pairs: int, least: int = LEAST_PAIRS) -> str:
 def compare(
     found: Sequence[PairedSample], only: str | None = None, least: int = LEAST_PAIRS
 ) -> list[Comparison]:
-    """Return all estimates of samples with so many pairs; `only`: of the metric of that name alone."""
-    return [
-        one
+    """Estimate every metric, or `only` this one, of samples with at least so many pairs."""
+    made = (
+        comparison_of(sample, name)
         for sample in found
         if len(sample.pairs) >= least
-        for one in _comparisons(sample, [only] if only is not None else ORDER)
-    ]
+        for name in ([only] if only is not None else ORDER)
+    )
+    return [one for one in made if one.is_estimated]
 
 
-def _comparisons(sample: PairedSample, names: Sequence[str]) -> Iterator[Comparison]:
-    for name in names:
-        made = estimate(sample, name)
-        if made is not None:
-            yield made
+def comparison_of(sample: PairedSample, name: str) -> Comparison:
+    """Return one metric of a sample, without a test."""
+    if name == LEXICOGRAPHIC:
+        order = np.array(ranks([run for pair in sample.pairs for run in pair]))
+        return Comparison(sample, name, Scores(order[::2], order[1::2], 1))
+    return Comparison(sample, name, scores(named(name), sample.pairs))
 
 
 def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
-    """A metric of the pairs in which it is known of both runs."""
+    """Return a metric of the pairs in which it is known of both runs."""
     runs = [run for pair in pairs for run in pair]
     found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
-    known = found[~np.isnan(found).any(axis=1)]
+    ones, others = found[~np.isnan(found).any(axis=1)].T
     if isinstance(metric, Metric):
-        return Scores(known[:, 0], known[:, 1], 1 if metric.more_is_better else -1, True)
-    return Scores(
-        known[:, 0], known[:, 1], -1, any(run is not None and metric.at(run) is not None for run in runs)
-    )
-
-
-def estimate(sample: PairedSample, name: str) -> Comparison | None:
-    """Return one metric of a sample, or None if it is known of fewer than LEAST_PAIRS."""
-    says, unit, in_order = _LEXICOGRAPHIC_SAYS, "", name == LEXICOGRAPHIC
-    if in_order:
-        order = np.array(ranks([run for pair in sample.pairs for run in pair]))
-        found = Scores(order[::2], order[1::2], 1, True)
-    else:
-        metric = named(name)
-        says, unit, found = metric.says, metric.unit, scores(metric, sample.pairs)
-    if found.ones.size < LEAST_PAIRS:
-        return None
-    return Comparison(
-        one=sample.one,
-        other=sample.other,
-        variant=sample.variant,
-        metric=name,
-        says=says,
-        unit=unit,
-        pairs=found.ones.size,
-        better=int((found.gains > 0).sum()),
-        worse=int((found.gains < 0).sum()),
-        ones=None if in_order else float(found.ones.mean()),
-        others=None if in_order else float(found.others.mean()),
-        difference=None if in_order else mean_interval(found.ones - found.others),
-        effect=a12_interval(found.sign * found.ones, found.sign * found.others),
-    )
+        return Scores(ones, others, 1 if metric.more_is_better else -1)
+    return Scores(ones, others, -1, any(run is not None and metric.at(run) is not None for run in runs))
 
 
 def _frozen(value: Any) -> Any:

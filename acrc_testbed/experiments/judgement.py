@@ -1,11 +1,13 @@
 """Results of a campaign in sentences: failures, verdicts, estimates, effects over random cells."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acrc_testbed.experiments import comparison, store
 from acrc_testbed.experiments.comparison import (
@@ -18,7 +20,6 @@ from acrc_testbed.experiments.comparison import (
     horizon,
     runs_by_variant,
     samples,
-    scores,
     too_few_pairs,
     values,
 )
@@ -28,8 +29,6 @@ from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import (
-    ComparedMetric,
-    LookedAt,
     PairVerdict,
     Watch,
     tests_of,
@@ -41,13 +40,6 @@ from actors.runtime.errors import AcrcError
 _MAP: Final = "map"
 
 
-class WithoutMap(NamedTuple):
-    """The mean difference over the cells that have other maps."""
-
-    map: str
-    difference: float
-
-
 class AcrossCells(NamedTuple):
     """Places of one strategy less those of another with the same seed, over all cells."""
 
@@ -56,47 +48,80 @@ class AcrossCells(NamedTuple):
     fitted: RandomEffectsFit | None
     """None with fewer than three cells that have runs of both, or too few pairs."""
     cells: int
-    without: tuple[WithoutMap, ...] = ()
-    """Without each map in turn; empty if there is but one."""
+    without: dict[str, float] = {}  # noqa: RUF012
+    """Mean difference without each map in turn; empty if there is but one."""
 
     @property
-    def turning(self) -> tuple[WithoutMap, ...]:
-        """Those without which the difference has the other sign, or none; empty where all has none."""
+    def turning(self) -> list[str]:
+        """The maps without which the difference has the other sign, or none; empty where all has none."""
         whole = 0.0 if self.fitted is None else self.fitted.mean.value
-        return tuple(one for one in self.without if whole and one.difference * whole <= 0)
+        return [name for name, difference in self.without.items() if whole and difference * whole <= 0]
+
+    def builtins(self) -> dict[str, object]:
+        """Return it for JSON, with its sentences."""
+        return self._asdict() | {
+            "fitted": None if self.fitted is None else asdict(self.fitted),
+            "without": [{"map": name, "difference": one} for name, one in self.without.items()],
+            "says": across_sentences(self),
+        }
 
 
-class _CellDifference(NamedTuple):
-    cell: int
-    seed: int
-    places: float
-    map: str
+class _Differences(NamedTuple):
+    """Differences in places between two strategies, by cell, seed and map; each (n,)."""
+
+    places: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    seeds: NDArray[np.int64]
+    maps: NDArray[np.str_]
+
+    def mean(self, chosen: NDArray[np.bool_]) -> float:
+        """Return that of the model; of too few cells for it the mean of theirs."""
+        places, cells = self.places[chosen], self.cells[chosen]
+        names = np.unique(cells)
+        if len(names) >= FEWEST_CELLS:
+            return fit(places, cells, self.seeds[chosen]).mean.value
+        return float(np.mean([places[cells == cell].mean() for cell in names]))
 
 
 def across_cells(records: Iterable[TrialRecord], study: Study) -> list[AcrossCells]:
-    """Of every declared comparison; none of a study with fewer than three cells.
+    """Estimate every declared comparison over all cells; none of a study with fewer than three cells.
 
-    A cell is a combination of all factors, random or not. Only estimated, never tested.
+    A cell is a combination of all factors, random or not.
     """
     if len(study.variants()) < FEWEST_CELLS:
         return []
     runs = runs_by_variant(records, study)
-    return [_across(one, other, list(_differences(one, other, runs, study)))
-            for one, other in study.primary_pairs]  # fmt: skip
+    return [_across(one, other, runs, study) for one, other in study.primary_pairs]
 
 
-def _differences(
-    one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study
-) -> Iterator[_CellDifference]:
+def _across(one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study) -> AcrossCells:
+    found = _differences(one, other, runs, study)
+    cells = len(np.unique(found.cells))
+    if cells < FEWEST_CELLS or len(found.places) < LEAST_PAIRS:
+        return AcrossCells(one, other, None, cells)
+    maps = list(dict.fromkeys(found.maps.tolist()))
+    without = {name: found.mean(found.maps != name) for name in maps} if len(maps) > 1 else {}
+    return AcrossCells(one, other, fit(found.places, found.cells, found.seeds), cells, without)
+
+
+def _differences(one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study) -> _Differences:
+    rows = []
     for cell, (variant, by_strategy) in enumerate(runs.items()):
         mine, theirs = by_strategy.get(one, {}), by_strategy.get(other, {})
         for seed in (seed for seed in mine if seed in theirs):
             ours, others = values(PLACES, (mine[seed], theirs[seed]), 0.0)
-            yield _CellDifference(cell, seed, ours - others, _map(variant, study))
+            rows.append((ours - others, cell, seed, _map(variant, study)))
+    places, cells, seeds, maps = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return _Differences(
+        np.array(places, np.float64),
+        np.array(cells, np.int64),
+        np.array(seeds, np.int64),
+        np.array(maps, np.str_),
+    )
 
 
 def _map(variant: Variant, study: Study) -> str:
-    """What a study calls the map of a variant; empty if it does not vary."""
+    """Return the study's name of the map of a variant; empty if the map does not vary."""
     for factor in (*study.factors, *study.random):
         for key, value in variant:
             if key == factor.key and _MAP in dict(factor.settings(value)):
@@ -104,47 +129,28 @@ def _map(variant: Variant, study: Study) -> str:
     return ""
 
 
-def _across(one: str, other: str, found: Sequence[_CellDifference]) -> AcrossCells:
-    cells = len({each.cell for each in found})
-    if cells < FEWEST_CELLS or len(found) < LEAST_PAIRS:
-        return AcrossCells(one, other, None, cells)
-    maps = dict.fromkeys(each.map for each in found)
-    without = [
-        WithoutMap(name, _mean([each for each in found if each.map != name]))
-        for name in (maps if len(maps) > 1 else ())
-    ]
-    return AcrossCells(one, other, _fitted(found), cells, tuple(without))
-
-
-def _fitted(found: Sequence[_CellDifference]) -> RandomEffectsFit:
-    return fit([one.places for one in found], [one.cell for one in found], [one.seed for one in found])
-
-
-def _mean(found: Sequence[_CellDifference]) -> float:
-    """That of the model; of too few cells for it the mean of theirs."""
-    cells = dict.fromkeys(one.cell for one in found)
-    if len(cells) >= FEWEST_CELLS:
-        return _fitted(found).mean.value
-    return float(np.mean([np.mean([one.places for one in found if one.cell == cell]) for cell in cells]))
-
-
 def across_sentences(found: AcrossCells) -> list[str]:
-    """In sentences that can be quoted."""
-    name = f"{found.one} less {found.other}"
-    fitted = found.fitted
+    """Return estimates over all cells in sentences that can be quoted."""
+    name, fitted = f"{found.one} less {found.other}", found.fitted
     if fitted is None:
         return [
             f"{name} over all cells: {found.cells} have runs of both; at least {FEWEST_CELLS} with "
             f"{LEAST_PAIRS} pairs of runs are needed before anything is said of cells."
         ]
     mean, new = fitted.mean, fitted.new_cell
-    return [
+    told = [
         f"{name} over all {fitted.cells} cells, {fitted.values} pairs: {mean.value:+.3g} places "
         f"[{mean.low:+.3g}, {mean.high:+.3g}]; standard deviation {_spreads(fitted)}. "
-        f"A new cell of this kind, with as many seeds, would show {new.low:+.3g} to {new.high:+.3g} (95 %).",
-        *_faults(fitted),
-        *_leaving_out(found),
+        f"A new cell of this kind, with as many seeds, would show {new.low:+.3g} to {new.high:+.3g} (95 %)."
     ]
+    if fitted.rest is not None and fitted.between_cells == 0.0:
+        told.append(
+            "The fit is singular: cells differ no more than chance makes them, so the variance between them "
+            f"comes to 0. {fitted.cells} cells do not show that; both intervals may be too narrow."
+        )
+    if found.without:
+        told.append(_leaving_out(found, level=mean.value == 0.0))
+    return told
 
 
 def _spreads(fitted: RandomEffectsFit) -> str:
@@ -154,26 +160,13 @@ def _spreads(fitted: RandomEffectsFit) -> str:
     return f"{fitted.between_cells:.3g} between cells, {seeds}{fitted.rest:.3g} of what is left"
 
 
-def _faults(fitted: RandomEffectsFit) -> Iterator[str]:
-    """What the model cannot tell."""
-    if fitted.rest is not None and fitted.between_cells == 0.0:
-        yield (
-            "The fit is singular: cells differ no more than chance makes them, so the variance between them "
-            f"comes to 0. {fitted.cells} cells do not show that; both intervals may be too narrow."
-        )
-
-
-def _leaving_out(found: AcrossCells) -> Iterator[str]:
-    if not found.without:
-        return
-    ordered = sorted(found.without, key=lambda one: one.difference)
-    least, most = ordered[0], ordered[-1]
-    turns = ", ".join(f"{one.map} ({one.difference:+.3g})" for one in found.turning)
-    level = found.fitted is not None and found.fitted.mean.value == 0.0
+def _leaving_out(found: AcrossCells, *, level: bool) -> str:
+    (least, lowest), *_, (most, highest) = sorted(found.without.items(), key=itemgetter(1))
+    turns = ", ".join(f"{name} ({found.without[name]:+.3g})" for name in found.turning)
     holds = "there is no direction." if level else "the direction holds."
-    yield (
-        f"Without each of {len(ordered)} maps in turn: {least.difference:+.3g} (without {least.map}) to "
-        f"{most.difference:+.3g} (without {most.map}); "
+    return (
+        f"Without each of {len(found.without)} maps in turn: {lowest:+.3g} (without {least}) to "
+        f"{highest:+.3g} (without {most}); "
         + (f"the direction does not hold without {turns}." if turns else holds)
     )
 
@@ -290,42 +283,40 @@ def verdict(one: PairVerdict) -> str:
     return " ".join(said)
 
 
-def _amount(value: float, step: ComparedMetric) -> str:
-    unit = comparison.named(step.metric).unit
-    return f"{value:.4g} {'place' if value == 1 and unit == 'places' else unit}"
+def _amount(value: float, step: Comparison) -> str:
+    return f"{value:.4g} {'place' if value == 1 and step.unit == 'places' else step.unit}"
 
 
-def _step(step: ComparedMetric) -> str:
-    sample, metric = step.sample, comparison.named(step.metric)
-    by = f"by {metric.says}{sample.where}"
+def _step(step: Comparison) -> str:
+    by = f"by {step.says}{step.sample.where}"
     if not step.happened:
-        return f"{sample.one} and {sample.other} cannot be compared {by}: {_nothing(step)}."
-    numbers = _numbers(step)
+        return f"{step.one} and {step.other} cannot be compared {by}: {_nothing(step)}."
+    told = numbers(step) if step.is_estimated else f"{len(step.sample.pairs)} pairs"
     if step.differs:
-        return f"{_difference(step, by)}: {numbers}, {_p(step)}."
+        return f"{_difference(step, by)}: {told}, {_p(step)}."
     if step.equivalent:
         return (
-            f"{sample.one} is as good as {sample.other} {by}, within {_amount(step.margin or 0.0, step)}: "
-            f"{numbers}, p = {step.equivalence_p:.2g} for equivalence; {_beyond(step)}."
+            f"{step.one} is as good as {step.other} {by}, within {_amount(step.margin or 0.0, step)}: "
+            f"{told}, p = {step.equivalence_p:.2g} for equivalence; {_beyond(step)}."
         )
     if not step.tested:
-        differing = f"{step.test.differing} of {len(sample.pairs)} pairs differ"
+        differing = f"{step.test.differing} of {len(step.sample.pairs)} pairs differ"
         return (
-            f"{sample.one} cannot be told from {sample.other} {by}, whatever the effect, as {differing} and "
-            f"a test needs {step.fewest}: {numbers}."
+            f"{step.one} cannot be told from {step.other} {by}, whatever the effect, as {differing} and "
+            f"a test needs {step.fewest}: {told}."
         )
-    return f"{sample.one} cannot be told from {sample.other} {by}: {numbers}, {_p(step)}."
+    return f"{step.one} cannot be told from {step.other} {by}: {told}, {_p(step)}."
 
 
-def _beyond(step: ComparedMetric) -> str:
-    """In how many pairs the strategies are not equal, which equal means can hide."""
-    gains = scores(comparison.named(step.metric), step.sample.pairs).gains
+def _beyond(step: Comparison) -> str:
+    """Say how many pairs differ by more than the margin, which equal means can hide."""
+    gains = step.scores.gains
     beyond = int((np.abs(gains) > (step.margin or 0.0)).sum())
     bound = most(beyond, gains.size)
     return f"{beyond} of {gains.size} seeds differ by more, so that of all up to {100 * bound:.0f} % may"
 
 
-def _nothing(step: ComparedMetric) -> str:
+def _nothing(step: Comparison) -> str:
     metric = comparison.named(step.metric)
     if not isinstance(metric, TimeMetric):
         return "it is unknown of every pair"
@@ -333,35 +324,25 @@ def _nothing(step: ComparedMetric) -> str:
     return f"no run was {metric.event} by {until:g} s"
 
 
-def _difference(step: ComparedMetric, by: str) -> str:
-    """Who is better, by the test that decided; where the mean or A12 speaks for the other one, both sides."""
-    sample, side = step.sample, step.test.direction
-    found = step.estimated()
-    assert found is not None and found.difference is not None
-    gains = side * scores(comparison.named(step.metric), sample.pairs).gains
-    for_it, against = gains[gains > 0], -gains[gains < 0]
+def _difference(step: Comparison, by: str) -> str:
+    """Say who is better by the test that decided; where the mean or A12 disagrees, both sides."""
+    side = step.test.direction
+    gains = side * step.scores.gains
     better, worse = ("better", "worse") if side > 0 else ("worse", "better")
-    if gains.mean() > 0 and side * (found.effect.value - 0.5) > 0:
-        return f"{sample.one} is {better} than {sample.other} {by}"
+    if gains.mean() > 0 and side * (step.effect.value - 0.5) > 0:
+        return f"{step.one} is {better} than {step.other} {by}"
+    for_it, against = gains[gains > 0], -gains[gains < 0]
     typical, counter = (float(np.median(one)) if one.size else 0.0 for one in (for_it, against))
     much = "much " if counter >= _MUCH * typical else ""
-    most, rest = _amount(typical, step), _amount(counter, step)
     return (
-        f"{sample.one} beside {sample.other} {by}: {better} on {for_it.size} of {gains.size} seeds"
-        f" (median {most}), {much}{worse} on {against.size} (median {rest}); "
-        "test and effect disagree"
+        f"{step.one} beside {step.other} {by}: {better} on {for_it.size} of {gains.size} seeds"
+        f" (median {_amount(typical, step)}), {much}{worse} on {against.size}"
+        f" (median {_amount(counter, step)}); test and effect disagree"
     )
 
 
-def _numbers(step: ComparedMetric) -> str:
-    found = step.estimated()
-    if found is None:
-        return f"{len(step.sample.pairs)} pairs"
-    return numbers(found)
-
-
 def numbers(one: Comparison) -> str:
-    """Means, their difference, on how many seeds which is better, and A12, with intervals."""
+    """Return means, their difference, on how many seeds which is better, and A12, with intervals."""
     equal = one.pairs - one.better - one.worse
     seeds = f"better on {one.better} of {one.pairs} seeds, worse on {one.worse}, equal on {equal}"
     effect = f"A12 = {one.effect.value:.2f} [{one.effect.low:.2f}, {one.effect.high:.2f}]"
@@ -374,7 +355,7 @@ def numbers(one: Comparison) -> str:
     )
 
 
-def _p(step: ComparedMetric) -> str:
+def _p(step: Comparison) -> str:
     if step.threshold is not None:
         sign = "at most" if step.differs else "above"
         return f"p = {step.test.p:.2g}, {sign} {step.threshold:.2g}, after {len(step.sample.pairs)} pairs"
@@ -394,8 +375,8 @@ class CampaignJudgement:
     """How the declared comparisons are tested."""
     verdicts: Sequence[PairVerdict]
     """Of the declared comparisons, in their order."""
-    looks: Sequence[LookedAt]
-    """At the declared comparisons while the campaign went on; empty if nobody looked."""
+    looks: Sequence[PairVerdict]
+    """The declared comparisons at their last interim looks; empty if there was none."""
     across: Sequence[AcrossCells]
     """The declared comparisons over all cells; empty with fewer than three."""
     samples: Sequence[PairedSample]
@@ -425,7 +406,7 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
     watch = Watch(kept) if kept.looks is not None else None
     looks = [] if watch is None else watch.looked_at()
     least = LEAST_PAIRS if watch is None else watch.rules.least
-    decided = verdicts(found, study) if watch is None else [one.verdict for one in looks]
+    decided = verdicts(found, study) if watch is None else looks
     decided = [one for one in decided if len(one.sample.pairs) >= least]
     estimates, few = compare(found, only, least), too_few(found, least)
     if only is not None and found and not estimates and not few:

@@ -104,6 +104,9 @@ class PairedTest(NamedTuple):
     """Two-sided."""
 
 
+NO_TEST: Final = PairedTest(0, 0, 1.0)
+
+
 def signed_rank(differences: ArrayLike) -> PairedTest:
     """Wilcoxon's signed-rank test.
 

@@ -42,7 +42,7 @@ class RandomEffectsFit:
     values: int
 
 
-def fit(values: ArrayLike, cells: Sequence[int], seeds: Sequence[int]) -> RandomEffectsFit:
+def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsFit:
     """Fit values (n,) by restricted maximum likelihood, each of a cell and a seed that it shares with others.
 
     Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of

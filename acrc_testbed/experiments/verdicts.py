@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import quantiles
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
@@ -15,15 +15,13 @@ from acrc_testbed.experiments.comparison import (
     Comparison,
     PairedSample,
     TimeMetric,
-    estimate,
+    comparison_of,
     samples,
-    scores,
     too_few_pairs,
 )
 from acrc_testbed.experiments.paired_tests import (
     ALPHA,
     LEAST_PAIRS,
-    PairedTest,
     SequentialPlan,
     decidable,
     equivalence_p,
@@ -39,60 +37,24 @@ from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 
-_NOTHING: Final = PairedTest(0, 0, 1.0)
-
-
-@dataclass(frozen=True)
-class ComparedMetric:
-    """One metric of a primary comparison: its test, and what the family makes of it."""
-
-    sample: PairedSample
-    """The pairs that it is of."""
-    metric: str
-    test: PairedTest
-    """Of how much better the first run of each pair is."""
-    happened: bool
-    """False: a time at which nothing happened in any run, which tells nothing."""
-    margin: float | None
-    """Within which strategies are equivalent, in the metric's unit; None: none was declared."""
-    equivalence_p: float
-    tests: int = 1
-    """So many share the error."""
-    tested: bool = False
-    """False: too few pairs differ for any claim."""
-    adjusted: float = 1.0
-    """The test's p-value after Holm; where it was looked at on the way, as it is."""
-    differs: bool = False
-    equivalent: bool = False
-    threshold: float | None = None
-    """What p must be at most at the look at which the step was taken; None: after all runs."""
-
-    @property
-    def fewest(self) -> int:
-        """Pairs that must differ before this step can show anything."""
-        return fewest_differing(self.tests) if self.threshold is None else fewest_differing(1, self.threshold)
-
-    def estimated(self) -> Comparison | None:
-        """Return the step's numbers, or None if too few pairs have them."""
-        return estimate(self.sample, self.metric)
-
 
 @dataclass(frozen=True)
 class PairVerdict:
-    """What a primary comparison in one variant comes to: its steps, in the order in which they are asked."""
+    """Result of a primary comparison in one variant."""
 
     sample: PairedSample
-    steps: tuple[ComparedMetric, ...]
+    steps: tuple[Comparison, ...]
+    """The metrics in the order in which they decide; empty before the first interim look."""
+    looks: tuple[Comparison, ...] = ()
+    """At each interim look the step that was asked."""
+    at_cap: bool = False
+    """True if it was looked at, and no more pairs will come."""
 
     @property
-    def deciding(self) -> ComparedMetric | None:
+    def deciding(self) -> Comparison | None:
         """The first step by which the strategies differ, if they are equivalent by all before it."""
-        for step in self.steps:
-            if step.differs:
-                return step
-            if not step.equivalent:
-                return None
-        return None
+        step = next((one for one in self.steps if one.differs or not one.equivalent), None)
+        return step if step is not None and step.differs else None
 
     @property
     def equivalent(self) -> bool:
@@ -103,6 +65,13 @@ class PairVerdict:
     def settled(self) -> bool:
         """True if more pairs have nothing left to decide."""
         return self.deciding is not None or self.equivalent
+
+    @property
+    def word(self) -> str:
+        """The first strategy beside the second one: "better", "worse", "as good" or "not told apart"."""
+        if self.deciding is not None:
+            return "better" if self.deciding.test.direction > 0 else "worse"
+        return "as good" if self.equivalent else "not told apart"
 
 
 def step_names(study: Study) -> tuple[str, ...]:
@@ -130,7 +99,7 @@ def primary(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
 
 
 def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
-    """What the primary comparisons among the samples come to after all runs: Holm over their tests alone."""
+    """Judge the primary comparisons among the samples after all runs, by Holm's method over their tests."""
     names = step_names(study)
     raw = [step(sample, name, study) for sample in primary(found, study) for name in names]
     able = decidable([one.test.differing for one in raw])
@@ -155,22 +124,20 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     ]
 
 
-def step(sample: PairedSample, name: str, study: Study) -> ComparedMetric:
-    """The test of one metric of a sample, before anything is made of it."""
+def step(sample: PairedSample, name: str, study: Study) -> Comparison:
+    """Test one metric of a sample, without any decision."""
     if name == comparison.LEXICOGRAPHIC:
         raise ValueError("the order is asked step by step")
-    metric = comparison.named(name)
-    found = scores(metric, sample.pairs)
-    is_time = isinstance(metric, TimeMetric)
-    margin = study.margin_s if is_time else study.margin_places if metric is comparison.PLACES else None
-    if not found.happened or not found.ones.size:
-        return ComparedMetric(sample, name, _NOTHING, False, margin, 1.0)
-    gains = np.round(found.gains, 9)  # equal decimals are equal, whatever floats make of their difference
+    is_time = isinstance(comparison.named(name), TimeMetric)
+    margin = study.margin_s if is_time else study.margin_places if name == comparison.PLACES.name else None
+    found = replace(comparison_of(sample, name), margin=margin)
+    if not found.happened:
+        return found
+    gains = np.round(found.scores.gains, 9)  # equal decimals are equal, whatever floats make of them
     test = mean_test(gains) if is_time else signed_rank(gains)
-    return ComparedMetric(
-        sample, name, test, True, margin,
-        1.0 if margin is None or gains.size < LEAST_PAIRS else equivalence_p(gains, margin),
-    )  # fmt: skip
+    if margin is None or gains.size < LEAST_PAIRS:
+        return replace(found, test=test)
+    return replace(found, test=test, equivalence_p=equivalence_p(gains, margin))
 
 
 def foreseen(study: Study, least: int = LEAST_PAIRS) -> list[str]:
@@ -196,22 +163,6 @@ def foreseen(study: Study, least: int = LEAST_PAIRS) -> list[str]:
 _FIRST_LOOK: Final = 10
 """Pairs; fewer could hardly decide."""
 _MOST_LOOKS: Final = 10
-
-
-class LookedAt(NamedTuple):
-    """How a primary comparison in one variant stands after the last look that was due."""
-
-    verdict: PairVerdict
-    """Without steps if none of the looks has come."""
-    looks: tuple[ComparedMetric, ...]
-    """At each look the step that was asked."""
-    at_cap: bool
-    """True if there will be no more pairs."""
-
-    @property
-    def settled(self) -> bool:
-        """True if nothing more is to be looked at."""
-        return self.at_cap or (bool(self.looks) and self.verdict.settled)
 
 
 @dataclass(frozen=True)
@@ -243,15 +194,15 @@ def rules_for(study: Study) -> LookRules:
     return LookRules(plan(looks, ALPHA / tests_of(study)), halved)
 
 
-def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = False) -> LookedAt:
+def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = False) -> PairVerdict:
     """Look at the first pairs of a sample, until a look settles the comparison or pairs are missing.
 
     What a look has shown stays. `ended`: no pair will come any more, so the last look takes what there are;
     fewer than planned, where failed runs are left out.
     """
-    shown: dict[str, ComparedMetric] = {}
-    asked: list[ComparedMetric] = []
-    verdict = PairVerdict(sample, ())
+    shown: dict[str, Comparison] = {}
+    asked: tuple[Comparison, ...] = ()
+    verdict = PairVerdict(sample, (), at_cap=ended)
     due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
     if ended and len(due) < len(rules.differ.looks) and sample.pairs:
         due.append(len(sample.pairs))
@@ -260,14 +211,14 @@ def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = 
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [shown.get(name) or _at_look(first, name, study, rules, place) for name in step_names(study)]
         shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
-        verdict = PairVerdict(first, tuple(steps))
-        asked.append(next((one for one in steps if not one.equivalent or one.differs), steps[-1]))
+        asked += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
+        verdict = PairVerdict(first, tuple(steps), asked, ended)
         if verdict.settled:
             break
-    return LookedAt(verdict, tuple(asked), ended)
+    return verdict
 
 
-def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> ComparedMetric:
+def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> Comparison:
     raw = step(sample, name, study)
     threshold = rules.differ.thresholds[place]
     return replace(
@@ -298,9 +249,9 @@ class Watch:
         if not any(self._looked < due <= ended for due in self.rules.differ.looks):
             return False
         self._looked = ended
-        return all(one.settled for one in self.looked_at())
+        return all(one.at_cap or one.settled for one in self.looked_at())
 
-    def looked_at(self) -> list[LookedAt]:
+    def looked_at(self) -> list[PairVerdict]:
         """How every primary comparison stands, after the last look that was due."""
         study = self._store.study
         seeds = self._seeds()
@@ -329,7 +280,7 @@ class Watch:
         return seeds if complete else seeds[:-1]
 
 
-def look_sentences(found: Sequence[LookedAt], rules: LookRules) -> list[str]:
+def look_sentences(found: Sequence[PairVerdict], rules: LookRules) -> list[str]:
     """Interim looks at a campaign, and their results."""
     rule = rules.differ
     lines = [
@@ -338,7 +289,7 @@ def look_sentences(found: Sequence[LookedAt], rules: LookRules) -> list[str]:
         f" for equivalence {_listed(rules.equivalent.thresholds)}"
     ]
     for one in found:
-        sample = one.verdict.sample
+        sample = one.sample
         name = f"{sample.one} and {sample.other}{sample.where}"
         if not one.looks:
             lines.append(f"{name}: {len(sample.pairs)} pairs, none of the looks has come")
@@ -347,16 +298,16 @@ def look_sentences(found: Sequence[LookedAt], rules: LookRules) -> list[str]:
     return lines
 
 
-def _outcome(one: LookedAt) -> str:
+def _outcome(one: PairVerdict) -> str:
     after = f"after {len(one.looks[-1].sample.pairs)} pairs"
-    if one.verdict.deciding is not None:
+    if one.deciding is not None:
         return f"decided {after}"
-    if one.verdict.equivalent:
+    if one.equivalent:
         return f"equivalent {after}"
     return f"not decided {'by the cap' if one.at_cap else 'yet'}, {after}"
 
 
-def _at(asked: ComparedMetric) -> str:
+def _at(asked: Comparison) -> str:
     ahead = {1: f"{asked.sample.one} ahead", -1: f"{asked.sample.other} ahead", 0: "level"}
     sign = "≤" if asked.differs else ">"
     return (

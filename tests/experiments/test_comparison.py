@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.comparison import PairedSample, Run, compare, estimate, samples
+from acrc_testbed.experiments.comparison import PairedSample, Run, compare, comparison_of, samples
 from acrc_testbed.experiments.judgement import failures, family, judge, too_few, verdict
 from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.experiments.trial_record import TrialRecord, keep
 from acrc_testbed.experiments.verdicts import (
-    LookedAt,
+    PairVerdict,
     Watch,
     ceilings,
     foreseen,
@@ -78,8 +78,7 @@ def test_the_direction_is_that_of_the_test_and_a_disagreement_is_said() -> None:
     found = verdict_of(ones, others)
     (places, _) = found.steps
     assert places.differs and places.test.direction == 1
-    estimated = places.estimated()
-    assert estimated is not None and estimated.difference is not None and estimated.difference.value < 0
+    assert places.difference is not None and places.difference.value < 0
     said = "one beside other by places done: {} on 34 of 40 seeds (median 2 places), much {} on 6 (median 18 "
     assert verdict(found).startswith(said.format("better", "worse"))
     assert "test and effect disagree: 19 against 20, difference -1 places [-3.31, +1.31], " in verdict(found)
@@ -176,7 +175,7 @@ def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], 
         made = study(primary_metric=metric, margin_places=margin, margin_s=margin)
         found = verdict_of(ones, others, made)
         assert not found.settled and not any(one.tested or one.differs for one in found.steps)
-        assert not any(one.estimated() for one in found.steps)
+        assert not any(one.is_estimated for one in found.steps)
     found = verdict_of([run(2)] * LEAST_PAIRS, [run(1)] * LEAST_PAIRS)
     assert found.deciding is not None and found.deciding.tests == 1, "time, which never came, takes no part"
 
@@ -185,10 +184,10 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
     def runs(more: float) -> list[Run]:
         return [run(0, outcome={"turns": {"r1": seed + more}}) for seed in range(8)]
 
-    found = estimate(sample(runs(1.0), runs(0.0)), "outcome.turns")
-    assert found is not None and found.difference is not None
+    found = comparison_of(sample(runs(1.0), runs(0.0)), "outcome.turns")
+    assert found.difference is not None
     assert (found.better, found.difference.value, found.unit) == (8, 1.0, "")
-    assert estimate(sample(runs(1.0), runs(0.0)), "outcome.other") is None
+    assert not comparison_of(sample(runs(1.0), runs(0.0)), "outcome.other").is_estimated
     assert verdict_of(runs(1.0), runs(0.0), study(primary_metric="outcome.turns")).deciding is not None
 
 
@@ -225,7 +224,7 @@ def result_of(plain: RunResult, quality: float) -> RunResult:
     )  # fmt: skip
 
 
-def looked(plain: RunResult, drawn: Floats) -> LookedAt:
+def looked(plain: RunResult, drawn: Floats) -> PairVerdict:
     """After all looks at pairs of these qualities, (pairs, 2)."""
     ones, others = ([result_of(plain, one) for one in drawn[:, side].tolist()] for side in (0, 1))
     return look(sample(ones, others), STUDY, rules_for(STUDY))
@@ -249,7 +248,7 @@ def test_a_large_effect_is_decided_with_fewer_than_fifty_pairs(plain: RunResult,
     """A12 = 0.71 before places are rounded; cap 60."""
     rng, shift, count = np.random.default_rng(7), Effect().shift, 100 if full else 40
     found = [looked(plain, rng.normal((shift, 0.0), 1.0, (CAP, 2))) for _ in range(count)]
-    assert sum(one.verdict.deciding is not None for one in found) >= 0.85 * count
+    assert sum(one.deciding is not None for one in found) >= 0.85 * count
     assert np.mean([len(one.looks[-1].sample.pairs) for one in found]) < 50
 
 
@@ -261,7 +260,7 @@ def test_the_watch_stops_at_the_look_that_decides_and_says_so(tmp_path: Path, pl
     campaign(tmp_path / "out", plain, 2.5, seeds=20)
     assert early or watch.enough()
     (found,) = watch.looked_at()
-    step = found.verdict.deciding
+    step = found.deciding
     assert step is not None and (step.sample.one, step.sample.other) == ("chapter", "none")
     assert step.threshold is not None and step.test.p <= step.threshold and len(step.sample.pairs) <= 20
     first, second = look_sentences([found], watch.rules)
@@ -295,7 +294,7 @@ def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> N
     watch = Watch(kept)
     assert watch.enough()
     (found,) = watch.looked_at()
-    assert found.verdict.equivalent and found.verdict.deciding is None
+    assert found.equivalent and found.deciding is None
     assert "equivalent after 20 pairs; at 10 level by places" in look_sentences([found], watch.rules)[1]
 
 
@@ -307,7 +306,7 @@ def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> N
     campaign(tmp_path / "out", plain, 0.0, seeds=20, study=short, failing=20)
     assert watch.enough()
     (found,) = watch.looked_at()
-    assert (len(found.verdict.sample.pairs), found.at_cap) == (20, True)
+    assert (len(found.sample.pairs), found.at_cap) == (20, True)
     assert (
         "chapter and none: not decided by the cap, after 20 pairs; at 10 "
         in look_sentences([found], watch.rules)[1]
@@ -320,7 +319,7 @@ def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain:
     watch = Watch(kept)
     assert not watch.enough()
     (found,) = watch.looked_at()
-    assert len(found.verdict.sample.pairs) == 3 and not found.looks
+    assert len(found.sample.pairs) == 3 and not found.looks
     assert look_sentences([found], watch.rules)[1] == "chapter and none: 3 pairs, none of the looks has come"
 
 
@@ -400,6 +399,6 @@ def test_the_last_look_without_failed_runs(tmp_path: Path, plain: RunResult) -> 
     short = msgspec.structs.replace(STUDY, seeds=20, failed_runs="left out")
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=20, study=short, failing=20)
     (found,) = Watch(kept).looked_at()
-    assert (len(found.verdict.sample.pairs), found.at_cap) == (19, True)
+    assert (len(found.sample.pairs), found.at_cap) == (19, True)
     assert found.looks[-1].threshold == Watch(kept).rules.differ.thresholds[-1]
-    assert found.verdict.deciding is not None
+    assert found.deciding is not None

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from acrc_testbed.experiments.comparison import estimate, named, scores
+from acrc_testbed.experiments.comparison import comparison_of, named, scores
 from acrc_testbed.experiments.paired_tests import (
     Effect,
     a12,
@@ -211,8 +211,8 @@ def paired(place: int) -> tuple[pd.DataFrame, pd.DataFrame]:
 @pytest.mark.parametrize("place", range(4))
 def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     one, other = paired(place)
-    found = estimate(SAMPLES[place], "places")
-    assert found is not None and found.ones is not None and found.difference is not None
+    found = comparison_of(SAMPLES[place], "places")
+    assert found.difference is not None
     gains = one.places_done - other.places_done
     assert (found.ones, found.others) == pytest.approx((one.places_done.mean(), other.places_done.mean()))
     assert (found.better, found.worse) == ((gains > 0).sum(), (gains < 0).sum())
@@ -222,8 +222,8 @@ def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     assert found.effect.value == pytest.approx(u / len(one) / len(other), abs=1e-14)
     columns = {"contacts": "contacts", "radio": "radio_bytes_per_robot_s", "driven": "driven_m"}
     for name, column in columns.items():
-        cost = estimate(SAMPLES[place], name)
-        assert cost is not None and cost.difference is not None
+        cost = comparison_of(SAMPLES[place], name)
+        assert cost.difference is not None
         assert cost.difference.value == pytest.approx((one[column] - other[column]).mean())
         assert cost.effect.value == pytest.approx(
             1 - stats.mannwhitneyu(one[column], other[column]).statistic / len(one) / len(other)
@@ -243,8 +243,7 @@ def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, pl
     area = restricted_mean_survival_time(curve, t=until)
     assert restricted_mean(runs, until).value == pytest.approx(area)
     sample = next(one for one in SAMPLES if one.variant[0][1] == places and strategy in one[:2])
-    found = estimate(sample, "settled")
-    assert found is not None
+    found = comparison_of(sample, "settled")
     assert (found.ones if sample.one == strategy else found.others) == pytest.approx(area)
 
 

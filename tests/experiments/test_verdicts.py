@@ -77,7 +77,7 @@ def after_all(drawn: Sequence[PairedSample], study: Study) -> bool:
 
 def with_looks(drawn: Sequence[PairedSample], study: Study) -> bool:
     rules = rules_for(study)
-    return any(look(one, study, rules).verdict.deciding is not None for one in drawn)
+    return any(look(one, study, rules).deciding is not None for one in drawn)
 
 
 @pytest.mark.parametrize("judge", [after_all, with_looks])

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from acrc_testbed.experiments.comparison import Comparison, PairedSample, named
+from acrc_testbed.experiments.comparison import Comparison, PairedSample
 from acrc_testbed.experiments.judgement import CampaignJudgement
 from acrc_testbed.experiments.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.report.runs import (
@@ -20,7 +20,7 @@ from acrc_testbed.experiments.report.runs import (
 )
 from acrc_testbed.experiments.report.time_sections import deadlocks
 from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Study, Variant
-from acrc_testbed.experiments.verdicts import ComparedMetric, PairVerdict
+from acrc_testbed.experiments.verdicts import PairVerdict
 from acrc_testbed.picture.html_page import PageTable
 
 _TOLD = ("better", "worse", "as good", "not told apart")
@@ -35,14 +35,16 @@ def labelled(found: CampaignJudgement) -> CampaignJudgement:
     return replace(
         found,
         verdicts=[
-            PairVerdict(
-                _named(one.sample), tuple(replace(step, sample=_named(step.sample)) for step in one.steps)
-            )
+            replace(one, sample=_named(one.sample), steps=tuple(map(_labelled, one.steps)))
             for one in found.verdicts
         ],
         across=[one._replace(one=label(one.one), other=label(one.other)) for one in found.across],
-        estimates=[replace(one, one=label(one.one), other=label(one.other)) for one in found.estimates],
+        estimates=list(map(_labelled, found.estimates)),
     )
+
+
+def _labelled(one: Comparison) -> Comparison:
+    return replace(one, sample=_named(one.sample))
 
 
 def _named(sample: PairedSample) -> PairedSample:
@@ -60,15 +62,9 @@ def sentences(found: CampaignJudgement) -> list[str]:
 def _counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
     """Count for each pair the conditions by the first strategy's result."""
     for pair in dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts):
-        words = [_word(one) for one in verdicts if (one.sample.one, one.sample.other) == pair]
+        words = [one.word for one in verdicts if (one.sample.one, one.sample.other) == pair]
         parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
         yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
-
-
-def _word(one: PairVerdict) -> str:
-    if one.deciding is not None:
-        return "better" if one.deciding.test.direction > 0 else "worse"
-    return "as good" if one.equivalent else "not told apart"
 
 
 def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[PageTable]:
@@ -120,7 +116,7 @@ def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[Pa
         f"without_map_{name}",
         "The same difference without each map in turn.",
         ("first", "second", "without", "difference"),
-        [(one.one, one.other, *each) for one, _ in across for each in one.without],
+        [(one.one, one.other, *each) for one, _ in across for each in one.without.items()],
     )
     yield view.plain_table(
         f"comparisons_{name}",
@@ -142,37 +138,30 @@ def _condition(variant: Variant) -> str:
 
 def _verdict_row(one: PairVerdict) -> tuple[Cell, ...]:
     """Return a verdict with the estimates of the metric that was tested last."""
-    sample = one.sample
     step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
-    found = step.estimated()
-    estimates: tuple[Cell, ...] = (None,) * 6
-    if found is not None:
-        estimates = (found.ones, found.others, found.difference, found.better, found.worse, found.effect)
-    p = step.adjusted if step.tested else None
-    named_ = (sample.one, sample.other, _condition(sample.variant), _word(one), named(step.metric).says)
-    return (*named_, *estimates, p)
-
-
-def _test_row(step: ComparedMetric, where: Sequence[str]) -> tuple[Cell, ...]:
-    sample, test = step.sample, step.test
     return (
-        *(
-            sample.one,
-            sample.other,
-            *([_condition(sample.variant)] if where else ()),
-            named(step.metric).says,
-        ),
-        *(len(sample.pairs), test.differing, test.p, step.adjusted if step.tested else None),
+        *(step.one, step.other, _condition(step.variant), one.word, step.says),
+        *(_estimates(step) if step.is_estimated else (None,) * 6),
+        step.adjusted if step.tested else None,
+    )
+
+
+def _estimates(one: Comparison) -> tuple[Cell, ...]:
+    return one.ones, one.others, one.difference, one.better, one.worse, one.effect
+
+
+def _test_row(step: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+    return (
+        *(step.one, step.other, *([_condition(step.variant)] if where else ()), step.says),
+        *(len(step.sample.pairs), step.test.differing, step.test.p, step.adjusted if step.tested else None),
         *(step.margin, step.equivalence_p),
     )
 
 
 def _estimate_row(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
     unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
-    return (
-        *(one.one, one.other, *([_condition(one.variant)] if where else ()), one.says + unit),
-        *(one.ones, one.others, one.difference, one.better, one.worse, one.effect),
-    )
+    names = (one.one, one.other, *([_condition(one.variant)] if where else ()), one.says + unit)
+    return (*names, *_estimates(one))
 
 
 def asked(sources: Sequence[RunSource]) -> list[str]:
