@@ -11,14 +11,27 @@ import actors  # noqa: F401  # before any other package: it orders sys.path
 
 if TYPE_CHECKING:
     from acrc_testbed.campaigns import Campaign, campaign, open_campaign
+    from acrc_testbed.checks import check_strategy, check_task
     from acrc_testbed.runs import Run, beside, open_run, run
     from actors.runtime.errors import AcrcError
 
-__all__ = ["AcrcError", "Campaign", "Run", "beside", "campaign", "open_campaign", "open_run", "run"]
+__all__ = [
+    "AcrcError",
+    "Campaign",
+    "Run",
+    "beside",
+    "campaign",
+    "check_strategy",
+    "check_task",
+    "open_campaign",
+    "open_run",
+    "run",
+]
 
 _MODULES: Final = {
     **dict.fromkeys(("Campaign", "campaign", "open_campaign"), "acrc_testbed.campaigns"),
     **dict.fromkeys(("Run", "beside", "open_run", "run"), "acrc_testbed.runs"),
+    **dict.fromkeys(("check_strategy", "check_task"), "acrc_testbed.checks"),
     "AcrcError": "actors.runtime.errors",
 }
 
