@@ -1,6 +1,6 @@
 """Time accounting of a simulated run: its causes per robot, decisions and their outcome, self-diagnosis."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -20,10 +20,8 @@ from acrc_testbed.explanation.classify import (
 from acrc_testbed.explanation.episodes import (
     STANDARD,
     EpisodeParameters,
-    Said,
     during,
     runs,
-    said_by,
 )
 from acrc_testbed.explanation.robot_states import NOBODY
 from acrc_testbed.explanation.time_spent import (
@@ -35,8 +33,8 @@ from acrc_testbed.explanation.time_spent import (
     TimeSpent,
 )
 from acrc_testbed.explanation.true_floor import TrueFloor
-from acrc_testbed.recordings.run_recordings import all_recordings, recordings
-from acrc_testbed.run_model.data import RunData, RunDataError
+from acrc_testbed.recordings.run_recordings import all_recordings
+from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from acrc_testbed.run_model.floor import NO_CHANGES
 from acrc_testbed.run_model.simulated import read_run
 from actors.instant import in_seconds
@@ -49,23 +47,20 @@ OVERTAKEN = "overtaken"
 END = "end"
 
 
-def decision_events(
-    run: RunData, said: Mapping[str, Said], classified: Classified, p: EpisodeParameters
-) -> tuple[DecisionEvent, ...]:
+def decision_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[DecisionEvent, ...]:
     """Every decision that was listed, by its instant and robot."""
     found = [
         event
         for index, robot in enumerate(run.robots)
-        for event in _of_robot(run, index, said.get(robot, Said()), classified, p)
+        for event in _of_robot(run, index, run.reports.get(robot, RobotReport()).decisions, classified, p)
     ]
     return tuple(sorted(found, key=lambda one: (one.instant_s, one.robot)))
 
 
 def _of_robot(
-    run: RunData, index: int, said: Said, classified: Classified, p: EpisodeParameters
+    run: RunData, index: int, made: Sequence[AdaptationDecision], classified: Classified, p: EpisodeParameters
 ) -> Iterator[DecisionEvent]:
     stood = classified.stood[:, index]
-    made = said.decisions
     for number, decision in enumerate(made):
         first = run.index(decision.instant)
         after = [run.index(one.instant) for one in made[number + 1 :] if one.instant > decision.instant]
@@ -109,7 +104,7 @@ def _stretch(stood: NDArray[np.bool_]) -> int:
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
 
 
-def diagnosis_score(run: RunData, said: Mapping[str, Said], classified: Classified) -> DiagnosisScore | None:
+def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | None:
     """Over all robots that ask themselves whether they are blocked; None if none does.
 
     A robot is truly blocked while it stands although it wants to be elsewhere, whatever the cause; a robot
@@ -119,7 +114,7 @@ def diagnosis_score(run: RunData, said: Mapping[str, Said], classified: Classifi
     delays: list[float] = []
     asked = False
     for index, robot in enumerate(run.robots):
-        blocked = said.get(robot, Said()).blocked
+        blocked = run.reports.get(robot, RobotReport()).blocked
         if blocked is None:
             continue
         asked = True
@@ -147,26 +142,19 @@ class Judged(NamedTuple):
     """A run, and what each step of each robot went into."""
 
     floor: TrueFloor
-    said: Mapping[str, Said]
     causes: Classified
 
 
 def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
-    """What every robot's time went into. Raises RecordingError or OutcomeError if the run is damaged.
+    """Return what every robot's time went into; without its recordings by what is visible from outside.
 
-    RunDataError if its floor was changed, and the world did not record how.
-
-    Of a robot whose recordings are on a host still, by what can be seen from outside.
+    Raises RunDataError if the floor was changed, and the world did not record how.
     """
-    files = recordings(run.out)
-    said = {
-        robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
-    }
     if not run.records_floor:
         raise RunDataError(f"{run.out}: {NO_CHANGES}, without which causes cannot be told")
     changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
     floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
-    return Judged(floor, said, classify(run, said, floor, parameters))
+    return Judged(floor, classify(run, floor, parameters))
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
@@ -176,13 +164,13 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
     """
     all_recordings(out)
     run = read_run(out)
-    floor, said, classified = judge(run, parameters)
+    floor, classified = judge(run, parameters)
     return TimeSpent(
         robots=_robots(run, classified),
         blockings=blocking_events(run, classified, parameters),
-        diagnosis=diagnosis_score(run, said, classified),
-        decisions=decision_events(run, said, classified, parameters),
-        decisions_left_out=sum(one.left_out for one in said.values()),
+        diagnosis=diagnosis_score(run, classified),
+        decisions=decision_events(run, classified, parameters),
+        decisions_left_out=sum(one.unlisted for one in run.reports.values()),
         findings=findings(run, floor.passages, parameters),
         deadlocks=deadlocks(run, classified, parameters),
         blames=_blames(run, classified),
@@ -227,7 +215,7 @@ class Spell(NamedTuple):
 def spells(run: RunData) -> list[Spell]:
     """Everything that every robot's time went into, robot by robot in the order of time, without gaps.
 
-    Raises RecordingError or OutcomeError if the run is damaged.
+    Raises RunDataError: see `judge`.
     """
     causes = judge(run).causes.causes
     found: list[Spell] = []

@@ -5,7 +5,7 @@ last one of the chain says what all of its time went into; where there is no las
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -18,7 +18,6 @@ from acrc_testbed.explanation.episodes import (
     STANDARD,
     Blocking,
     EpisodeParameters,
-    Said,
     runs,
 )
 from acrc_testbed.explanation.robot_states import NOBODY, Flags, RobotStates, in_wall
@@ -107,12 +106,11 @@ class Classified:
 
 def classify(
     run: RunData,
-    said: Mapping[str, Said],
     floor: TrueFloor,
     parameters: EpisodeParameters = STANDARD,
 ) -> Classified:
     """What every robot's time went into."""
-    states = RobotStates(run, said, floor.stages(), parameters)
+    states = RobotStates(run, floor.stages(), parameters)
     own = _own(states, in_wall(run, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
     before = robot_states.ahead(states, stuck, floor.passages, parameters)

@@ -1,18 +1,14 @@
-"""Parameters of the accounting, intervals of steps, and what each robot's last records say of its goals."""
+"""Parameters of the accounting, and intervals of steps."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.results.outcome import navigation_report
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
-from acrc_testbed.run_model.recorded import adaptation, final_outcomes
-from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GivenGoal
 
 NO_GOAL: Final = -1
@@ -20,51 +16,6 @@ REACHED: Final = "succeeded"
 """How a goal ended to which the robot came."""
 ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 """How goals ended that navigation gave up."""
-
-
-@dataclass(frozen=True)
-class Said:
-    """What one robot said, over all processes that it had; instants in µs."""
-
-    goals: tuple[GivenGoal, ...] | None = ()
-    """None if none of its processes left a last record, as of a run that was cut."""
-    planless: tuple[tuple[int, int], ...] = ()
-    """Spells in which navigation found no way."""
-    paused: tuple[tuple[int, int | None], ...] = ()
-    """Spells in which its strategy had paused navigation; None: to the end of the run."""
-    blocked: tuple[tuple[int, int | None], ...] | None = None
-    """Spells in which it held itself to be blocked; None if it never asks."""
-    decisions: tuple[AdaptationDecision, ...] = ()
-    left_out: int = 0
-    """Further decisions."""
-
-
-def said_by(records: Sequence[Path]) -> Said:
-    """What the processes of one robot said, the first one first; one that left no last record said nothing.
-
-    Raises RecordingError and OutcomeError for what cannot be read.
-    """
-    goals: list[GivenGoal] | None = None
-    planless: list[tuple[int, int]] = []
-    paused: list[tuple[int, int | None]] = []
-    blocked: list[tuple[int, int | None]] | None = None
-    decisions: list[AdaptationDecision] = []
-    left_out = 0
-    for record in records:
-        outcome = final_outcomes(record)
-        if (navigation := navigation_report(record, outcome)) is not None:
-            goals = [*(goals or []), *navigation.given]
-            planless += navigation.without_plan
-            paused += navigation.paused
-        told = adaptation(record, outcome)
-        if told is not None:
-            decisions += told.decisions
-            left_out += told.decisions_unlisted
-            if told.blocked is not None:
-                blocked = [*(blocked or []), *told.blocked]
-    said = None if blocked is None else tuple(blocked)
-    wanted = None if goals is None else tuple(goals)
-    return Said(wanted, tuple(planless), tuple(paused), said, tuple(decisions), left_out)
 
 
 def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """State of each robot by itself: standing, goal, progress, and the robot that it waits for."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,6 @@ from acrc_testbed.explanation.episodes import (
     REACHED,
     Episode,
     EpisodeParameters,
-    Said,
     during,
     lost,
     pursued,
@@ -20,7 +19,7 @@ from acrc_testbed.explanation.episodes import (
     standing,
 )
 from acrc_testbed.explanation.true_floor import Passages, Stage
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import RobotReport, RunData
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
 
@@ -32,22 +31,23 @@ _OUTLINE: Final = 0.177
 class RobotStates:
     """All robots of a run; each flag: (steps, robots)."""
 
-    def __init__(
-        self, run: RunData, said: Mapping[str, Said], stages: Sequence[Stage], p: EpisodeParameters
-    ) -> None:
+    def __init__(self, run: RunData, stages: Sequence[Stage], p: EpisodeParameters) -> None:
         steps = len(run.true)
         self.run, self.stages, self._p = run, stages, p
-        self.said = [said.get(robot, Said()) for robot in run.robots]
+        self._reports = reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
         """(steps,): the floor's."""
         self.goal = np.column_stack(
-            [np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run) for one in self.said]
+            [
+                np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run)
+                for one in self._reports
+            ]
         )
         """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
         self.on = run.stepping
         self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
         self.still = self._standing(self.on, p.pause_s)
-        unknown = np.array([one.goals is None for one in self.said])
+        unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
         """It has a goal not reached yet, and something left to do."""
         self.waits = self.still & self.wants
@@ -56,16 +56,16 @@ class RobotStates:
         self.done = self.still & ~run.busy
         self.asleep = _columns(
             _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
-            for index in range(len(self.said))
+            for index in range(len(self._reports))
         )
         """It stands with something left to do, and has no goal."""
-        self.planless = _columns(during(one.planless, run) for one in self.said) & self.wants
-        self.paused = _columns(during(one.paused, run) for one in self.said) & self.wants
+        self.planless = _columns(during(one.planless, run) for one in self._reports) & self.wants
+        self.paused = _columns(during(one.paused, run) for one in self._reports) & self.wants
         """Its strategy has paused navigation; it keeps its goal."""
         self.lost = _columns(_lost(error, p) for error in errors(run).T)
         self._turns = _turns(run)
         turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
-        idle_ways = [self._no_way(index) for index in range(len(self.said))]
+        idle_ways = [self._no_way(index) for index in range(len(self._reports))]
         self.roams = self._moving(idle_ways, ~self.still)
         """It drives to and fro, and gets no nearer to what it wants."""
         self.loops = self.roams | self._moving(idle_ways, ~self.still | turning)
@@ -73,7 +73,7 @@ class RobotStates:
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
         """Where one goal of a robot is, m."""
-        goals = self.said[robot].goals
+        goals = self._reports[robot].goals
         if goals is None or number == NO_GOAL:
             return None
         return goals[number].x, goals[number].y
@@ -113,7 +113,7 @@ class RobotStates:
 
     def _no_way(self, robot: int) -> list[Episode]:
         """The stretches without a step nearer to any goal that it has had."""
-        if self.said[robot].goals is None:
+        if self._reports[robot].goals is None:
             return []
         return runs(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
 
@@ -155,7 +155,7 @@ class RobotStates:
     def _reached(self, robot: int) -> Flags:
         """(steps,): it came to a goal, as navigation or, if it was told another one there, the truth says."""
         reached = np.zeros(len(self.run.true), np.bool_)
-        for goal in self.said[robot].goals or ():
+        for goal in self._reports[robot].goals or ():
             if goal.end is None or goal.how in ABORTED:
                 continue
             step = self.run.index(goal.end)

@@ -10,13 +10,10 @@ from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.picture import html_page as rendering
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
-from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import goes_on
 from acrc_testbed.results import summary
 from acrc_testbed.run_model.data import RunData, ordered_changes
-from acrc_testbed.run_model.recorded import adaptation, final_outcomes
 from actors.instant import in_seconds
-from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 
@@ -105,15 +102,11 @@ def _put(run: RunData, doing: Sequence[Spell]) -> PageTable:
 
 
 def _decided(run: RunData) -> PageTable:
-    """What the robots' adaptations have said in their last records."""
-    said: list[tuple[AdaptationDecision, str]] = []
-    for actor, path in recordings(run.out).items():
-        if actor not in ("world", "radio") and path.parent.name in run.robots:
-            told = adaptation(path, final_outcomes(path))
-            said += [(one, path.parent.name) for one in (() if told is None else told.decisions)]
+    """What the robots' adaptations decided, by their last records."""
+    made = [(one, robot) for robot, report in run.reports.items() for one in report.decisions]
     rows = [
         [f"{in_seconds(one.instant):.1f}", robot, one.words, one.by, one.source, f"{one.age / 1e6:.2f}"]
-        for one, robot in sorted(said, key=lambda pair: (pair[0].instant, pair[1]))
+        for one, robot in sorted(made, key=lambda pair: (pair[0].instant, pair[1]))
     ]
     columns = ["s", "robot", "decision", "by", "from what it knew of", "as old as, s"]
     caption = "Decisions of the adaptation. Why, says `acrc explain OUT ROBOT@S`; OUT is the run's folder."

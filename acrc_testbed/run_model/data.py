@@ -22,6 +22,8 @@ from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Jam
 from actors.orders import CloseDoor, Give, Lose, Move, Obstacle, OpenDoor, Order, StartJam, Wall
+from actors.robot.behaviour.decisions import AdaptationDecision
+from actors.robot.navigation.navigation_counts import GivenGoal
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.task import PlaceKey
@@ -102,6 +104,23 @@ class Trajectory:
     """State changes: "" (active), "frozen", "off" or "not heard", and from when on, s."""
 
 
+@dataclass(frozen=True)
+class RobotReport:
+    """What one robot's processes report in their last records; instants in µs."""
+
+    goals: tuple[GivenGoal, ...] | None = ()
+    """None: none of them left a last record, as in a run that was cut."""
+    planless: tuple[tuple[int, int], ...] = ()
+    """Intervals in which navigation found no way."""
+    paused: tuple[tuple[int, int | None], ...] = ()
+    """Intervals in which the strategy had paused navigation; None: to the end of the run."""
+    blocked: tuple[tuple[int, int | None], ...] | None = None
+    """Intervals in which the component considered itself blocked; None: it never asks."""
+    decisions: tuple[AdaptationDecision, ...] = ()
+    unlisted: int = 0
+    """Further decisions."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunDescription:
     """What does not change during a run."""
@@ -176,6 +195,8 @@ class RunData:
     """Of the robots, as far as their recordings have begun."""
     internals: tuple[RobotInternals, ...] = ()
     """What the robots' processes computed, where that is wanted."""
+    reports: Mapping[str, RobotReport] = field(default_factory=dict)
+    """By robot; only of a whole simulated run."""
     notes: tuple[str, ...] = ()
     """Missing or unknown data, a sentence each."""
     outcomes: tuple[PlaceOutcome, ...] = ()

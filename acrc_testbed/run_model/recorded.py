@@ -1,18 +1,19 @@
 """Contents of single recordings of a run: messages of a topic, set-ups, last records; the run's result."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
 import msgspec
 
 from acrc_testbed.recordings.run_recordings import recordings, setup_of
-from acrc_testbed.results.outcome import told
+from acrc_testbed.results.outcome import navigation_report, told
 from acrc_testbed.results.result import RunResult
-from acrc_testbed.run_model.data import RunData, RunDataError
+from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.decisions import AdaptationReport
+from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
+from actors.robot.navigation.navigation_counts import GivenGoal
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
@@ -69,9 +70,37 @@ def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | No
     return told(path, final_outcomes(path), subject, kind, whose)
 
 
-def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> AdaptationReport | None:
-    """Return the adaptation's part of a process's last record; None if it has none. Raises OutcomeError."""
-    return told(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
+def robot_report(records: Iterable[Path]) -> RobotReport:
+    """Return what the processes of one robot report; `records`: in the order of their starts.
+
+    Raises RecordingError and OutcomeError for what cannot be read.
+    """
+    goals: list[GivenGoal] | None = None
+    blocked: list[tuple[int, int | None]] | None = None
+    planless: list[tuple[int, int]] = []
+    paused: list[tuple[int, int | None]] = []
+    decisions: list[AdaptationDecision] = []
+    unlisted = 0
+    for record in records:
+        outcome = final_outcomes(record)
+        if (navigation := navigation_report(record, outcome)) is not None:
+            goals = [*(goals or ()), *navigation.given]
+            planless += navigation.without_plan
+            paused += navigation.paused
+        adaptation = told(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
+        if adaptation is not None:
+            decisions += adaptation.decisions
+            unlisted += adaptation.decisions_unlisted
+            if adaptation.blocked is not None:
+                blocked = [*(blocked or ()), *adaptation.blocked]
+    return RobotReport(
+        None if goals is None else tuple(goals),
+        tuple(planless),
+        tuple(paused),
+        None if blocked is None else tuple(blocked),
+        tuple(decisions),
+        unlisted,
+    )
 
 
 def world_setup(path: Path) -> WorldSetup:

@@ -11,7 +11,13 @@ from acrc_testbed.recordings.topics import Growing, Recorded
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
 from acrc_testbed.run_model.model import RunModel, robot_of
-from acrc_testbed.run_model.recorded import largest_radius, place_outcomes, run_result, world_setup
+from acrc_testbed.run_model.recorded import (
+    largest_radius,
+    place_outcomes,
+    robot_report,
+    run_result,
+    world_setup,
+)
 from actors.floor.map_file import load_map
 from actors.messages import (
     AIRED,
@@ -198,13 +204,17 @@ class RunReader:
 def recorded_run(out: Path, *, internals: bool = False) -> RunData:
     """Return a simulated run as far as its recordings go; `internals`: with what the robots computed.
 
-    Raises RecordingError for damaged files, RunDataError where there is no simulated run.
+    Raises RecordingError and OutcomeError for damaged files, RunDataError where there is no simulated run.
     """
     with RunReader(out, internals=internals) as reader:
         run = reader.poll(last=True)
     if run is None or not len(run.seconds):
         raise RunDataError(f"{out}: the run ended before its first step")
-    return run
+    files = recordings(out).values()
+    reports = {
+        robot: robot_report([path for path in files if path.parent.name == robot]) for robot in run.robots
+    }
+    return replace(run, reports=reports)
 
 
 def read_run(out: Path, *, internals: bool = False) -> RunData:

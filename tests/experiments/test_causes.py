@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 from acrc_testbed.command_line.app import app
 from acrc_testbed.explanation.account import account, decision_events, diagnosis_score
 from acrc_testbed.explanation.classify import CAUSES, Classified, blocking_events, classify, deadlocks
-from acrc_testbed.explanation.episodes import STANDARD, Said
+from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.explanation.true_floor import TrueFloor
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import RobotReport, RunData
 from acrc_testbed.run_model.floor import FloorObject, FloorState
 from acrc_testbed.run_model.simulated import read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
@@ -136,11 +136,11 @@ def test_robots_that_back_off_come_apart(full: bool, record_property: Record) ->
 STEP = 100_000
 STEPS = 300
 GOAL = (GivenGoal(0, 9.0, 3.0),)
-WANTS = Said(goals=GOAL)
-BACK = Said(goals=(GivenGoal(0, 1.0, 0.5),))
-WEST = Said(goals=(GivenGoal(0, 0.4, 3.0),))
-IDLE = Said()
-SLEEPS = Said(goals=())
+WANTS = RobotReport(goals=GOAL)
+BACK = RobotReport(goals=(GivenGoal(0, 1.0, 0.5),))
+WEST = RobotReport(goals=(GivenGoal(0, 0.4, 3.0),))
+IDLE = RobotReport()
+SLEEPS = RobotReport(goals=())
 
 
 def floor(*changes: tuple[int, FloorState]) -> TrueFloor:
@@ -172,14 +172,20 @@ def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) 
     )  # fmt: skip
 
 
-def classified(of: RunData, *said: Said, changes: Sequence[tuple[int, FloorState]] = ()) -> Classified:
+def reporting(of: RunData, *reports: RobotReport) -> RunData:
+    return replace(of, reports=dict(zip(of.robots, reports, strict=True)))
+
+
+def classified(of: RunData, *said: RobotReport, changes: Sequence[tuple[int, FloorState]] = ()) -> Classified:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
         of.places_left[:, robot] *= one is not IDLE
-    return classify(of, dict(zip(of.robots, said, strict=True)), floor(*changes))
+    return classify(reporting(of, *said), floor(*changes))
 
 
-def causes(of: RunData, *said: Said, changes: Sequence[tuple[int, FloorState]] = ()) -> list[set[Cause]]:
+def causes(
+    of: RunData, *said: RobotReport, changes: Sequence[tuple[int, FloorState]] = ()
+) -> list[set[Cause]]:
     found = classified(of, *said, changes=changes).causes
     return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
 
@@ -199,7 +205,7 @@ def causes(of: RunData, *said: Said, changes: Sequence[tuple[int, FloorState]] =
         ((4.8, 3.0), IDLE, Cause.NO_PROGRESS),
     ],
 )
-def test_who_waits_for_the_first_robot(there: tuple[float, float], who: Said, cause: Cause) -> None:
+def test_who_waits_for_the_first_robot(there: tuple[float, float], who: RobotReport, cause: Cause) -> None:
     assert causes(tracks(at(2.0, 1.0), at(*there)), WANTS, who)[0] == {cause}
 
 
@@ -228,7 +234,7 @@ def test_what_comes_first_decides() -> None:
     assert causes(off, WANTS, WANTS) == [{Cause.DEADLOCK, Cause.OFF}, {Cause.DEADLOCK, Cause.NO_PROGRESS}]
     in_wall = tracks(at(2.0, 1.0), held=np.stack([at(2.0, 0.01)], axis=1))
     assert causes(in_wall, WANTS) == [{Cause.NO_PLAN}]
-    planless = Said(goals=GOAL, planless=((0, STEPS * STEP),))
+    planless = RobotReport(goals=GOAL, planless=((0, STEPS * STEP),))
     assert causes(tracks(at(2.0, 1.0)), planless) == [{Cause.NO_PLAN}]
     assert causes(tracks(driving(2.0, 1.0)), WANTS) == [{Cause.DRIVING}]
     apart = tracks(at(4.6, 1.0), at(5.5, 1.0))
@@ -260,13 +266,13 @@ def test_the_diagnosis_is_scored_by_time() -> None:
     one[100:200] = one[100]
     pair = tracks(one, at(4.0, 1.0))
     spells = ((seconds(1), seconds(2)), (seconds(15), seconds(20)))
-    said = {"r1": Said(goals=GOAL, blocked=spells), "r2": IDLE}
-    found = classify(pair, said, floor())
-    score = diagnosis_score(pair, said, found)
+    pair = reporting(pair, RobotReport(goals=GOAL, blocked=spells), IDLE)
+    found = classify(pair, floor())
+    score = diagnosis_score(pair, found)
     assert score is not None and (score.spells, score.noticed, score.false_alarms) == (1, 1, 1)
     assert score.precision == pytest.approx(5 / 6, abs=0.01)
     assert score.recall == pytest.approx(0.45, abs=0.01) and score.delay_s == pytest.approx(6.2, abs=0.2)
-    assert diagnosis_score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
+    assert diagnosis_score(reporting(pair, WANTS, IDLE), found) is None
 
 
 def decision(at_s: float, new: tuple[float, float] | None) -> AdaptationDecision:
@@ -290,8 +296,8 @@ def test_what_came_of_a_decision(
     one[again_from:] = one[again_from - 1]
     pair = tracks(one, at(2.9, 1.6))
     pair.busy[:, 1] = False
-    said = {"r1": Said(goals=GOAL, decisions=(decision(20.0, new),)), "r2": IDLE}
-    (event,) = decision_events(pair, said, classify(pair, said, floor()), STANDARD)
+    pair = reporting(pair, RobotReport(goals=GOAL, decisions=(decision(20.0, new),)), IDLE)
+    (event,) = decision_events(pair, classify(pair, floor()), STANDARD)
     assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
     assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
 
@@ -299,8 +305,8 @@ def test_what_came_of_a_decision(
 def test_a_decision_is_overtaken_by_the_next_one() -> None:
     still = tracks(at(2.0, 1.0), at(3.0, 1.0))
     both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
-    said = {"r1": Said(goals=GOAL, decisions=both), "r2": IDLE}
-    found = decision_events(still, said, classify(still, said, floor()), STANDARD)
+    still = reporting(still, RobotReport(goals=GOAL, decisions=both), IDLE)
+    found = decision_events(still, classify(still, floor()), STANDARD)
     assert [one.outcome for one in found] == ["overtaken", "end"]
 
 
