@@ -8,6 +8,7 @@ import importlib
 import os
 import pwd
 import shutil
+import struct
 import sys
 import time
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
@@ -109,19 +110,8 @@ def _extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
     )
 
 
-class _Timex(ctypes.Structure):
-    """The head of struct timex, and room for the rest (adjtimex(2))."""
-
-    _fields_ = (
-        ("modes", ctypes.c_uint),
-        ("offset_and_frequency", ctypes.c_long * 2),
-        ("largest_error_us", ctypes.c_long),
-        ("estimated_error_us", ctypes.c_long),
-        ("status", ctypes.c_int),
-        ("rest", ctypes.c_byte * 256),
-    )
-
-
+_TIMEX: Final = struct.Struct("@Ixxxx lllli")
+"""The head of struct timex (adjtimex(2)): modes, offset, frequency, largest and estimated error, status."""
 _UNSYNCHRONISED: Final = 0x0040
 """STA_UNSYNC of adjtimex(2)."""
 
@@ -130,10 +120,11 @@ def clock_error() -> float | None:
     """Return the kernel's bound of the clock's error, s; None if it is not synchronised, or unknown."""
     if sys.platform != "linux":
         return None
-    answer = _Timex()  # modes 0: read only
-    if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(answer)) < 0:
+    answer = ctypes.create_string_buffer(512)  # modes 0: read only
+    if ctypes.CDLL(None, use_errno=True).adjtimex(answer) < 0:
         return None
-    return None if answer.status & _UNSYNCHRONISED else float(answer.largest_error_us) / 1e6
+    _, _, _, largest_error_us, _, status = _TIMEX.unpack_from(answer.raw)
+    return None if status & _UNSYNCHRONISED else float(largest_error_us) / 1e6
 
 
 def now() -> datetime:

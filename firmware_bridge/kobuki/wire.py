@@ -6,7 +6,7 @@ Source: kobuki-base/kobuki_documentation, doc/protocol.rst, compared with the co
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
 from functools import reduce
 from operator import xor
@@ -137,70 +137,65 @@ _FEEDBACK_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _FEEDBACK
 
 
 def encode_command(command: Command) -> bytes:
-    """The packet's bytes. Raises WireMisuseError for a number that its field cannot hold."""
-    kind, layout = _COMMANDS[type(command)]
-    return _packet(command, kind, lambda: layout.pack(*astuple(command)))
+    """Return the packet's bytes. Raises WireMisuseError for a number that its field cannot hold."""
+    return _packet(command, *_COMMANDS[type(command)])
 
 
-def encode_feedback(feedback: FeedbackPacket) -> bytes:
-    """The packet's bytes, as a base sends them. Raises WireMisuseError as `encode_command` does."""
-    if isinstance(feedback, Unknown):
-        return _packet(feedback, feedback.kind, lambda: feedback.data)
-    kind, layout_of = _FEEDBACK[type(feedback)]
-    return _packet(feedback, kind, lambda: layout_of.pack(*astuple(feedback)))
+def encode_feedback(packet: FeedbackPacket) -> bytes:
+    """Return the packet's bytes, as a base sends them. Raises WireMisuseError as `encode_command` does."""
+    if isinstance(packet, Unknown):
+        return bytes((packet.kind, len(packet.data))) + packet.data
+    return _packet(packet, *_FEEDBACK[type(packet)])
 
 
-def _packet(packet: object, kind: int, data_of: Callable[[], bytes]) -> bytes:
+def _packet(packet: Any, kind: int, layout: struct.Struct) -> bytes:
     try:
-        data = data_of()
-        return bytes((kind, len(data))) + data
-    except (struct.error, ValueError) as error:
+        return bytes((kind, layout.size)) + layout.pack(*astuple(packet))
+    except struct.error as error:
         raise WireMisuseError(f"{packet} has no bytes: {error}") from None
 
 
 def decode_commands(payload: bytes) -> list[Command]:
-    """The commands of a payload, in order. Raises MalformedError; a base knows every command."""
+    """Return the commands of a payload, in order. Raises MalformedError; a base knows every command."""
     commands: list[Command] = []
     for kind, data in _packets(payload):
         if kind not in _COMMAND_KINDS:
             raise MalformedError(f"there is no command {kind}")
-        of, layout = _COMMAND_KINDS[kind]
-        commands.append(of(*_fields(kind, layout, data)))
+        commands.append(_decoded(kind, data, *_COMMAND_KINDS[kind]))
     return commands
 
 
 def decode_feedback(payload: bytes) -> list[FeedbackPacket]:
-    """The packets of a payload, in order, those of unknown kinds as Unknown. Raises MalformedError."""
-    return [_feedback(kind, data) for kind, data in _packets(payload)]
+    """Return the packets of a payload, in order, those of unknown kinds as Unknown. Raises MalformedError."""
+    packets: list[FeedbackPacket] = []
+    for kind, data in _packets(payload):
+        if kind in _FEEDBACK_KINDS:
+            packets.append(_decoded(kind, data, *_FEEDBACK_KINDS[kind]))
+        else:
+            _check_size(kind, data, _UNREAD.get(kind, len(data)))
+            packets.append(Unknown(kind, data))
+    return packets
 
 
-def _packets(payload: bytes) -> list[tuple[int, bytes]]:
-    """Kind and data of each packet; together they fill the payload exactly."""
-    packets = []
+def _packets(payload: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and data of each packet; together they fill the payload exactly."""
     at = 0
     while at < len(payload):
         if at + 2 > len(payload) or at + 2 + payload[at + 1] > len(payload):
             raise MalformedError("a packet is longer than the payload")
         end = at + 2 + payload[at + 1]
-        packets.append((payload[at], payload[at + 2 : end]))
+        yield payload[at], payload[at + 2 : end]
         at = end
-    return packets
 
 
-def _feedback(kind: int, data: bytes) -> FeedbackPacket:
-    if kind in _FEEDBACK_KINDS:
-        of, layout = _FEEDBACK_KINDS[kind]
-        feedback: FeedbackPacket = of(*_fields(kind, layout, data))
-        return feedback
-    if len(data) != _UNREAD.get(kind, len(data)):
-        raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {_UNREAD[kind]}")
-    return Unknown(kind, data)
+def _decoded(kind: int, data: bytes, of: type[Any], layout: struct.Struct) -> Any:
+    _check_size(kind, data, layout.size)
+    return of(*layout.unpack(data))
 
 
-def _fields(kind: int, layout: struct.Struct, data: bytes) -> tuple[int, ...]:
-    if len(data) != layout.size:
-        raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {layout.size}")
-    return layout.unpack(data)
+def _check_size(kind: int, data: bytes, size: int) -> None:
+    if len(data) != size:
+        raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {size}")
 
 
 HEADER: Final = b"\xaa\x55"

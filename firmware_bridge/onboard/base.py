@@ -98,8 +98,8 @@ class Base:
 
     @property
     def wake(self) -> Instant | None:
-        """As the vehicle says."""
-        return self._vehicle.wake
+        """Devices speak at their own pace."""
+        return None
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
@@ -119,19 +119,6 @@ class Base:
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         self._stopped = True
-
-
-def part(base: Base, setup: BaseSetup, commit: str) -> ActorProcess:
-    """The base and its connections."""
-    run = run_note("base", setup, commit)
-    return ActorProcess(
-        core=base.core,
-        listens=base.core.listens(),
-        run=run,
-        bus=WakingBus,
-        drive=base.drive,
-        outcome=base.core.report,
-    )
 
 
 def check_free(listen: str | None) -> None:
@@ -162,7 +149,14 @@ def main(argv: Sequence[str]) -> int:
             die_with_parent(os.getppid(), signal.SIGTERM)
         issued = credentials.read_router_file(router)
         base = Base(setup.located(folder), Clock())
-        process = part(base, setup, told.process.commit)
+        process = ActorProcess(
+            core=base.core,
+            listens=base.core.listens(),
+            run=run_note("base", setup, told.process.commit),
+            bus=WakingBus,
+            drive=base.drive,
+            outcome=base.core.report,
+        )
         config = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
             check_free(setup.listen)

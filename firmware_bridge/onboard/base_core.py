@@ -8,7 +8,6 @@ The core is told the time, an input that a recording does not hold: what is repl
 what it received.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Protocol
 
@@ -38,23 +37,23 @@ from actors.messages import (
 )
 from actors.orders import Pause, Resume, Stop
 from actors.portable import cos_sin
-from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
 from firmware_bridge.onboard.device_loop import TimedCore
 
 
-class BaseReport(msgspec.Struct, frozen=True):
+class BaseReport(msgspec.Struct):
     """Counts of a base, its last record."""
 
-    steps: int
-    overruns: int
+    steps: int = 0
+    overruns: int = 0
     """Steps that it left out because the robot had not answered."""
-    late_air: int
+    late_air: int = 0
     """Steps for which the bridge did not report in time what it heard."""
-    stale_drives: int
+    stale_drives: int = 0
     """Answers to a step that was over."""
-    lateness_ms: dict[int, int]
+    lateness_ms: dict[int, int] = {}
     """Steps by whole ms from a step's instant to the robot's answer."""
 
 
@@ -96,14 +95,7 @@ class BaseCore(TimedCore):
         """
         super().__init__()
         self.now = begin
-        self.overruns = 0
-        """Steps that were left out because the robot had not answered."""
-        self.late_air = 0
-        """Steps for which the bridge's word came too late."""
-        self.stale = 0
-        """Drive messages of another step than the present one."""
-        self.lateness_ms: Counter[int] = Counter()
-        """Steps by whole milliseconds from a step's instant to the robot's answer."""
+        self.counts = BaseReport()
         self._robot = robot
         self._step_us = step_us
         self._begin = begin
@@ -157,7 +149,7 @@ class BaseCore(TimedCore):
         message: Message = inputs[key]
         match message:
             case Drive():
-                return self._drive(read(inputs, DRIVE, self._robot))
+                return self._drive(message)
             case Aired():
                 return self._aired(message)
             case Ready():
@@ -182,15 +174,15 @@ class BaseCore(TimedCore):
 
     def report(self) -> BaseReport:
         """Return the counts so far."""
-        lateness_ms = dict(sorted(self.lateness_ms.items()))
-        return BaseReport(self.step, self.overruns, self.late_air, self.stale, lateness_ms)
+        lateness_ms = dict(sorted(self.counts.lateness_ms.items()))
+        return msgspec.structs.replace(self.counts, steps=self.step, lateness_ms=lateness_ms)
 
     def _time(self) -> Sequence[Output]:
         if self._stopping:
             return self._halt()
         outputs: list[Output] = []
         if self._opening is not None and self.now >= self._air_due:
-            self.late_air += 1
+            self.counts.late_air += 1
             outputs += self._open(self._opening)
         if self.now >= self.next_tick:
             self.step = (self.now - self._begin) // self._step_us
@@ -202,7 +194,7 @@ class BaseCore(TimedCore):
             return ()
         self._check_answers()
         if self._busy or self._opening is not None:
-            self.overruns += 1
+            self.counts.overruns += 1
             return ()
         waits = self._radio_there and self._sensed is not None and not self._events
         if not waits:
@@ -246,11 +238,11 @@ class BaseCore(TimedCore):
 
     def _drive(self, drive: Drive) -> Sequence[Output]:
         if drive.step != self._sensed or not self._busy:
-            self.stale += 1
+            self.counts.stale_drives += 1
             return ()
         self._busy = False
-        late = self.now - self._instant(drive.step)
-        self.lateness_ms[late // 1000] += 1
+        late_ms = (self.now - self._instant(drive.step)) // 1000
+        self.counts.lateness_ms[late_ms] = self.counts.lateness_ms.get(late_ms, 0) + 1
         if not self._paused:
             self._vehicle.command(self.now, self._instant(drive.step), drive.vx, drive.omega)
         if drive.pose is not None:

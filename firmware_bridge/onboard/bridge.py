@@ -242,20 +242,6 @@ class Bridge:
         return True
 
 
-def part(bridge: Bridge, setup: BridgeSetup, commit: str) -> ActorProcess:
-    """The bridge and its connections."""
-    run = run_note("radio", setup, commit)
-    return ActorProcess(
-        core=bridge.core,
-        listens=bridge.core.listens(),
-        run=run,
-        ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
-        bus=WakingBus,
-        drive=bridge.drive,
-        outcome=bridge.core.outcome,
-    )
-
-
 def main(argv: Sequence[str]) -> int:
     """Bridge until the base has ended; the exit code."""
     try:
@@ -266,7 +252,15 @@ def main(argv: Sequence[str]) -> int:
         if place.with_parent:
             die_with_parent(os.getppid())
         bridge = Bridge(setup, Clock())
-        process = part(bridge, setup, place.commit)
+        process = ActorProcess(
+            core=bridge.core,
+            listens=bridge.core.listens(),
+            run=run_note("radio", setup, place.commit),
+            ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
+            bus=WakingBus,
+            drive=bridge.drive,
+            outcome=bridge.core.outcome,
+        )
         config = client_config(folder / place.credentials, place.endpoint(folder))
         return play(process, SparingRecorder(folder / place.record, setup.step_us), config)
     except AcrcError as error:

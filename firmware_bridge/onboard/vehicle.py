@@ -226,11 +226,6 @@ class TurtleBot:
         self._guardian = guardian_link
         self._say = say
 
-    @property
-    def wake(self) -> Instant | None:
-        """Devices speak at their own pace."""
-        return None
-
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
         return [*self._line.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]

@@ -12,7 +12,7 @@ from actors.instant import START, Duration, Instant, milliseconds
 from actors.radio.radio_model import RadioSetup
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick import wire
-from firmware_bridge.beeclick.air import EmulatedAir, State, air
+from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.reception import DEFAULTS, BeeClickParameters, BoardSettings, Event
@@ -27,7 +27,7 @@ from firmware_bridge.beeclick.wire import (
     SetPower,
     Synchronise,
 )
-from firmware_bridge.device_lines import CLEAN, Disturbance
+from firmware_bridge.device_lines import CLEAN, Disturbance, TransceiverLink
 
 SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
 ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
@@ -143,8 +143,8 @@ _POLL: Final = milliseconds(1)
 class Desk:
     """A host with its board, and the line between them."""
 
-    link: BoardLink
-    board: EmulatedBoard
+    link: BoardLink | TransceiverLink
+    board: Device
     to_board: Disturbance = CLEAN
     to_host: Disturbance = CLEAN
     plugged: bool = True

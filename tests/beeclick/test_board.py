@@ -22,7 +22,7 @@ from firmware_bridge.beeclick import wire
 from firmware_bridge.beeclick.air import EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.reception import BoardSettings, PacketEnd, parse_rmc, power_setting, radiated
+from firmware_bridge.beeclick.reception import BoardSettings, parse_rmc, power_setting, radiated
 from firmware_bridge.beeclick.wire import (
     SYNC_PATTERN,
     Answer,
@@ -145,14 +145,8 @@ def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
     ("settings", "sentence"),
     [
         ({"address": 0xFFFE}, "BoardSettings.address is 65534, but must be a whole number from 0 to 65533"),
-        (
-            {"address": 1, "pan": 0xFFFF},
-            "BoardSettings.pan is 65535, but must be a whole number from 0 to 65534",
-        ),
-        (
-            {"address": 1, "channel": 10},
-            "BoardSettings.channel is 10, but must be a whole number from 11 to 26",
-        ),
+        ({"address": 1, "pan": 0xFFFF}, "BoardSettings.pan is 65535, but must be a whole number from 0 to"),
+        ({"address": 1, "channel": 10}, "BoardSettings.channel is 10, but must be a whole number from 11 to"),
         ({"address": 1, "power_dbm": -12}, "board.power_dbm is -12, but must be 0, -0.5 or -6.3 dBm, or"),
     ],
 )
@@ -200,11 +194,6 @@ def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
 def test_a_sentence_with_a_wrong_part_is_no_fix(part: str, wrong: str) -> None:
     assert parse_rmc(START, sentence(FIX.replace(part, wrong))) is None
     assert parse_rmc(START, sentence(FIX)[:-2] + b"00") is None
-
-
-@given(st.binary(max_size=100))
-def test_junk_is_no_fix(text: bytes) -> None:
-    assert parse_rmc(START, b"$GPRMC," + text) is parse_rmc(START, text) is None
 
 
 def test_code_and_dbm_agree_to_half_a_code() -> None:
@@ -282,38 +271,28 @@ def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
     assert bench.board.address == 0
 
 
-def test_a_stray_zero_makes_it_miss_a_sync_and_filler_helps() -> None:
+def test_filler_ends_a_stray_zero_and_any_command_that_it_believes_to_be_in() -> None:
     bench = Bench()
     bench.tell(b"\x00", Synchronise())
     assert bench.said() == []
     bench.tell(b"\x00\xff", Synchronise())
     assert bench.said() == [Synchronised()]
-
-
-def test_filler_ends_any_command_that_it_believes_to_be_in() -> None:
-    bench = Bench()
     for begun in (b"\x01\xff", b"\x01\x76" + bytes(50), b"\x02", b"\x03\x00", b"\x04\x01", b"\x00He"):
         bench.sync()
         bench.tell(begun, b"\xff" * 261, Synchronise())
         assert bench.wait(60_000).endswith(SYNC_PATTERN), begun
 
 
-def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
+def test_answers_that_fill_their_ring_hang_the_board_until_it_is_reset() -> None:
     bench = Bench()
     bench.sync()
     bench.board.press(bench.now)
     bench.tell(*(SetPower(-10 * code) for code in range(7)))
-    assert bench.wait(seconds(1)) == b""
-    assert bench.board.hung
-
-
-def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
+    assert bench.wait(seconds(1)) == b"" and bench.board.hung, "seven commands while the button holds it up"
     bench = Bench()
-    whole = DataFrame(1, 2, bytes(118))
-    for _ in range(7):
-        bench.board.heard(bench.now, whole, 0, 0)
-    assert not bench.board.hung
-    bench.board.heard(bench.now, whole, 0, 0)
+    for heard in range(8):
+        assert not bench.board.hung, heard
+        bench.board.heard(bench.now, DataFrame(1, 2, bytes(118)), 0, 0)
     assert bench.board.hung
     bench.tell(Synchronise())
     assert bench.wait(seconds(1)) == b""
@@ -342,15 +321,6 @@ def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
     assert (packet.pan, packet.address, packet.data) == (0xBABA, 1, b"hello")
     assert packet.fcs == DataFrame(0xBABA, 1, b"hello").check
     assert [b.counters["heard"] for b in bench.boards] == [1, 0, 0, 0]  # 2: channel, 3: 100 m
-
-
-@pytest.mark.parametrize(("asked", "dbm"), [(-100, -10.0), (-7, -6.3)])
-def test_the_power_echo_is_what_was_asked_for_not_what_is_sent(asked: int, dbm: float) -> None:
-    bench = Bench()
-    bench.sync()
-    bench.tell(SetPower(asked))
-    assert bench.said() == [SetPower(asked)]
-    assert bench.board.power_dbm == dbm
 
 
 def test_sensors_speak_in_pairs() -> None:
@@ -387,8 +357,10 @@ def test_the_button_holds_everything_up_and_then_notes_come() -> None:
 def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     bench = Bench(boards=2)
     bench.sync()
-    bench.tell(SetAddress(0xBABA, 5), SetChannel(0))
-    bench.said()
+    bench.tell(SetAddress(0xBABA, 5), SetChannel(0), SetPower(-7))
+    assert bench.said()[-1] == SetPower(-7) and bench.board.power_dbm == -6.3, (
+        "the echo is what was asked for"
+    )
     bench.tell(*(SendPacket(number, bytes(118)) for number in range(3)))
     bench.wait(3_000)
     bench.board.reboot(bench.now)
@@ -399,30 +371,20 @@ def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     assert bench.said(seconds(0.1)) == [TemperatureReading(215)]
 
 
-def lab(boards: int) -> Lab:
-    air = row_of_boards(boards)
-    desks = []
-    for number, board in enumerate(air.devices):
-        assert isinstance(board, EmulatedBoard)
-        desks.append(Desk(BoardLink(BoardSettings(number + 1)), board))
-    return Lab(air, desks, np.random.default_rng(1))
-
-
-def ends(desk: Desk) -> list[tuple[str, int]]:
-    return [(type(e).__name__, e.tag) for e in desk.events if isinstance(e, PacketEnd)]
-
-
 def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
     for delay in range(0, 400, 80):
-        room = lab(1)
-        (desk,) = room.desks
+        air = row_of_boards(1)
+        (board,) = air.devices
+        assert isinstance(board, EmulatedBoard)
+        link = BoardLink(BoardSettings(1))
+        room = Lab(air, [Desk(link, board)], np.random.default_rng(1))
         room.run(milliseconds(50))
-        desk.board.reboot(room.now)
+        board.reboot(room.now)
         room.run(milliseconds(1_700 + delay))
-        desk.board.press(room.now)
+        board.press(room.now)
         room.run(seconds(3))
-        assert not desk.board.hung
-        assert desk.link.phase is LinkPhase.READY
+        assert not board.hung
+        assert link.phase is LinkPhase.READY
 
 
 def test_writing_does_not_wait_and_loses_nothing_until_the_port_is_unplugged() -> None:

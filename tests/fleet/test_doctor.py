@@ -161,12 +161,8 @@ def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says(
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
     for one in OFFICE_FLEET.robots:
         found = [*doctor.floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
-        assert [(finding.subject, finding.ok) for finding in found] == [
-            ("map", True),
-            ("start", True),
-            ("places", True),
-            ("behaviour", True),
-        ]
+        subjects = ("map", "start", "places", "behaviour")
+        assert [(finding.subject, finding.ok) for finding in found] == [(name, True) for name in subjects]
 
 
 def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wrong() -> None:

@@ -194,13 +194,21 @@ def test_every_machine_gets_a_folder_of_its_own_and_the_authority_stays(tmp_path
     assert (tmp_path / "keys" / ".gitignore").read_text().endswith("\n*\n")
 
 
-def test_names_purposes_and_dates_are_in_the_certificates(tmp_path: Path) -> None:
+def test_names_purposes_hosts_and_dates_are_in_the_certificates(tmp_path: Path) -> None:
     keys = made(tmp_path / "keys")
     authority = certificate(keys.home, "authority.pem")
     assert certificates.common_name(authority) == "fleet some"
-    assert authority.extensions.get_extension_for_class(x509.BasicConstraints).value == x509.BasicConstraints(
-        ca=True, path_length=0
-    )
+    constraints = authority.extensions.get_extension_for_class(x509.BasicConstraints).value
+    assert constraints == x509.BasicConstraints(ca=True, path_length=0)
+    hosts = {
+        "r1": ("r1", "r1.local", "192.168.1.11", "fd00::11"),
+        "r2": ("r2", "r2.local", "192.168.1.12"),
+        "r3": ("r3", "r3.local", "r3.office.example"),
+        "r4": ("r4", "r4.local", "fe80::1"),
+        "operator": (),
+    }
+    assert {one.machine: one.hosts for one in keys.machines} == hosts
+    verifier = PolicyBuilder().store(Store([authority])).time(NOW)
     for one in keys.machines:
         own = certificate(one.folder)
         own.verify_directly_issued_by(authority)
@@ -214,31 +222,14 @@ def test_names_purposes_and_dates_are_in_the_certificates(tmp_path: Path) -> Non
         assert isinstance(public, EllipticCurvePublicKey) and isinstance(public.curve, SECP256R1)
         private = load_pem_private_key((one.folder / "key.pem").read_bytes(), password=None)
         assert private.public_key() == public
-
-
-def test_a_certificate_holds_for_the_robots_names_and_addresses(tmp_path: Path) -> None:
-    keys = made(tmp_path / "keys")
-    hosts = {one.machine: one.hosts for one in keys.machines}
-    assert hosts == {
-        "r1": ("r1", "r1.local", "192.168.1.11", "fd00::11"),
-        "r2": ("r2", "r2.local", "192.168.1.12"),
-        "r3": ("r3", "r3.local", "r3.office.example"),
-        "r4": ("r4", "r4.local", "fe80::1"),
-        "operator": (),
-    }
+        for host in one.hosts:
+            verifier.build_server_verifier(certificates.general_name(host)).verify(own, [])
+    address = x509.IPAddress(ipaddress.ip_address("192.168.1.12"))
+    with pytest.raises(x509.verification.VerificationError):
+        verifier.build_server_verifier(address).verify(certificate(tmp_path / "keys" / "r1"), [])
     assert [one.listens_unnamed for one in keys.machines] == [False] * 5
     bare = issue(OF_FOUR, tmp_path / "bare", {}, now=NOW, days=30)
     assert [one.listens_unnamed for one in bare.machines] == [True, False, False, False, False]
-    store = Store([certificate(keys.home, "authority.pem")])
-    for one in keys.machines[:-1]:
-        for host in one.hosts:
-            policy = PolicyBuilder().store(store).time(NOW)
-            policy.build_server_verifier(certificates.general_name(host)).verify(certificate(one.folder), [])
-    address = x509.IPAddress(ipaddress.ip_address("192.168.1.12"))
-    with pytest.raises(x509.verification.VerificationError):
-        PolicyBuilder().store(store).time(NOW).build_server_verifier(address).verify(
-            certificate(tmp_path / "keys" / "r1"), []
-        )
 
 
 def test_keys_are_never_overwritten(tmp_path: Path) -> None:

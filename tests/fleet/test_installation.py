@@ -102,29 +102,21 @@ def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str,
     return read_unit(service(loaded, loaded.robot_named("r2"), program=program, user="robot"))
 
 
-def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
+def test_the_service_is_the_robot_from_switching_on_with_a_last_word_and_is_not_restarted_for_ever() -> None:
     sections = unit()
-    assert words(sections["Service"]["ExecStart"][0]) == [
+    service = sections["Service"]
+    assert words(service["ExecStart"][0]) == [
         str(ACRC), "fleet", "onboard", str(OFFICE), "--robot", "r2"
     ]  # fmt: skip
     expected = {
-        "User": "robot",
-        "SupplementaryGroups": "dialout",
-        "Restart": "on-failure",
-        "SuccessExitStatus": "143",
-        "StandardOutput": "journal",
-        "SyslogIdentifier": "acrc-r2",
-    }
-    assert {key: sections["Service"][key] for key in expected} == {k: [v] for k, v in expected.items()}
+        "User": "robot", "SupplementaryGroups": "dialout", "Restart": "on-failure",
+        "SuccessExitStatus": "143", "StandardOutput": "journal", "SyslogIdentifier": "acrc-r2",
+        "Type": "notify", "NotifyAccess": "main", "TimeoutStartSec": "900", "WatchdogSec": "20",
+    }  # fmt: skip
+    assert {key: service[key] for key in expected} == {key: [value] for key, value in expected.items()}
     assert sections["Unit"]["StartLimitBurst"] == ["5"]
     assert sections["Unit"]["StartLimitIntervalSec"] == ["300"]
     assert sections["Install"]["WantedBy"] == ["multi-user.target"]
-
-
-def test_a_supervisor_that_hangs_is_noticed_and_what_is_killed_with_it_has_a_last_word() -> None:
-    service = unit()["Service"]
-    assert (service["Type"], service["NotifyAccess"]) == (["notify"], ["main"])
-    assert (service["TimeoutStartSec"], service["WatchdogSec"]) == (["900"], ["20"])
     python, *stop = words(service["ExecStopPost"][0])
     assert python == f"-{ROOT}/.venv/bin/python"
     guardian = ROOT / "firmware_bridge" / "kobuki" / "guardian.py"

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from actors.instant import START, Instant
+from actors.instant import START, Instant, milliseconds
 from actors.messages import (
     RECEIVED,
     TRANSMIT,
     TRUTH,
-    AccessFailure,
     Heard,
     Jam,
     Loss,
@@ -31,9 +30,10 @@ from actors.radio.walls import WallPatch
 from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import BoardSettings, Event
+from firmware_bridge.beeclick.reception import BoardSettings, Event, PacketEnd
 from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
 from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
+from tests.beeclick.lab import Desk, Lab, standing
 from tests.laboratory.hosts import ROOT
 
 STEP = 10_000
@@ -213,49 +213,29 @@ def test_a_board_on_another_channel_is_heard_there_only_and_comes_back() -> None
     assert room.counters()["frames_sent"] == 3 and room.counters()["copies_heard"] == 1
 
 
-class Pair:
+class Pair(Lab):
     """Two transceivers without boards, 2 m apart, each with its link."""
 
     def __init__(self) -> None:
-        self.now = START
-        self.air: EmulatedAir = air(
-            RadioSetup(seed=1, step_us=10_000, robots=(("r1", 1), ("r2", 2)), preset="beeclick")
-        )
-        self.transceivers = [SimulatedTransceiver(self.air, BoardSettings(address, 11)) for address in (1, 2)]
-        self.links = [TransceiverLink(), TransceiverLink()]
-        for transceiver, link in zip(self.transceivers, self.links, strict=True):
-            self.air.add(transceiver)
-            link.connect(START)
-        self.air.place(START, [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)])
-        self.events: list[list[Event]] = [[], []]
-        self.run(5)
-
-    def run(self, ms: int) -> None:
-        for _ in range(ms):
-            self.now = Instant(self.now + 1000)
-            self.air.advance(self.now)
-            for transceiver, link, events in zip(self.transceivers, self.links, self.events, strict=True):
-                events.extend(link.take(self.now, transceiver.run(self.now)))
-                transceiver.take(self.now, link.due(self.now))
-
-    def send(self, tag: int, data: bytes) -> None:
-        self.events[0] += self.links[0].send(self.now, tag, data)
+        both = air(RadioSetup(seed=1, step_us=10_000, robots=(("r1", 1), ("r2", 2)), preset="beeclick"))
+        devices = [SimulatedTransceiver(both, BoardSettings(address, 11)) for address in (1, 2)]
+        for device in devices:
+            both.add(device)
+        both.place(START, [standing(0.0, 0.0), standing(2.0, 0.0)])
+        desks = [Desk(TransceiverLink(), device) for device in devices]
+        super().__init__(both, desks, np.random.default_rng(1))
+        self.first, self.second = desks
+        self.run(milliseconds(5))
 
     def ends(self) -> list[tuple[type[Event], int]]:
-        return [
-            (type(event), event.tag)
-            for event in self.events[0]
-            if isinstance(event, Sent | Overflow | Refused | Unconfirmed | AccessFailure)
-        ]
+        return [(type(event), event.tag) for event in self.first.events if isinstance(event, PacketEnd)]
 
 
 def test_what_cannot_be_sent_is_told_at_once() -> None:
     pair = Pair()
-    pair.send(1, b"")
-    pair.send(2, bytes(119))
-    for tag in range(3, 13):
-        pair.send(tag, bytes(118))
-    pair.run(100)
+    for tag, size in ((1, 0), (2, 119), *((tag, 118) for tag in range(3, 13))):
+        pair.first.send(pair.now, tag, bytes(size))
+    pair.run(milliseconds(100))
     ends = pair.ends()
     assert ends[0] == (Refused, 2)  # an empty frame is one, as on the air
     assert sorted(tag for _, tag in ends) == list(range(1, 13))
@@ -265,30 +245,31 @@ def test_what_cannot_be_sent_is_told_at_once() -> None:
 def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:
     pair = Pair()
     for tag in range(3):
-        pair.send(tag, bytes(118))
-    pair.run(1)
-    pair.send(3, b"not written yet")
-    pair.events[0] += pair.links[0].lost(pair.now)
-    pair.send(4, b"nowhere")
+        pair.first.send(pair.now, tag, bytes(118))
+    pair.run(milliseconds(1))
+    pair.first.send(pair.now, 3, b"not written yet")
+    pair.first.unplug(pair.now)
+    pair.first.send(pair.now, 4, b"nowhere")
     assert pair.ends() == [*((Unconfirmed, tag) for tag in range(4)), (Overflow, 4)]
-    assert pair.links[0].due(pair.now) == b""
-    pair.links[0].connect(pair.now)
-    pair.run(50)
-    pair.send(0, b"again")
-    pair.run(20)
+    assert pair.first.link.due(pair.now) == b""
+    pair.first.link.connect(pair.now)
+    pair.first.plugged = True
+    pair.run(milliseconds(50))
+    pair.first.send(pair.now, 0, b"again")
+    pair.run(milliseconds(20))
     assert pair.ends()[5:] == [(Sent, 0)]
-    heard = [event.data for event in pair.events[1] if isinstance(event, Heard)]
+    heard = [event.data for event in pair.second.events if isinstance(event, Heard)]
     assert heard == [b"again"], "a new session resets the transceiver: what it had is gone"
 
 
 def test_noise_is_counted_and_does_no_harm() -> None:
     pair, rng = Pair(), np.random.default_rng(0)
-    for noise in (rng.bytes(300), b"\n" * 9, b"x" * 200_000, b'{"step":1}\n', b"[" * 70_000 + b"\n"):
-        pair.transceivers[0].take(pair.now, noise)
-        assert pair.links[0].take(pair.now, noise) == []
-    pair.transceivers[0].take(pair.now, b"\n")
-    assert pair.links[0].take(pair.now, b"\n") == []
-    pair.send(1, b"through")
-    pair.run(20)
+    device, link = pair.first.board, pair.first.link
+    noises = (rng.bytes(300), b"\n" * 9, b"x" * 200_000, b'{"step":1}\n', b"[" * 70_000 + b"\n", b"\n")
+    for noise in noises:
+        device.take(pair.now, noise)
+        assert link.take(pair.now, noise) == []
+    pair.first.send(pair.now, 1, b"through")
+    pair.run(milliseconds(20))
     assert (Sent, 1) in pair.ends()
-    assert pair.links[0].counters["bad_lines"] >= 10
+    assert link.counters["bad_lines"] >= 10

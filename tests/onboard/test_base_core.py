@@ -167,7 +167,7 @@ def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> N
     stage.ready()
     stage.at(STEP)
     assert stage.at(2 * STEP) == stage.at(3 * STEP) == []
-    assert stage.core.overruns == 2
+    assert stage.core.counts.overruns == 2
     stage.drive(3 * STEP + 50_000, 1)
     assert [message.step for message in stage.at(4 * STEP)] == [1]
     assert [message.step for message in stage.aired(4 * STEP + 500, 1)] == [4]
@@ -187,7 +187,7 @@ def test_a_bridge_that_is_late_is_heard_a_step_later_and_asked_no_second_time() 
     assert stage.core.wake == BEGIN + 2 * STEP + AIR_PATIENCE
     (senses,) = stage.at(2 * STEP + AIR_PATIENCE)
     assert isinstance(senses, Senses) and senses.events == 0
-    assert stage.core.late_air == 1
+    assert stage.core.counts.late_air == 1
     stage.drive(2 * STEP + 30_000, 2)
     assert stage.aired(2 * STEP + 40_000, 1, events=3) == [], "it waits for the next step"
     (senses,) = stage.at(3 * STEP)
@@ -218,8 +218,8 @@ def test_a_restarted_robot_is_taken_along_and_owes_nothing() -> None:
     stage.aired(2 * STEP + 100, 1)
     stage.at(2 * STEP + 50_000, at(READY, "r1"), Ready(0, "r1", 1, ""))
     assert stage.drive(2 * STEP + 60_000, 2) == [], "of the one before"
-    assert stage.core.stale == 1
-    assert len(stage.at(3 * STEP)) == 1 and stage.core.overruns == 0
+    assert stage.core.counts.stale_drives == 1
+    assert len(stage.at(3 * STEP)) == 1 and stage.core.counts.overruns == 0
 
 
 def test_what_a_slow_bridge_says_of_a_robot_that_has_ended_is_not_counted_for_its_successor() -> None:
