@@ -84,9 +84,7 @@ class SwarmFigures:
 
 
 def measure(
-    robots: Sequence[int] | None = None,
-    duration: float | None = None,
-    repeat: int = SwarmTask.repeat,
+    robots: Sequence[int] | None = None, duration: float | None = None, repeat: int = SwarmTask.repeat
 ) -> Measured:
     """Measure each number of robots for `duration` simulated s; the median of `repeat` runs over Zenoh.
 

@@ -28,10 +28,7 @@ class StreamError(AcrcError):
 
 
 def settle() -> None:
-    """Make standard output and error such that nobody who listens to neither is a fault.
-
-    A stream that is closed leads nowhere from now on, and so does a pipe once nobody reads it any more.
-    """
+    """Make closed standard streams, and pipes that nobody reads any more, lead nowhere."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -42,27 +39,25 @@ def settle() -> None:
 
 
 class _Pipe(io.FileIO):
-    """A descriptor that drops what it cannot write; that is said once, unless nobody wants to read it."""
+    """A descriptor that drops what it cannot write; the first failure is reported if anybody can read it."""
 
     dead = False
 
     def write(self, data: Any) -> int:
-        """As for any file; StreamError."""
-        try:
-            return len(memoryview(data).cast("B")) if self.dead else super().write(data)
-        except BrokenPipeError:
-            self.dead = True
-            return len(memoryview(data).cast("B"))
-        except OSError as error:
-            self.dead = True
-            if self.fileno() != 1:
-                return len(memoryview(data).cast("B"))  # nothing else is left to say it on
-            words = (error.strerror or str(error)).lower()
-            raise StreamError(f"standard output cannot be written: {words}") from None
+        """Write as to any file. Raises StreamError."""
+        if not self.dead:
+            try:
+                return super().write(data)
+            except OSError as error:
+                self.dead = True
+                if self.fileno() == 1 and not isinstance(error, BrokenPipeError):
+                    words = (error.strerror or str(error)).lower()
+                    raise StreamError(f"standard output cannot be written: {words}") from None
+        return len(memoryview(data).cast("B"))
 
 
 def _stream(number: int, present: Any) -> io.TextIOWrapper:
-    """The same as `present`, but for who may be gone at its other end."""
+    """Return a stream like `present` over a `_Pipe`."""
     if present is not None:
         present.flush()
     raw = _Pipe(number, "w", closefd=False)
@@ -76,12 +71,10 @@ def _stream(number: int, present: Any) -> io.TextIOWrapper:
 
 COMMANDS: Final = {
     "cluster": ("acrc_testbed.command_line.fleet", "cluster"),
-    "campaign": ("acrc_testbed.command_line.experiments", "campaign"),
-    "causes": ("acrc_testbed.command_line.experiments", "causes"),
-    "compare": ("acrc_testbed.command_line.experiments", "compare"),
-    "bundle": ("acrc_testbed.command_line.experiments", "bundle"),
-    "report": ("acrc_testbed.command_line.experiments", "report"),
-    "study": ("acrc_testbed.command_line.experiments", "study_app"),
+    **{
+        name: ("acrc_testbed.command_line.experiments", name)
+        for name in ("campaign", "causes", "compare", "bundle", "report", "study")
+    },
     "docs": ("acrc_testbed.command_line.documentation", "docs"),
     "verify": ("acrc_testbed.command_line.bench", "verify"),
     "bench": ("acrc_testbed.command_line.bench", "bench"),
@@ -89,15 +82,19 @@ COMMANDS: Final = {
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
 
 
-class WithLazyCommands(TyperGroup):
-    """The commands that are always imported, and those of `COMMANDS`."""
+FOR_DEVELOPERS: Final = "Commands for those who change the testbed"
+_OTHERS: Final = "Commands"
+
+
+class Root(TyperGroup):
+    """The commands of this module and those of `COMMANDS`, listed under headings (`rich_help_panel`)."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Their names, those from elsewhere last."""
+        """Return the names of all commands, those of `COMMANDS` last."""
         return [*super().list_commands(ctx), *COMMANDS]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of this name; None if there is none."""
+        """Return the command of this name; None if there is none."""
         if cmd_name not in COMMANDS:
             return super().get_command(ctx, cmd_name)
         module, name = COMMANDS[cmd_name]
@@ -108,16 +105,8 @@ class WithLazyCommands(TyperGroup):
         alone.command(cmd_name)(found)
         return typer.main.get_command(alone)
 
-
-FOR_DEVELOPERS: Final = "Commands for those who change the testbed"
-_OTHERS: Final = "Commands"
-
-
-class Root(WithLazyCommands):
-    """Commands under headings (`rich_help_panel`)."""
-
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """A list of commands for each heading."""
+        """Write a list of commands for each heading."""
         known = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         limit = formatter.width - 6 - max(len(name) for name, _ in known)
         sections: dict[str, list[tuple[str, str]]] = {_OTHERS: []}
@@ -133,90 +122,61 @@ _NUMBERS: Final = {"int": "a whole number", "float": "a number"}
 
 
 def text(error: typer.TyperException) -> str:
-    """What is to be said: a sentence, or the help where no command was given."""
+    """Return one sentence about wrong words, or the help where no command was given."""
     if isinstance(error, faults.NoArgsIsHelpError):
         return error.format_message()
-    return f"acrc: {printable(_sentence(error))}"
-
-
-def _sentence(error: typer.TyperException) -> str:
     context: Any = getattr(error, "ctx", None)
     command = context.command_path if context else "acrc"
     match error:
         case faults.NoSuchOption():
-            return _unknown_option(error, command, context)
+            near = error.possibilities or []
+            right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
+            sentence = f"{error.option_name}: is no option of {command}; {right}"
+        case faults.BadOptionUsage() if error.message.endswith("does not take a value."):
+            sentence = f"{error.option_name}: has a value; must stand alone"
         case faults.BadOptionUsage():
-            return _usage(error)
+            sentence = f"{error.option_name}: has no value; must be followed by one"
         case faults.MissingParameter():
-            return f"{_name(error)}: is missing; {command} --help says what it is"
+            sentence = f"{_name(error.param)}: is missing; {command} --help says what it is"
         case faults.BadParameter():
-            return _value(error)
-    return _other(error, command, context)
+            sentence = _value(error)
+        case _:
+            sentence = _other(error, command, context)
+    return f"acrc: {printable(sentence)}"
 
 
 def _other(error: typer.TyperException, command: str, context: Any) -> str:
     if named := re.match(r"No such command '(.*?)'\.", error.message):
-        return _unknown_command(named[1], command, context)
+        known = context.command.list_commands(context)
+        near = difflib.get_close_matches(named[1], known, n=1)
+        right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
+        return f"{named[1]}: is no command of {command}; {right}"
     if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
         form = " ".join(context.get_usage().removeprefix("Usage: ").split())
         return f"{command.removeprefix('acrc ')}: has no use for {named[1]}; must be as in {form}"
     return f"{command.removeprefix('acrc ')}: {error.format_message()}"
 
 
-_REMOVED_OPTIONS: Final = {
-    f"acrc view {option}": "acrc explain OUT ROBOT@SECONDS replays a robot and explains its decisions"
-    for option in ("--why", "--modules", "--trust", "--isolate", "--no-isolate")
-}
-
-
-def _unknown_option(error: faults.NoSuchOption, command: str, context: Any) -> str:
-    if right := _REMOVED_OPTIONS.get(f"{command} {error.option_name}"):
-        return f"{error.option_name}: is no option of {command} any more; {right}"
-    near = error.possibilities or []
-    right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
-    return f"{error.option_name}: is no option of {command}; {right}"
-
-
-def _usage(error: faults.BadOptionUsage) -> str:
-    if error.message.endswith("does not take a value."):
-        return f"{error.option_name}: has a value; must stand alone"
-    return f"{error.option_name}: has no value; must be followed by one"
-
-
-def _unknown_command(name: str, command: str, context: Any) -> str:
-    known = context.command.list_commands(context)
-    near = difflib.get_close_matches(name, known, n=1)
-    right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
-    return f"{name}: is no command of {command}; {right}"
-
-
 def _value(error: faults.BadParameter) -> str:
+    """Say what a value must be, by the kind and the bounds that the option declares."""
     value = re.match(r"'?(.*?)'? is not (?:a valid|in the range)", error.message, re.DOTALL)
     if error.param is None or value is None:
         return f"{error.param_hint or 'acrc'}: {error.message}"
-    return f"{_name(error)}: {value[1]}; must be {_right(error)}"
+    kind: Any = error.param.type
+    right = _NUMBERS.get(kind.name.removesuffix(" range"))
+    if right is None:
+        right = error.message
+    else:
+        for word, bound in (("from", getattr(kind, "min", None)), ("to", getattr(kind, "max", None))):
+            right += "" if bound is None else f" {word} {bound:g}"
+    return f"{_name(error.param)}: {value[1]}; must be {right}"
 
 
-def _name(error: faults.BadParameter) -> str:
-    """The option as it is written, or what stands for the argument in the help."""
-    parameter: Any = error.param
+def _name(parameter: Any) -> str:
+    """Return the option as it is written, or what stands for the argument in the help."""
     if parameter.param_type_name == "argument":
         return str(parameter.metavar).removesuffix("…")
     return str(max(parameter.opts, key=len))
-
-
-def _right(error: faults.BadParameter) -> str:
-    """Return what a value must be, by the kind and the bounds that the option declares."""
-    kind: Any = error.param.type  # type: ignore[union-attr]
-    words = _NUMBERS.get(kind.name.removesuffix(" range"))
-    if words is None:
-        return str(error.message)
-    bounds = [
-        f" {word} {bound:g}"
-        for word, bound in (("from", getattr(kind, "min", None)), ("to", getattr(kind, "max", None)))
-        if bound is not None
-    ]
-    return f"{words}{''.join(bounds)}"
 
 
 app = typer.Typer(
@@ -254,14 +214,14 @@ def main() -> None:
         with signals_as_interrupts(), extras_named():
             sys.exit(app(_words(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
-        _say("acrc: ended from outside" + _kept(interrupt))
-        sys.exit(interrupt.exit_code)
+        recorded = f"; what was recorded is in {interrupt.recorded}" if interrupt.recorded else ""
+        sentence, code = f"acrc: ended from outside{recorded}", interrupt.exit_code
     except AcrcError as error:
-        _say(f"acrc: {error}")
-        sys.exit(2 if isinstance(error, OptionError) else 1)
+        sentence, code = f"acrc: {error}", 2 if isinstance(error, OptionError) else 1
     except typer.TyperException as error:
-        _say(text(error))
-        sys.exit(error.exit_code)
+        sentence, code = text(error), error.exit_code
+    screen(stderr=True).print(sentence)
+    sys.exit(code)
 
 
 def _words(typed: list[str]) -> list[str]:
@@ -270,14 +230,6 @@ def _words(typed: list[str]) -> list[str]:
         if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
             raise OptionError(f"{name!r}: the name is not UTF-8, as names in results must be; rename it")
     return [*typed[1:], "--help"] if typed[:1] == ["help"] else typed
-
-
-def _kept(interrupt: Interrupted) -> str:
-    return f"; what was recorded is in {interrupt.recorded}" if interrupt.recorded else ""
-
-
-def _say(text: str) -> None:
-    screen(stderr=True).print(text)
 
 
 def _print_version(wished: bool) -> None:
@@ -293,9 +245,7 @@ def _print_version(wished: bool) -> None:
 def root(
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", is_eager=True, callback=_print_version, help="Say which version and commit this is."
-        ),
+        typer.Option("--version", is_eager=True, callback=_print_version, help="Print version and commit."),
     ] = False,
 ) -> None:
     """What holds for every command."""

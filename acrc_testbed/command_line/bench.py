@@ -16,7 +16,7 @@ import typer
 from rich.table import Table
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, argument, option
+from acrc_testbed.command_line.options import Json, argument, flag, option
 
 
 @dataclass(frozen=True)
@@ -63,34 +63,27 @@ def bench(
     name: Annotated[
         str | None, argument("NAME", f"{', '.join(BENCHMARKS)}.", autocompletion=lambda: list(BENCHMARKS))
     ] = None,
-    commit: Annotated[
-        str | None,
-        argument("COMMIT", "beside: a commit, or the folder of a clone."),
-    ] = None,
+    commit: Annotated[str | None, argument("COMMIT", "beside: a commit, or the folder of a clone.")] = None,
     robots: Annotated[
         list[int] | None,
         option("N", "swarm, start, beside, hosts: number of robots. Repeatable.", min=1, max=1000),
     ] = None,
     duration: Annotated[
-        float | None,
-        option("S", "swarm, budget, beside, hosts: simulated seconds.", min=1, max=3600),
+        float | None, option("S", "swarm, budget, beside, hosts: simulated seconds.", min=1, max=3600)
     ] = None,
     repeat: Annotated[
-        int | None,
-        option("N", "swarm, start: number of runs whose median counts.", min=1, max=100),
+        int | None, option("N", "swarm, start: number of runs whose median counts.", min=1, max=100)
     ] = None,
     seed: Annotated[int | None, option("N", "beside: random seed.", min=0)] = None,
     scenario: Annotated[
-        Path | None,
-        option("SCENARIO.toml", "beside: run this scenario.", autocompletion=options.scenarios),
+        Path | None, option("SCENARIO.toml", "beside: run this scenario.", autocompletion=options.scenarios)
     ] = None,
     bus: Annotated[
         str | None,
         option("zenoh|memory", "budget, beside: run on this bus.  [default: budget: both; beside: zenoh]"),
     ] = None,
     pairs: Annotated[
-        int | None,
-        option("N", "beside: number of pairs of runs.  [default: 5]", min=2, max=1000),
+        int | None, option("N", "beside: number of pairs of runs.  [default: 5]", min=2, max=1000)
     ] = None,
     navigation: Annotated[
         str | None,
@@ -103,7 +96,7 @@ def bench(
         option("full|lean", "beside: how much this state, not the other, records.  [default: full]"),
     ] = None,
     write: Annotated[
-        bool | None, typer.Option("--write", help="budget: keep the counts as what a change is held to.")
+        bool | None, flag("budget: keep the counts as what a change is held to.", "--write")
     ] = None,
     out: Annotated[Path | None, option("DIR", "radio: only draw the figures, into this folder.")] = None,
     data: Annotated[Path | None, option("DIR", "radio --out: draw these rows of ns-3 as dots.")] = None,
@@ -203,10 +196,8 @@ def verify(
             "CLAIM", "Check only these claims; --list names them.  [default: all]", autocompletion=claims
         ),
     ] = None,
-    listed: Annotated[
-        bool, typer.Option("--list", help="List the claims and the files of their tests.")
-    ] = False,
-    full: Annotated[bool, typer.Option("--full", help="Run the size that docs/how-true.md reports.")] = False,
+    listed: Annotated[bool, flag("List the claims and the files of their tests.", "--list")] = False,
+    full: Annotated[bool, flag("Run the size that docs/how-true.md reports.", "--full")] = False,
     data: Annotated[Path | None, option("DIR", "radio: compare with these rows of ns-3.")] = None,
     source: Annotated[
         Path | None,
@@ -226,8 +217,7 @@ def verify(
         ),
     ] = None,
     against: Annotated[
-        Path | None,
-        option("JSON", "localisation --from: compare with the results of another localisation."),
+        Path | None, option("JSON", "localisation --from: compare with the results of another localisation.")
     ] = None,
     json: Json = False,
 ) -> None:

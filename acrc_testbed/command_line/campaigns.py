@@ -1,7 +1,5 @@
 """Commands on campaigns: campaign, compare, report, bundle, study plan and study freeze."""
 
-import json
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -91,8 +89,10 @@ def campaign(
     least = LEAST_PAIRS if watch is None else watch.rules.least
     for line in [] if json_output else (*taken_for, *hints, *foreseen(study, least), *frozen):
         say.print(line)
+    enough = (lambda: False) if watch is None else watch.enough
     try:
-        progress = _carried_out(kept, options, watch, quiet=json_output)
+        with shown(quiet=json_output) as follow:
+            progress = campaigns.carry_out(kept, options, follow, enough)
     except Interrupted as interrupt:
         say.print(f"acrc: ended from outside; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
@@ -100,14 +100,16 @@ def campaign(
         campaigns.write(kept)
         seal(kept.folder)
     different = differing(kept)
-    if json_output:
-        _print_json(kept, folder, progress)
-    else:
-        console = screen()
-        for line in _lines(kept, folder, progress, watch):
-            console.print(line)
-    for line in different:
-        say.print(f"acrc: {line}", style="bold red")
+    told = {
+        "out": folder,
+        **msgspec.to_builtins(progress),
+        "protection": protection(kept),
+        "differing": different,
+        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
+        "coincide": coincidences(kept.records()),
+    }
+    answer(() if json_output else _lines(kept, folder, progress, watch), told, json=json_output)
+    _warn(different)
     if different:
         raise typer.Exit(1)
 
@@ -115,9 +117,14 @@ def campaign(
 def _lines(
     kept: store.Store, folder: Path, progress: campaigns.CampaignProgress, watch: verdicts.Watch | None
 ) -> Iterator[str]:
-    """What is said at the end."""
+    """Yield what is said at the end."""
     yield from protection(kept)
-    yield from _causes(kept)
+    failed: dict[str, list[str]] = {}
+    for record in kept.records():
+        if record.failure is not None:
+            failed.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
+    for cause, runs in failed.items():
+        yield f"failed: {cause} ({len(runs)} runs, first {runs[0]})"
     yield from summaries(kept.records())
     yield from coincidence_sentences(coincidences(kept.records()))
     if watch is not None:
@@ -128,39 +135,9 @@ def _lines(
     )
 
 
-def _causes(kept: store.Store) -> list[str]:
-    """Why runs failed, a line for each cause."""
-    found: dict[str, list[str]] = {}
-    for record in kept.records():
-        if record.failure is not None:
-            found.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
-    return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
-
-
-def _print_json(kept: store.Store, folder: Path, progress: campaigns.CampaignProgress) -> None:
-    told = {
-        "out": str(folder),
-        **msgspec.to_builtins(progress),
-        "protection": protection(kept),
-        "differing": differing(kept),
-        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
-        "coincide": [msgspec.to_builtins(one) for one in coincidences(kept.records())],
-    }
-    sys.stdout.write(json.dumps(told) + "\n")
-
-
-def _carried_out(
-    kept: store.Store, options: CampaignOptions, watch: verdicts.Watch | None, *, quiet: bool
-) -> campaigns.CampaignProgress:
-    with shown(quiet=quiet) as follow:
-        if watch is None:
-            return campaigns.carry_out(kept, options, follow)
-        return campaigns.carry_out(kept, options, follow, watch.enough)
-
-
 @contextmanager
 def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
-    """Says on standard error how far the campaign is: by a bar at a terminal, else by a line now and then."""
+    """Report progress on standard error: by a bar at a terminal, otherwise by a line now and then."""
     console = screen(stderr=True, soft_wrap=False)
     if quiet:
         yield lambda progress: None
@@ -251,7 +228,7 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
     different = differing(kept)
     _warn(different)
     if json_output:
-        sys.stdout.write(json.dumps(_comparison_json(found)) + "\n")
+        answer((), _comparison_json(found), json=True)
     else:
         _print_comparison(kept, found)
         _warn(different)
@@ -289,7 +266,7 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
             for one in found.verdicts
         ],
         "across_cells": [one.builtins() for one in found.across],
-        "too_few": list(found.too_few),
+        "too_few": found.too_few,
         "estimates": [one.estimates() for one in found.estimates],
     }  # fmt: skip
 

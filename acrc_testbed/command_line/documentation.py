@@ -7,14 +7,16 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from acrc_testbed.command_line.options import flag, option
+
 _HEAD: Final = (
     "# Commands\n\n`acrc COMMAND --help` says the same. `acrc docs` makes this page from the command line."
 )
 
 
 def docs(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pages.")] = Path("build/docs"),
-    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
+    out: Annotated[Path, option("DIR", "Folder for the pages.")] = Path("build/docs"),
+    show: Annotated[bool, flag("Open it in a browser.", "--open")] = False,
 ) -> None:
     """Build the documentation as a site of plain files.
 

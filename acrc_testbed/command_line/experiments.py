@@ -1,16 +1,24 @@
 """Options of the commands on experiments: campaign, compare, causes, report, bundle, study."""
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final
 
-import msgspec
 import typer
 from rich.table import Table
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Robots, Setting, Trust, argument, option
+from acrc_testbed.command_line.options import (
+    Json,
+    Modules,
+    Robots,
+    Setting,
+    Trust,
+    answer,
+    argument,
+    flag,
+    option,
+)
 from acrc_testbed.explanation.time_spent import Cause, TimeSpent
 from actors.console import print_table, screen
 
@@ -23,8 +31,7 @@ def campaign(
         ),
     ] = None,
     scenario: Annotated[
-        Path | None,
-        option("FILE", "Without a study: run this scenario.  [default: scenarios/chapter.toml]"),
+        Path | None, option("FILE", "Without a study: run this scenario.  [default: scenarios/chapter.toml]")
     ] = None,
     strategies: Annotated[
         str | None,
@@ -38,16 +45,13 @@ def campaign(
     robots: Robots = None,
     duration: Annotated[str | None, option("S", "Simulated seconds of each run.")] = None,
     setting: Setting = None,
-    tuning: Annotated[
-        bool, typer.Option("--tuning", help="Use other seeds than tests do, to choose settings.")
-    ] = False,
+    tuning: Annotated[bool, flag("Use other seeds than tests do, to choose settings.", "--tuning")] = False,
     out: Annotated[
         Path | None,
         option("DIR", "Folder for the results; an interrupted one is resumed.  [default: in campaigns/]"),
     ] = None,
     preset: Annotated[
-        str | None,
-        option("NAME", "Run a shipped study: chapter, the chapter's experiment."),
+        str | None, option("NAME", "Run a shipped study: chapter, the chapter's experiment.")
     ] = None,
     plan: Annotated[
         Path | None,
@@ -55,10 +59,7 @@ def campaign(
     ] = None,
     until_decided: Annotated[
         bool,
-        typer.Option(
-            "--until-decided",
-            help="Stop once the primary comparisons are decided, at planned interim looks.",
-        ),
+        flag("Stop once the primary comparisons are decided, at planned interim looks.", "--until-decided"),
     ] = False,
     check_every: Annotated[
         int,
@@ -69,14 +70,10 @@ def campaign(
         ),
     ] = 20,
     isolate: Annotated[
-        bool,
-        typer.Option(
-            "--isolate", help="Run every strategy in a sandbox: for strategies that you have not read."
-        ),
+        bool, flag("Run every strategy in a sandbox: for strategies that you have not read.", "--isolate")
     ] = False,
     on: Annotated[
-        str | None,
-        option("ADDRESS", "Run on a Dask cluster: tls://HOST:PORT.  [default: here]"),
+        str | None, option("ADDRESS", "Run on a Dask cluster: tls://HOST:PORT.  [default: here]")
     ] = None,
     jobs: Annotated[int, option("N", "Number of parallel runs; 0: one per core.", min=0, max=1024)] = 0,
     modules: Modules = None,
@@ -118,7 +115,14 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    print_causes(folder, json_output=json)
+    from acrc_testbed.explanation.account import account
+
+    spent = account(folder)
+    if not json:
+        for table in (_times(spent), _blockings(spent), _decisions(spent)):
+            if table.row_count:
+                print_table(screen(), table)
+    answer(_sentences(spent), spent, json=json)
 
 
 def compare(
@@ -145,8 +149,7 @@ def report(
         argument("DIR…", "Folder of a campaign, of a run, or of `acrc fleet collect`.", show_default=False),
     ],
     out: Annotated[
-        Path | None,
-        option("DIR", "Folder for the report.  [default: report in the first DIR]"),
+        Path | None, option("DIR", "Folder for the report.  [default: report in the first DIR]")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -159,8 +162,7 @@ def report(
 def bundle(
     folder: Annotated[Path, argument("DIR", "A campaign's folder.", show_default=False)],
     out: Annotated[
-        Path | None,
-        option("FILE.zip", "File for the bundle.  [default: DIR.zip beside it]"),
+        Path | None, option("FILE.zip", "File for the bundle.  [default: DIR.zip beside it]")
     ] = None,
     author: Annotated[list[str] | None, option("NAME", "Author to cite. Repeatable.", "--author")] = None,
     json: Json = False,
@@ -173,25 +175,18 @@ def bundle(
 
 def plan(
     a12: Annotated[
-        float,
-        option("A", "Effect size to detect (Vargha and Delaney's A12).", min=0.0, max=1.0),
+        float, option("A", "Effect size to detect (Vargha and Delaney's A12).", min=0.0, max=1.0)
     ] = 0.71,
     power: Annotated[float, option("P", "Probability of detecting it.", min=0.5, max=0.999)] = 0.9,
     correlation: Annotated[
-        float,
-        option("R", "Correlation of two runs with the same seed.", min=-0.99, max=0.99),
+        float, option("R", "Correlation of two runs with the same seed.", min=-0.99, max=0.99)
     ] = 0.0,
     comparisons: Annotated[
-        int,
-        option("N", "Number of declared comparisons that share the 5 %.", min=1, max=1000),
+        int, option("N", "Number of declared comparisons that share the 5 %.", min=1, max=1000)
     ] = 1,
-    pilot: Annotated[
-        Path | None,
-        option("DIR", "Draw campaigns from this one, and judge them."),
-    ] = None,
+    pilot: Annotated[Path | None, option("DIR", "Draw campaigns from this one, and judge them.")] = None,
     metric: Annotated[
-        str | None,
-        option("NAME", "Metric of the pilot, as for compare.  [default: the study's]"),
+        str | None, option("NAME", "Metric of the pilot, as for compare.  [default: the study's]")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -207,12 +202,10 @@ def plan(
 def freeze(
     study: Annotated[Path, argument("STUDY.toml", "What is to be compared.", show_default=False)],
     out: Annotated[
-        Path | None,
-        option("FILE", "File for the plan.  [default: STUDY.frozen.json beside it]"),
+        Path | None, option("FILE", "File for the plan.  [default: STUDY.frozen.json beside it]")
     ] = None,
     until_decided: Annotated[
-        bool,
-        typer.Option("--until-decided", help="Plan interim looks, as the campaign's --until-decided."),
+        bool, flag("Plan interim looks, as the campaign's --until-decided.", "--until-decided")
     ] = False,
     json: Json = False,
 ) -> None:
@@ -226,35 +219,18 @@ def freeze(
     campaigns.freeze(study, out, until_decided=until_decided, json=json)
 
 
-study_app = typer.Typer(
+study = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     help="Plan a study, and freeze the plan.",
 )
 for _command in (plan, freeze):
-    study_app.command()(_command)
+    study.command()(_command)
 
 
 _MOST: Final = 20
 """Blockings and decisions that are shown one by one; --json has all."""
-
-
-def print_causes(folder: Path, *, json_output: bool) -> None:
-    """Account for the time of the run in the folder, and print it."""
-    from acrc_testbed.explanation.account import account
-
-    spent = account(folder)
-    if json_output:
-        sys.stdout.write(msgspec.json.encode(spent).decode() + "\n")
-        return
-    console = screen()
-    print_table(console, _times(spent))
-    for table in (_blockings(spent), _decisions(spent)):
-        if table.row_count:
-            print_table(console, table)
-    for sentence in _sentences(spent):
-        console.print(sentence)
 
 
 def _times(spent: TimeSpent) -> Table:

@@ -19,6 +19,7 @@ from acrc_testbed.command_line.options import (
     OperatorKeys,
     answer,
     argument,
+    flag,
     option,
 )
 from actors.console import screen
@@ -34,16 +35,13 @@ if TYPE_CHECKING:
 
 def collect(
     folders: Annotated[
-        list[Path],
-        argument("FOLDER…", "A robot's folder, such as runs/mine/r2, or a folder of these."),
+        list[Path], argument("FOLDER…", "A robot's folder, such as runs/mine/r2, or a folder of these.")
     ],
     out: Annotated[
-        Path | None,
-        option("DIR", "New folder for run.json and places.csv.  [default: print only]"),
+        Path | None, option("DIR", "New folder for run.json and places.csv.  [default: print only]")
     ] = None,
     truth: Annotated[
-        Path | None,
-        option("FILE", "Ground truth, by the laboratory of emulated devices."),
+        Path | None, option("FILE", "Ground truth, by the laboratory of emulated devices.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -58,8 +56,7 @@ def watch(
     endpoints: Endpoints,
     keys: OperatorKeys,
     view: Annotated[
-        Path | None,
-        option("FLEET.toml", "Show robots in the viewer, on the fleet's map."),
+        Path | None, option("FLEET.toml", "Show robots in the viewer, on the fleet's map.")
     ] = None,
 ) -> None:
     """Watch robots from a laptop, until Ctrl-C."""
@@ -130,10 +127,10 @@ def onboard(
     out: Annotated[Path | None, option("DIR", "New folder for the recordings.  [default: in runs/]")] = None,
     isolate: Annotated[
         bool | None,
-        typer.Option(
-            "--isolate/--no-isolate",
-            help="Run the robot's process in a sandbox that leaves it base and bridge only.  "
+        flag(
+            "Run the robot's process in a sandbox that leaves it base and bridge only.  "
             "[default: where the machine can]",
+            "--isolate/--no-isolate",
         ),
     ] = None,
     debugpy: Annotated[
@@ -214,8 +211,7 @@ def units(
     robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
     out: Annotated[Path, option("DIR", "Folder for the files.")] = Path("units"),
     user: Annotated[
-        str | None,
-        option("NAME", "Run the robot as this user.  [default: the clone's owner]"),
+        str | None, option("NAME", "Run the robot as this user.  [default: the clone's owner]")
     ] = None,
     modules: Modules = None,
     json: Json = False,
@@ -263,13 +259,9 @@ def units(
 def keys(
     fleet: FleetFile,
     out: Annotated[
-        Path | None,
-        option("DIR", "New folder for the keys.  [default: as in the fleet file]"),
+        Path | None, option("DIR", "New folder for the keys.  [default: as in the fleet file]")
     ] = None,
-    host: Annotated[
-        list[str] | None,
-        option("ID=HOST", "Name or address of a robot. Repeatable."),
-    ] = None,
+    host: Annotated[list[str] | None, option("ID=HOST", "Name or address of a robot. Repeatable.")] = None,
     days: Annotated[int, option("N", "Days that the keys are valid.")] = 730,
     revoke: Annotated[
         list[str] | None,
@@ -361,8 +353,7 @@ cluster = typer.Typer(
 )
 
 Address = Annotated[
-    str,
-    argument("ADDRESS", "Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer."),
+    str, argument("ADDRESS", "Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer.")
 ]
 
 
@@ -384,8 +375,7 @@ def start(address: Address) -> None:
 def join(
     address: Address,
     workers: Annotated[
-        int | None,
-        option("N", "Number of workers.  [default: one per core]", min=1, max=1024),
+        int | None, option("N", "Number of workers.  [default: one per core]", min=1, max=1024)
     ] = None,
 ) -> None:
     """Let a cluster use this computer, until Ctrl-C.
@@ -409,8 +399,7 @@ def join(
 def fetch(
     out: Annotated[Path, argument("OUT", "Folder of a run over several computers.")],
     on: Annotated[
-        str | None,
-        option("ADDRESS", "Of its cluster's scheduler.  [default: as the run had it]"),
+        str | None, option("ADDRESS", "Of its cluster's scheduler.  [default: as the run had it]")
     ] = None,
     json: Json = False,
 ) -> None:

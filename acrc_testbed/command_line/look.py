@@ -19,6 +19,7 @@ from acrc_testbed.command_line.options import (
     Trust,
     answer,
     argument,
+    flag,
     option,
 )
 from actors.console import screen
@@ -37,8 +38,7 @@ _JUDGED_S: Final = 5.0
 
 def demo(
     out: Annotated[
-        Path | None,
-        option("DIR", "New folder for both runs and the picture.  [default: in runs/]"),
+        Path | None, option("DIR", "New folder for both runs and the picture.  [default: in runs/]")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -75,21 +75,20 @@ def view(
         ),
     ] = None,
     png: Annotated[
-        bool, typer.Option("--png", help="Draw the run on one page: FILE.png.  [default: OUT/run.png]")
+        bool, flag("Draw the run on one page: FILE.png.  [default: OUT/run.png]", "--png")
     ] = False,
-    svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.  [default: OUT/run.svg]")] = False,
+    svg: Annotated[bool, flag("The same as SVG.  [default: OUT/run.svg]", "--svg")] = False,
     html: Annotated[
-        bool, typer.Option("--html", help="The same with sentences and tables.  [default: OUT/run.html]")
+        bool, flag("The same with sentences and tables.  [default: OUT/run.html]", "--html")
     ] = False,
     movie: Annotated[
-        Path | None,
-        option("FILE", "Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+        Path | None, option("FILE", "Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg.")
     ] = None,
     beside: Annotated[
         list[Path] | None,
         option(
             "DIR",
-            "This run, too, beside it, at the same instant; with --png or --svg on one picture.  "
+            "Also show this run, side by side and time-aligned; with --png or --svg on one picture.  "
             "[default: OUT/beside.png] Repeatable.",
         ),
     ] = None,
@@ -99,15 +98,14 @@ def view(
     save: Annotated[Path | None, option("FILE", "Write the view to a file.rrd, and open nothing.")] = None,
     screenshot: Annotated[Path | None, option("FILE", "Write a picture of the window to a file.png.")] = None,
     at: Annotated[
-        float | None,
-        option("S", "Of which simulated second.  [default: half-way]", min=0),
+        float | None, option("S", "Simulated time of the screenshot, s.  [default: middle of the run]", min=0)
     ] = None,
     robot: Annotated[
         list[str] | None,
         option("ID", "Show everything that this robot perceives; repeatable.  [default: the first eight]"),
     ] = None,
     json: Annotated[
-        bool, typer.Option("--json", help="Print how the run stands and the files as JSON; open nothing.")
+        bool, flag("Print how the run stands and the files as JSON; open nothing.", "--json")
     ] = False,
 ) -> None:
     """Open a run in the viewer, or draw it.
@@ -164,7 +162,7 @@ def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
 
 
 def _newest() -> Path:
-    """The run that was begun last, which is named. Raises OptionError if there is none."""
+    """Return the newest run and print its name. Raises OptionError if there is none."""
     from deploy.run import out_folder
 
     found = out_folder.newest(Path("runs"))
@@ -186,12 +184,7 @@ def _show(
     from acrc_testbed.view import command
     from deploy.run import out_folder
 
-    console = screen(stderr=True)
-
-    def say(sentence: str) -> None:
-        console.print(sentence)
-
-    complete = True
+    say, complete = screen(stderr=True).print, True
     with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
             complete = command.save(folders, robots, save, say)
@@ -254,15 +247,13 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
 
 def scenario(
     file: Annotated[
-        Path,
-        argument("FILE", "A scenario, a map or a robot model.", autocompletion=options.scenarios),
+        Path, argument("FILE", "A scenario, a map or a robot model.", autocompletion=options.scenarios)
     ],
     robots: Robots = None,
     seed: Seed = None,
     setting: Setting = None,
     png: Annotated[
-        Path | None,
-        option("FILE", "Draw it: floor, doors, starts, places, reach of radio."),
+        Path | None, option("FILE", "Draw it: floor, doors, starts, places, reach of radio.")
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
@@ -283,6 +274,7 @@ def scenario(
 
     if png is not None:
         output_file("--png", png, ".png", ".svg")
+
     if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")

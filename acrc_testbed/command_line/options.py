@@ -44,6 +44,11 @@ def option(metavar: str, text: str, *names: str, **others: Any) -> Any:
     return typer.Option(*names, metavar=metavar, help=text, **others)
 
 
+def flag(text: str, *names: str) -> Any:
+    """Declare an option without a value; `text`: its help."""
+    return typer.Option(*names, help=text)
+
+
 def argument(metavar: str, text: str, **others: Any) -> Any:
     """Declare an argument."""
     return typer.Argument(metavar=metavar, help=text, **others)
@@ -58,15 +63,11 @@ ScenarioFile = Annotated[
     ),
 ]
 FleetFile = Annotated[Path, argument("FLEET.toml", "Fleet file: which robots there are.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+Json = Annotated[bool, flag("Print JSON on standard output, and nothing else there.", "--json")]
 OperatorKeys = Annotated[Path, option("DIR", "The operator's keys, from `acrc fleet keys`.")]
-Endpoints = Annotated[
-    list[str],
-    argument("ENDPOINT…", "Where robots listen, such as tls/192.168.1.12:7447."),
-]
+Endpoints = Annotated[list[str], argument("ENDPOINT…", "Where robots listen, such as tls/192.168.1.12:7447.")]
 Modules = Annotated[
-    list[Path] | None,
-    option("DIR", "Load strategies from this folder, too. Repeatable.", "--modules"),
+    list[Path] | None, option("DIR", "Load strategies from this folder, too. Repeatable.", "--modules")
 ]
 Record = Annotated[
     str,
@@ -78,10 +79,7 @@ Record = Annotated[
     ),
 ]
 Trust = Annotated[
-    bool,
-    typer.Option(
-        "--trust", help="Run the code that the file names, even if it lies elsewhere or has changed."
-    ),
+    bool, flag("Run the code that the file names, even if it lies elsewhere or has changed.", "--trust")
 ]
 Robots = Annotated[str | None, option("N", "How many robots.")]
 Seed = Annotated[str | None, option("N", "Random seed: the same one gives the same run.")]
@@ -91,15 +89,17 @@ Setting = Annotated[
 ]
 
 
-def answer(sentences: Iterable[str], told: object, *, json: bool) -> None:
-    """Print what a command answers: sentences for people, or the same for programs as one line of JSON.
+def _plain(value: Any) -> Any:
+    """Return the number of a numpy scalar, and anything else as text."""
+    return value.item() if hasattr(value, "item") else str(value)
 
-    `told`: what msgspec encodes, or paths.
-    """
+
+def answer(sentences: Iterable[str], told: object, *, json: bool) -> None:
+    """Print sentences for people or, with `json`, `told` as one line of JSON."""
     if json:
         import msgspec
 
-        sys.stdout.write(msgspec.json.encode(told, enc_hook=str).decode() + "\n")
+        sys.stdout.write(msgspec.json.encode(told, enc_hook=_plain).decode() + "\n")
         return
     from actors.console import screen
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acrc_testbed.command_line.options import Json, answer, argument, option
+from acrc_testbed.command_line.options import Json, answer, argument, flag, option
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _Growing = Annotated[Path, argument("OUT", "A run's folder, also while it goes o
 _KEY = "r1/drive, truth, */senses for all robots, or in full"
 _Begin = Annotated[float, option("S", "Begin at this simulated second.", "--from", min=0)]
 _End = Annotated[float | None, option("S", "End at this simulated second.", "--to", min=0)]
-_Follow = Annotated[bool, typer.Option("--follow", "-f", help="Follow what the run adds, to its end.")]
+_Follow = Annotated[bool, flag("Follow what the run adds, to its end.", "--follow", "-f")]
 _EVERY_S = 1.0
 
 
@@ -60,15 +60,12 @@ def info(
 @app.command()
 def echo(
     out: _Growing,
-    keys: Annotated[
-        list[str],
-        argument("KEY…", f"{_KEY}; r1/log: what r1's strategy printed."),
-    ],
+    keys: Annotated[list[str], argument("KEY…", f"{_KEY}; r1/log: what r1's strategy printed.")],
     begin: _Begin = 0.0,
     end: _End = None,
     follow: _Follow = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print a table: a column for each field.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each line.")] = False,
+    csv: Annotated[bool, flag("Print a table: a column for each field.", "--csv")] = False,
+    json: Annotated[bool, flag("Print a JSON object for each line.", "--json")] = False,
 ) -> None:
     """Print messages, or lines of a log, with their time."""
     from acrc_testbed.recordings import lines

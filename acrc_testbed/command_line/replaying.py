@@ -7,10 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
 
-import typer
-
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, option
+from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, flag, option
 from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 
@@ -26,9 +24,7 @@ def replay(
     ] = None,
     begin: Annotated[float | None, option("S", "Stop there, in a debugger.", "--from", min=0.0)] = None,
     end: Annotated[float | None, option("S", "Stop replaying there.", "--to", min=0.0)] = None,
-    pdb: Annotated[
-        bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
-    ] = False,
+    pdb: Annotated[bool, flag("Stop in the strategy's own code, in Python's debugger.", "--pdb")] = False,
     debugpy: Annotated[
         int | None,
         option("PORT", "The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535),
@@ -45,9 +41,9 @@ def replay(
     trust: Trust = False,
     isolate: Annotated[
         bool | None,
-        typer.Option(
+        flag(
+            "With --robot: replay it in a sandbox.  [default: where the machine can]",
             "--isolate/--no-isolate",
-            help="With --robot: replay it in a sandbox.  [default: where the machine can]",
         ),
     ] = None,
     json: Json = False,
@@ -159,8 +155,7 @@ def _one(
 def explain(
     out: Annotated[Path, argument("OUT", "A run's folder.")],
     who: Annotated[
-        str,
-        argument("ROBOT[@S]", "r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."),
+        str, argument("ROBOT[@S]", "r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions.")
     ],
     json: Json = False,
     modules: Modules = None,
@@ -202,17 +197,13 @@ def explain(
 
 
 def export(
-    out: Annotated[
-        Path,
-        argument("OUT", "A run's folder; with --mcap also one collected from robots."),
-    ],
+    out: Annotated[Path, argument("OUT", "A run's folder; with --mcap also one collected from robots.")],
     folder: Annotated[
         Path | None,
         option("PATH", "Output folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]", "--out"),
     ] = None,
     mcap: Annotated[
-        str | None,
-        option("FORM", "Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove."),
+        str | None, option("FORM", "Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove.")
     ] = None,
     robot: Annotated[
         list[str] | None,

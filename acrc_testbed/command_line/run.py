@@ -6,8 +6,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal, cast
 
-import typer
-
 from acrc_testbed.command_line import options
 from acrc_testbed.command_line.options import (
     Json,
@@ -20,6 +18,7 @@ from acrc_testbed.command_line.options import (
     Trust,
     answer,
     argument,
+    flag,
     option,
 )
 from actors.console import screen
@@ -35,8 +34,7 @@ def run(
     robots: Robots = None,
     seed: Seed = None,
     key: Annotated[
-        str | None,
-        option("HEX", "Secret part of the random seed, which no strategy can guess."),
+        str | None, option("HEX", "Secret part of the random seed, which no strategy can guess.")
     ] = None,
     duration: Annotated[str | None, option("S", "Simulated seconds.")] = None,
     step: Annotated[str | None, option("MS", "Length of a step, 10 to 100 ms.")] = None,
@@ -60,8 +58,7 @@ def run(
     setting: Setting = None,
     record: Record = "full",
     speed: Annotated[
-        str | None,
-        option("X", "Simulated seconds per second, or max.  [default: max; with --control: 1]"),
+        str | None, option("X", "Simulated seconds per second, or max.  [default: max; with --control: 1]")
     ] = None,
     bus: Annotated[
         str,
@@ -77,21 +74,19 @@ def run(
     ] = "forkserver",
     isolate: Annotated[
         bool | None,
-        typer.Option(
-            "--isolate/--no-isolate",
-            help="Run each robot in a sandbox that leaves it its own senses and radio only.  "
+        flag(
+            "Run each robot in a sandbox that leaves it its own senses and radio only.  "
             "[default: where the machine can]",
+            "--isolate/--no-isolate",
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        option("DIR", "New folder for the recordings and the result.  [default: in runs/]"),
+        Path | None, option("DIR", "New folder for the recordings and the result.  [default: in runs/]")
     ] = None,
     log: Annotated[
-        list[str] | None,
-        option("NAME", "Show what this robot's strategy prints; * for all. Repeatable."),
+        list[str] | None, option("NAME", "Show what this robot's strategy prints; * for all. Repeatable.")
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    view: Annotated[bool, flag("Show the run while it goes on.", "--view")] = False,
     robot: Annotated[
         list[str] | None,
         option("ID", "With --view: show what this robot perceives; repeatable.  [default: the first eight]"),
@@ -104,14 +99,12 @@ def run(
         ),
     ] = None,
     control: Annotated[
-        bool,
-        typer.Option("--control", help="Serve a map page on this computer: drag robots, add walls, pause."),
+        bool, flag("Serve a map page on this computer: drag robots, add walls, pause.", "--control")
     ] = False,
     hardware: Annotated[
         bool,
-        typer.Option(
-            "--hardware-in-the-loop",
-            help="Run the processes of real robots, with emulated devices, in wall time.",
+        flag(
+            "Run the processes of real robots, with emulated devices, in wall time.", "--hardware-in-the-loop"
         ),
     ] = False,
     board: Annotated[
@@ -136,9 +129,7 @@ def run(
     ] = None,
     leave: Annotated[
         bool,
-        typer.Option(
-            "--leave", help="With --on: leave recordings there, until `acrc cluster fetch`.  [default: bring]"
-        ),
+        flag("With --on: leave recordings there, until `acrc cluster fetch`.  [default: bring]", "--leave"),
     ] = False,
     modules: Modules = None,
     trust: Trust = False,
@@ -157,9 +148,7 @@ def run(
     json: Json = False,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check", help="Replay every robot afterwards, and fail if one depends on more than its inputs."
-        ),
+        flag("Replay every robot afterwards, and fail if one depends on more than its inputs.", "--check"),
     ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
@@ -252,10 +241,7 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
 
 
 def branch(
-    place: Annotated[
-        str,
-        argument("RUN@S", "A recorded run's folder, and an instant in simulated seconds."),
-    ],
+    place: Annotated[str, argument("RUN@S", "A recorded run's folder, and an instant in simulated seconds.")],
     strategy: Annotated[
         str | None,
         option("NAME", "Let robots follow this strategy from then on.", autocompletion=options.strategies),
@@ -265,13 +251,9 @@ def branch(
         option("KEY=VALUE", "Set a setting of --strategy: strategy.N=3. Repeatable.", "--set"),
     ] = None,
     event: Annotated[
-        list[str] | None,
-        option("ORDER", "Give an order: 'kill r2 at 130'. Repeatable."),
+        list[str] | None, option("ORDER", "Give an order: 'kill r2 at 130'. Repeatable.")
     ] = None,
-    out: Annotated[
-        Path | None,
-        option("DIR", "New folder for the branch.  [default: in runs/]"),
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "New folder for the branch.  [default: in runs/]")] = None,
     modules: Modules = None,
     trust: Trust = False,
     json: Json = False,
@@ -290,8 +272,7 @@ def branch(
 def order(
     out: Annotated[Path, argument("OUT", "The folder of a run in progress.")],
     verb: Annotated[
-        str,
-        argument("VERB", "kill, freeze, move, pause, stop, …", autocompletion=options.orders),
+        str, argument("VERB", "kill, freeze, move, pause, stop, …", autocompletion=options.orders)
     ],
     words: Annotated[list[str] | None, argument("WORDS", "Arguments of the verb.")] = None,
     json: Json = False,
