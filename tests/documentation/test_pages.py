@@ -55,8 +55,8 @@ NOT_RUN: Final[Mapping[str, str]] = MappingProxyType(
         r"\./acrc (check|test|verify)( tests/\S+| \w+ --full)?$": "runs the tests",
         r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
         r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
-        r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs such a campaign",
-        r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs other files",
+        r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs trials",
+        r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs files",
         r"\./acrc replay runs/seen --robot r2 --strategy random": "ends with exit code 1",
         r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
     }

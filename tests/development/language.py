@@ -1,0 +1,66 @@
+"""Banned words and sentence openings in docstrings, messages, help and pages; see `Style` in CONTRIBUTING.md."""
+
+import ast
+import re
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from actors.installation.repository import REPOSITORY
+
+WORDS: Final = re.compile(
+    r"(?<![Tt]here )\b(?:is|are) no\b(?! longer| more)|\b(nought|anew|somebody|nobody|whoever|comes? to|gets? on|holds? (?:itself|themselves) to be)\b",
+    re.IGNORECASE,
+)
+OPENINGS: Final = re.compile(r"(?:^|[.:;]\s+)(?:What|Whose|Who|Whoever|Of)\b(?![^.]*\?)")
+"""A sentence that begins so has no subject, unless it is a question."""
+_CODE: Final = re.compile(r"```.*?```|`[^`]*`", re.DOTALL)
+
+
+class Finding(NamedTuple):
+    """A banned word or opening."""
+
+    place: str
+    """Folder below the root for sources, path for pages."""
+    file: str
+    line: int
+    found: str
+
+
+def findings() -> Iterator[Finding]:
+    """Yield every finding in tracked pages and Python sources of the product."""
+    listed = subprocess.run(
+        ["git", "ls-files", "*.py", "*.md"], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    ).stdout.split()
+    for name in listed:
+        path = REPOSITORY / name
+        if name.endswith(".md") and name != "CHANGELOG.md" and not name.startswith("docs/reference/"):
+            yield from _found(name, name, 1, _CODE.sub("", path.read_text("utf-8")))
+        elif name.endswith(".py") and not name.startswith("tests/"):
+            yield from _in_source(name, path)
+
+
+def counts() -> dict[str, int]:
+    """Return the number of findings by package; pages are `docs`."""
+    return dict(sorted(Counter("docs" if one.file.endswith(".md") else one.place for one in findings()).items()))
+
+
+def _in_source(name: str, path: Path) -> Iterator[Finding]:
+    """Yield findings in the strings of a source that hold prose: those with a space."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            yield from _found(name.partition("/")[0], name, node.lineno, node.value)
+
+
+def _found(place: str, name: str, line: int, text: str) -> Iterator[Finding]:
+    for pattern in (WORDS, OPENINGS):
+        for match in pattern.finditer(text):
+            yield Finding(place, name, line + text.count("\n", 0, match.start()), match[0].strip(" .:;\n"))
+
+
+if __name__ == "__main__":
+    for one in findings():
+        print(f"{one.file}:{one.line}: {one.found}")
+    print(counts())
