@@ -1,7 +1,7 @@
 """The functions of this package over whole arrays, entry by entry: the same bits as one by one."""
 
 from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,24 +12,34 @@ from actors.portable import compiled
 Floats: TypeAlias = NDArray[np.float64]
 
 
-def _loop(function: Callable[[float], float]) -> Any:
+def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Floats]:
+    """Return the function over the entries of an array; same shape."""
+
     @njit(cache=True)  # type: ignore[untyped-decorator]
     def over(values: Floats, results: Floats) -> None:
         for i in range(values.size):
             results[i] = function(values[i])
 
-    return over
+    def by_entry(x: ArrayLike) -> Floats:
+        values = np.array(
+            x, np.float64, order="C"
+        )  # a copy: read-only arrays would need kernels of their own
+        results = np.empty(values.shape)
+        over(values.reshape(-1), results.reshape(-1))
+        return results
+
+    return by_entry
 
 
-_SIN: Final = _loop(compiled.sin)
-_COS: Final = _loop(compiled.cos)
-_EXP: Final = _loop(compiled.exp)
-_EXP10: Final = _loop(compiled.exp10)
-_EXPM1: Final = _loop(compiled.expm1)
-_LOG: Final = _loop(compiled.log)
-_LOG10: Final = _loop(compiled.log10)
-_LOG1P: Final = _loop(compiled.log1p)
-_ATAN: Final = _loop(compiled.atan)
+sin: Final = _by_entry(compiled.sin)
+cos: Final = _by_entry(compiled.cos)
+exp: Final = _by_entry(compiled.exp)
+exp10: Final = _by_entry(compiled.exp10)
+expm1: Final = _by_entry(compiled.expm1)
+log: Final = _by_entry(compiled.log)
+log10: Final = _by_entry(compiled.log10)
+log1p: Final = _by_entry(compiled.log1p)
+atan: Final = _by_entry(compiled.atan)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -45,51 +55,6 @@ def _total(rows: Floats, results: Floats) -> None:
         for k in range(rows.shape[1]):
             total += rows[i, k]
         results[i] = total
-
-
-def sin(x: ArrayLike) -> Floats:
-    """Sines; same shape."""
-    return _entries(_SIN, x)
-
-
-def cos(x: ArrayLike) -> Floats:
-    """Cosines; same shape."""
-    return _entries(_COS, x)
-
-
-def exp(x: ArrayLike) -> Floats:
-    """e^x; same shape."""
-    return _entries(_EXP, x)
-
-
-def exp10(x: ArrayLike) -> Floats:
-    """10^x; same shape."""
-    return _entries(_EXP10, x)
-
-
-def expm1(x: ArrayLike) -> Floats:
-    """e^x − 1; same shape."""
-    return _entries(_EXPM1, x)
-
-
-def log(x: ArrayLike) -> Floats:
-    """Natural logarithms; same shape."""
-    return _entries(_LOG, x)
-
-
-def log10(x: ArrayLike) -> Floats:
-    """Decimal logarithms; same shape."""
-    return _entries(_LOG10, x)
-
-
-def log1p(x: ArrayLike) -> Floats:
-    """ln(1 + x); same shape."""
-    return _entries(_LOG1P, x)
-
-
-def atan(x: ArrayLike) -> Floats:
-    """Arctangents; same shape."""
-    return _entries(_ATAN, x)
 
 
 def hypot(x: ArrayLike, y: ArrayLike) -> Floats:
@@ -109,18 +74,11 @@ def total(x: ArrayLike) -> Floats:
     return results
 
 
-def _entries(kernel: Any, x: ArrayLike) -> Floats:
-    values = np.array(x, np.float64, order="C")  # a copy, so that read-only ones need no kernel of their own
-    results = np.empty(values.shape)
-    kernel(values.reshape(-1), results.reshape(-1))
-    return results
-
-
 def fingerprint() -> dict[str, bytes]:
     """What the functions give for fixed inputs: differs where a processor or compiler does otherwise."""
     x = np.arange(-40.0, 40.0) * 0.37 + 0.11
     positive = x * x
-    results = {function.__name__: function(x) for function in (sin, cos, exp, exp10, expm1, atan)}
-    results |= {function.__name__: function(positive) for function in (log, log10, log1p)}
+    results = {"sin": sin(x), "cos": cos(x), "exp": exp(x), "exp10": exp10(x), "expm1": expm1(x)}
+    results |= {"atan": atan(x), "log": log(positive), "log10": log10(positive), "log1p": log1p(positive)}
     results |= {"hypot": hypot(x, positive), "total": total([x * positive])}
     return {name: result.tobytes() for name, result in results.items()}

@@ -27,7 +27,6 @@ def build(setup: RadioSetup) -> RadioCore:
     if setup.step_us < 1:
         raise AcrcError(f"The radio's step is {setup.step_us} µs long; it must be at least 1 µs.")
     owners: dict[int, str] = {}
-    names: set[str] = set()
     for robot, address in setup.robots:
         if not 0 <= address <= GREATEST_ADDRESS:
             raise AcrcError(
@@ -37,10 +36,9 @@ def build(setup: RadioSetup) -> RadioCore:
             raise AcrcError(
                 f"Robots {owners[address]} and {robot} share the short address {address}; each needs its own."
             )
-        if robot in names:
+        if robot in owners.values():
             raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
         owners[address] = robot
-        names.add(robot)
     records = setup.detail == "full"
     return RadioCore(setup.robots, setup.step_us, model, setup.seed, records_outcomes=records)
 

@@ -105,14 +105,13 @@ class Wifi:
         return found
 
     def power_dbm(self, receivers: Floats) -> Floats:
-        """As `medium.Interferer` says."""
-        flat = receivers.reshape(-1, 2)
-        loss = self._propagation.loss_db(self._place, flat)
+        """Return the power as `medium.Interferer` defines it."""
+        loss = self._propagation.loss_db(self._place, receivers.reshape(-1, 2))
         power: Floats = self._radiated_dbm - loss.reshape(receivers.shape[:-1])
         return power
 
     def over(self, now_ns: int) -> bool:
-        """As `medium.Interferer` says: never."""
+        """Return False: a station never ends."""
         return False
 
     def _begin_anew(self) -> None:
@@ -133,7 +132,7 @@ class Wifi:
 
 @dataclass(frozen=True)
 class Jammer:
-    """A source that drowns everything within its radius, and is not noticed beyond, from since to until."""
+    """An interferer that drowns everything within its radius for one burst, and is not noticed beyond."""
 
     x: float
     y: float
@@ -144,17 +143,17 @@ class Jammer:
     until_ns: int
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """As `medium.Interferer` says: one."""
+        """Return its only burst, if that begins in the window."""
         if since_ns <= self.since_ns < until_ns and self.since_ns < self.until_ns:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
         return _NONE
 
     def over(self, now_ns: int) -> bool:
-        """As `medium.Interferer` says."""
+        """Return True once its burst has ended."""
         return self.until_ns < now_ns
 
     def power_dbm(self, receivers: Floats) -> Floats:
-        """As `medium.Interferer` says."""
+        """Return the power as `medium.Interferer` defines it."""
         away = np.square(receivers[..., 0] - self.x) + np.square(receivers[..., 1] - self.y)
         return np.where(away <= self.radius * self.radius, DROWNING_DBM, -np.inf)
 
@@ -302,7 +301,7 @@ class RadioModel:
 
 
 def radio_model(setup: RadioSetup) -> RadioModel:
-    """What the set-up describes; AcrcError if a preset or material is unknown, or the map cannot be read."""
+    """Return the model of a set-up. Raises AcrcError for an unknown name and for a map that is unreadable."""
     parameters = _amended(setup)
     walls = parameters.propagation.walls
     material(walls)
@@ -320,17 +319,14 @@ def radio_model(setup: RadioSetup) -> RadioModel:
 
 def _amended(setup: RadioSetup) -> RadioParameters:
     named = preset(setup.preset)
-    channel = named.channel if setup.channel is None else setup.channel
-    return replace(named, channel=channel, propagation=_propagation(setup, named.propagation))
-
-
-def _propagation(setup: RadioSetup, named: PropagationParameters) -> PropagationParameters:
-    shadowing = named.shadowing
+    shadowing = named.propagation.shadowing
     if setup.shadowing_db is not None:
         shadowing = replace(shadowing, sigma_db=setup.shadowing_db)
     if setup.correlation_distance is not None:
         shadowing = replace(shadowing, correlation_distance=setup.correlation_distance)
-    return replace(named, walls=setup.walls or named.walls, shadowing=shadowing)
+    walls = setup.walls or named.propagation.walls
+    propagation = replace(named.propagation, walls=walls, shadowing=shadowing)
+    return replace(named, channel=setup.channel or named.channel, propagation=propagation)
 
 
 _EVERY_US: Final = 1_000_000

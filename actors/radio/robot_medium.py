@@ -66,15 +66,15 @@ class FrameCounters:
         count each frame, when it ends, once per other transceiver that was powered when it began: with n of
         them always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
         """
-        frames = {name: int(medium[field].sum(dtype=np.int64)) for name, field in FRAMES.items()}
+
+        def total(counts: NDArray[np.int64]) -> int:
+            return int(counts.sum(dtype=np.int64))
+
+        frames = {name: total(medium[field]) for name, field in FRAMES.items()}
         frames["frames_refused"] = self.refused
-        frames["frames_discarded"] = int(
-            medium["discarded"].sum(dtype=np.int64) + self.discarded.sum(dtype=np.int64)
-        )
-        frames["bytes_sent"] = int(medium["octets_sent"].sum(dtype=np.int64))
-        copies = {
-            name: int(medium["outcomes"][:, outcome].sum(dtype=np.int64)) for name, outcome in COPIES.items()
-        }
+        frames["frames_discarded"] = total(medium["discarded"]) + total(self.discarded)
+        frames["bytes_sent"] = total(medium["octets_sent"])
+        copies = {name: total(medium["outcomes"][:, outcome]) for name, outcome in COPIES.items()}
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
 
     def by_robot(self, robots: Sequence[str], medium: NDArray[np.void]) -> dict[str, dict[str, int]]:
@@ -137,18 +137,7 @@ def _moved(truths: Floats, elapsed: float) -> Floats:
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     robots = [
-        RobotTruth(
-            id=f"r{k}",
-            x=0.3 * k,
-            y=2.0 - k,
-            heading=0.0,
-            vx=0.1 * k,
-            vy=0.4,
-            omega=0.2 * k - 0.4,
-            stepping=True,
-            powered=True,
-            transmits=0,
-        )
+        RobotTruth(f"r{k}", 0.3 * k, 2.0 - k, 0.0, 0.1 * k, 0.4, 0.2 * k - 0.4, True, True, 0)
         for k in range(5)
     ]
     return TransceiverTruth(0, robots).positions(73_000_001).tobytes()

@@ -138,12 +138,10 @@ class Interference:
         self, since_ns: int, until_ns: int, where: Trajectory
     ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
         """The switches in [since, until), in order, and the powers, mW, that they name by row."""
-        entries = [
-            entry
-            for source, interferer in enumerate(self._interferers)
-            if interferer is not None
-            for entry in self._entries(source, interferer, since_ns, until_ns)
-        ]
+        entries: list[tuple[int, int, bool]] = []
+        for source, interferer in enumerate(self._interferers):
+            if interferer is not None:
+                entries += self._entries(source, interferer, since_ns, until_ns)
         if not entries:
             return np.zeros(0, SWITCH), np.zeros((0, len(where(since_ns)) if self._interferers else 0))
         entries.sort()

@@ -320,11 +320,16 @@ def initial_state(
 ) -> MediumState:
     """All transceivers on, silent and listening; `pauses`: as in MEDIUM."""
     n = len(transceivers)
+    records = np.zeros(n, TRANSCEIVER)
+    records["settings"] = _settings(transceivers, phy)
+    records["mac"]["powered"] = True
+    records["receiver"]["lock"] = NOBODY
+    records["receiver"]["unlock_ns"] = -NEVER
     medium = _medium(transceivers, phy, seed)
     medium["pauses"] = pauses
     return MediumState(
         medium=medium[0],
-        transceivers=_transceivers(transceivers, phy),
+        transceivers=records,
         queue=np.zeros((n, max((t.queue for t in transceivers), default=1)), FRAME),
         agenda=np.zeros(_DUE_EACH * n + 1, AGENDA),
         rosters=np.zeros(n, ROSTER),
@@ -347,27 +352,12 @@ def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) 
     medium["peak_cca"] = phy.peak_cca
     medium["dead_ns"], medium["dead_octet_ns"] = phy.dead_us * 1000, phy.dead_octet_us * 1000
     medium["dead_octets"] = phy.dead_octets
-    medium["faintest_dbm"] = _faintest_dbm(transceivers, phy)
-    return medium
-
-
-def _faintest_dbm(transceivers: Sequence[Transceiver], phy: PhyParameters) -> float:
-    """Return the greatest total power at a receiver of the frames that are left out of its sum, dBm.
-
-    It adds 0.01 dB to the noise or to the least energy of a busy channel, and no receiver locks onto it.
-    """
+    # What is left out of a receiver's sum adds 0.01 dB to the noise or to the least energy of a busy channel,
+    # and no receiver locks onto it.
     least_dbm = min([phy.noise_dbm, *(one.cca_threshold_dbm for one in transceivers)])
     together_dbm = least_dbm + _LEFT_OUT_DB - max(phy.cochannel_penalty_db, 0.0)
-    return min(together_dbm, phy.noise_dbm + phy.lock_sinr_db)
-
-
-def _transceivers(transceivers: Sequence[Transceiver], phy: PhyParameters) -> NDArray[np.void]:
-    records = np.zeros(len(transceivers), TRANSCEIVER)
-    records["settings"] = _settings(transceivers, phy)
-    records["mac"]["powered"] = True
-    records["receiver"]["lock"] = NOBODY
-    records["receiver"]["unlock_ns"] = -NEVER
-    return records
+    medium["faintest_dbm"] = min(together_dbm, phy.noise_dbm + phy.lock_sinr_db)
+    return medium
 
 
 def _settings(transceivers: Sequence[Transceiver], phy: PhyParameters) -> NDArray[np.void]:
