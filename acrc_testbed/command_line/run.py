@@ -212,7 +212,7 @@ def run(
     chosen, options = prepared
     if not json:
         adapted = chosen.run.strategy not in _BASELINES
-        summary.print_next(options.out, options.modules, [*_baseline(sys.argv[1:], out)] if adapted else ())
+        summary.print_next(options.out, [*_baseline(sys.argv[1:], out)] if adapted else ())
     if view:
         summary.print_view(options.out)
     demand_all(result.undelivered, result.not_delivered)

@@ -34,7 +34,7 @@ class RobotStates:
     def __init__(self, run: RunData, stages: Sequence[Stage], p: EpisodeParameters) -> None:
         steps = len(run.true)
         self.run, self.stages, self._p = run, stages, p
-        self._reports = reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
+        self._reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
         """(steps,): the floor's."""
         self.goal = np.column_stack(

@@ -12,7 +12,6 @@ from rich.table import Table
 from acrc_testbed.results.result import RobotResult, RunResult
 from actors.console import print_table, screen
 from actors.installation.usage import typed
-from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.processes import monitor
 from actors.runtime.errors import printable
 
@@ -64,16 +63,20 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _driving(result)
 
 
-def print_next(out: Path, modules: Sequence[Path] = (), baseline: Sequence[str] = ()) -> None:
+def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
     """Print commands that show the run, and one that runs the same without adaptation.
 
-    `modules`: folders with the run's own strategy. `baseline`: words of the last command; empty: none.
+    `baseline`: words of the last command; empty: none.
     """
     console = screen()
     console.print(f"See it on one page: {typed('view', out, '--png')}")
-    console.print(f"See it with all that robots perceived: {typed('view', out, modules=modules)}")
+    console.print(f"See it with all that robots perceived: {typed('view', out)}")
     if baseline:
         console.print(f"The same without adaptation: {typed(*baseline)}")
+
+
+LIVE_VIEW: Final = "To see the run while it goes on"
+"""Beginning of the sentence that has no meaning once the run has ended."""
 
 
 def print_viewer(out: Path) -> None:
@@ -83,7 +86,7 @@ def print_viewer(out: Path) -> None:
 
 def print_view(out: Path) -> None:
     """Say on standard error what the observer had to say at its end."""
-    _print_lines([line for line in _view_log(out) if not line.startswith(WHILE_IT_GOES_ON)])
+    _print_lines([line for line in _view_log(out) if not line.startswith(LIVE_VIEW)])
 
 
 def _view_log(out: Path) -> list[str]:

@@ -6,6 +6,7 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
+from acrc_testbed.results.summary import LIVE_VIEW
 from acrc_testbed.view import command
 from acrc_testbed.view.command import FILE_NAME, say_at_once
 from actors.observer import viewer
@@ -29,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     opened = viewer.open_any(say_at_once, f"the view goes to {path} only")
     try:
         if opened is not None and opened.page:
-            say_at_once(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
+            say_at_once(f"{LIVE_VIEW}, open {opened.page} in a browser on this machine.")
         command.follow(options.out, path, options.robot, opened, say_at_once)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

@@ -19,8 +19,6 @@ from actors.runtime.linux import PR_SET_PDEATHSIG, prctl
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
-WHILE_IT_GOES_ON = "To see the run while it goes on"
-"""Begins the sentence that means nothing once the run has ended."""
 _THEME = "&theme=dark"
 """Robots' names have their colours, which on a light ground nobody can read."""
 _PATIENCE = 15.0

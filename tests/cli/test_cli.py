@@ -242,10 +242,10 @@ def test_a_run_says_what_shows_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
-    summary.print_next(Path("/o/my run"), [REPOSITORY, Path("/m")], ["run", "my.toml", "--strategy", "none"])
+    summary.print_next(Path("/o/my run"), ["run", "my.toml", "--strategy", "none"])
     assert capsys.readouterr().out.splitlines() == [
         "See it on one page: ./acrc view '/o/my run' --png",
-        "See it with all that robots perceived: ./acrc view '/o/my run' --modules . --modules /m",
+        "See it with all that robots perceived: ./acrc view '/o/my run'",
         "The same without adaptation: ./acrc run my.toml --strategy none",
     ]
     summary.print_next(REPOSITORY / "runs" / "a")
