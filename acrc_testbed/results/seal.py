@@ -78,7 +78,7 @@ class HostsFile(msgspec.Struct, frozen=True):
 
 def write(out: Path, told: HostsFile) -> None:
     """Write it into a run's folder, in place of one from before."""
-    regular_file.write(out / NAME, msgspec.json.format(msgspec.json.encode(told)) + b"\n")
+    regular_file.write(out / NAME, typed_json.dump(told))
 
 
 def read(out: Path) -> HostsFile | None:

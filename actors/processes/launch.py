@@ -19,10 +19,10 @@ import msgspec
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import Part, ProcessStart
 from actors.processes.forkserver import Ended, Ready, Refused, Reply, Request, Share, Start, Started, Withdraw
-from actors.runtime import process_table, regular_file
+from actors.runtime import process_table, regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names
-from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.process_setup import SETUP, ActorSetup
 from actors.runtime.process_table import ProcessGlance, passed_on, python
 from actors.runtime.recording import read_notes
 
@@ -109,7 +109,7 @@ def write_setup(program: Program) -> None:
     assert program.setup is not None
     file = program.log.parent / SETUP
     try:
-        regular_file.write(file, setup_bytes(program.setup))
+        regular_file.write(file, typed_json.dump(program.setup))
     except OSError as error:
         raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from error
 

@@ -62,11 +62,6 @@ def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSet
     return typed_json.read(path, kind, f"set-up of {actor}")
 
 
-def setup_bytes(setup: msgspec.Struct) -> bytes:
-    """The file's content."""
-    return msgspec.json.format(msgspec.json.encode(setup)) + b"\n"
-
-
 def located_model(model: str, folder: Path) -> str:
     """A robot model as a set-up in `folder` names it: the path of a file, or the name of a shipped one."""
     return str(folder / model) if model.endswith(".toml") else model

@@ -50,6 +50,11 @@ _FIELD: Final = re.compile(
 _STEP: Final = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
 
 
+def dump(value: object) -> bytes:
+    """Return a value as indented JSON with a line end."""
+    return msgspec.json.format(msgspec.json.encode(value)) + b"\n"
+
+
 def read(
     path: Path,
     kind: type[T],

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
-
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import read_field_trial
 from acrc_testbed.results.outcome import write_table
@@ -17,6 +15,7 @@ from acrc_testbed.results.trial_result import (
     with_true_frames,
     with_truth,
 )
+from actors.runtime import typed_json
 from deploy.run.out_folder import make_folder
 
 
@@ -38,6 +37,6 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     if out is not None:
         make_folder(out)
         write_table(told.places, out / "places.csv")
-        (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+        (out / "run.json").write_bytes(typed_json.dump(result))
         seal(out)
     return result

@@ -18,13 +18,14 @@ from actors.messages import PROGRESS, Progress
 from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
+from actors.runtime import typed_json
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.sandbox import warn
-from actors.runtime.process_setup import SETUP, setup_bytes
+from actors.runtime.process_setup import SETUP
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect
@@ -138,7 +139,7 @@ class _Room(Supervisor):
         models = {str(path): place for path, place in plan.scenario.models}
         world = told_world(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
         setup = LaboratorySetup(world, told_radio(plan), simulated)
-        (folder / SETUP).write_bytes(setup_bytes(setup))
+        (folder / SETUP).write_bytes(typed_json.dump(setup))
 
     def start_devices(self) -> None:
         """Start it, and stay until the devices are plugged in."""

@@ -15,8 +15,8 @@ from distributed import Future
 from acrc_testbed.results.seal import HostLoad
 from actors.processes.launch import Child, LaunchError, Program, write_setup
 from actors.processes.monitor import OUT_OF_SIGHT
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.process_setup import setup_bytes
 from actors.runtime.process_table import ProcessGlance
 from deploy.hosts.agent import (
     HostEvents,
@@ -141,7 +141,7 @@ class HostLink:
         number = len(self._children)
         child = RemoteChild(program, self._pid((1 << 31) - 1 - number), link=self, number=number)
         self._children[number] = child
-        self._starts.append(StartRobot(number, program.actor, setup_bytes(program.setup)))
+        self._starts.append(StartRobot(number, program.actor, typed_json.dump(program.setup)))
         if self.lost or self.done:
             child.exit_code = -signal.SIGKILL
         return child

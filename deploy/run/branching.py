@@ -94,12 +94,18 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     options = replace(options, modules=modules)
     anew = control_of(scenario, change) if chosen else None
 
-    def carry_out(of: Scenario, into: RunOptions, watch: _StepWatch) -> RunResult:
-        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
-        return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
+    began, again_s = time.monotonic(), 0.0
 
-    watch = _StepWatch(first)
-    result = carry_out(branched, options, watch)
+    def follow(progress: Progress) -> None:
+        nonlocal again_s
+        if not again_s and progress.step >= first:
+            again_s = time.monotonic() - began
+
+    def carry_out(of: Scenario, into: RunOptions) -> RunResult:
+        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
+        return swarm.run_in_memory(swarm.plan(of, into), follow, orders)
+
+    result = carry_out(branched, options)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
         raise AcrcError(
@@ -110,7 +116,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     if anew is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
             into = replace(options, out=Path(name) / "control")
-            digest = carry_out(anew, into, _StepWatch(first)).digest
+            digest = carry_out(anew, into).digest
             apart = (
                 None
                 if digest == result.digest
@@ -126,24 +132,11 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         "" if control is None else control.digest,
         "" if control is None or control.divergence is None else control.divergence.words,
     )
-    result = _with_origin(result, about, options.out)
+    result = msgspec.structs.replace(result, origin=msgspec.structs.replace(result.origin, branch=about))
+    (options.out / "run.json").write_bytes(typed_json.dump(result))
     seal(options.out)
     undone = _undone(change, step_us, result, done)
-    return Branched(result, parted, watch.again_s, undone, control)
-
-
-class _StepWatch:
-    """Takes the time that it takes to come to a step."""
-
-    def __init__(self, step: int) -> None:
-        self._step = step
-        self._began = time.monotonic()
-        self.again_s = 0.0
-
-    def follow(self, progress: Progress) -> None:
-        """Progress comes once a simulated second."""
-        if not self.again_s and progress.step >= self._step:
-            self.again_s = time.monotonic() - self._began
+    return Branched(result, parted, again_s, undone, control)
 
 
 class _RunOutcome(msgspec.Struct):
@@ -165,13 +158,6 @@ def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome |
     said = [one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)]
     over = f"the branch was over at {result.simulated_s:g} s"
     return (*said, *(f"at {at:g} s: {over}" for at in instants if at >= result.simulated_s))
-
-
-def _with_origin(result: RunResult, about: BranchOrigin, out: Path) -> RunResult:
-    origin = msgspec.structs.replace(result.origin, branch=about)
-    result = msgspec.structs.replace(result, origin=origin)
-    (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
-    return result
 
 
 def continue_run(

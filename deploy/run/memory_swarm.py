@@ -9,14 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from types import FrameType, TracebackType
-from typing import Final, NoReturn, Self
+from types import FrameType
+from typing import Final, NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
-from actors.processes.monitor import HoldUp, StallDetector, Suspect, Timeout
+from actors.processes.monitor import HoldUp, StallDetector, Suspect
 from actors.processes.watchdog import BoardTurn, Show, guarded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
@@ -41,20 +41,13 @@ from deploy.run.plan import world_program as world_as_program
 _TICK_S: Final = 0.25
 
 
-def own_stalls(timeout: Timeout) -> StallDetector:
-    """Return a detector of stalls of this very process."""
-    return StallDetector(
-        timeout, _say, table=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())}
-    )
-
-
 def _say(sentence: str) -> None:
     """Past Python's own streams, which may be the strategy's at this moment."""
     with contextlib.suppress(OSError):
         os.write(2, f"acrc: {sentence}\n".encode())
 
 
-@contextlib.contextmanager
+@contextmanager
 def watched(
     shells: Sequence[Shell],
     stalls: StallDetector,
@@ -63,7 +56,7 @@ def watched(
 ) -> Iterator[None]:
     """Raise TimedOut in the main thread if none of the `shells` advances for too long.
 
-    `stalls` is one that `own_stalls` makes; `turn` says whose turn it is. `give_up` is called when it was
+    `stalls`: of this very process; `turn` says whose turn it is. `give_up` is called when it was
     raised in vain, and must not return. In other threads than the main one, where no signal arrives, nobody
     is watched.
     """
@@ -94,7 +87,7 @@ def watched(
         yield
 
 
-@contextlib.contextmanager
+@contextmanager
 def exits_caught() -> Iterator[None]:
     """`os._exit` raises HardExit instead of ending this process without a word."""
     leave, me = os._exit, os.getpid()
@@ -111,25 +104,19 @@ def exits_caught() -> Iterator[None]:
         os._exit = leave
 
 
-class Leftovers:
-    """What strategies in this process have started and not ended; made before the run."""
-
-    def __init__(self) -> None:
-        self._threads = threading.enumerate()
-        self._children = process_table.children(os.getpid(), process_table.table())
-        self.fault: str | None = None
-        """Once this context has been left: what is wrong."""
-
-    def __enter__(self) -> Self:
-        _adopt_orphans(True)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        heirs = process_table.children(os.getpid(), process_table.table()) - self._children
-        self.fault = leftover_fault(process_table.end_orphans(heirs) > 0, self._threads)
+@contextmanager
+def leftovers_ended() -> Iterator[None]:
+    """End what strategies in this process have started and not ended; AcrcError if there is something."""
+    threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.table())
+    _adopt_orphans(True)
+    try:
+        yield
+    finally:
+        left = process_table.children(os.getpid(), process_table.table()) - children
+        fault = leftover_fault(process_table.end_orphans(left) > 0, threads)
         _adopt_orphans(False)
+    if fault is not None:
+        raise AcrcError(f"a strategy failed: {fault}")
 
 
 def _adopt_orphans(adopt: bool) -> None:
@@ -156,7 +143,9 @@ class MemorySwarm:
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: Show | None = None
         """Shows others whose turn it is."""
-        self._stalls = own_stalls(plan.timeout)
+        self._stalls = StallDetector(
+            plan.timeout, _say, table=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())}
+        )
         self.rosters = 0
         """Roster messages received."""
 
@@ -177,19 +166,17 @@ class MemorySwarm:
                 self._show = self._stack.enter_context(guarded(self._plan.timeout.step_s))
             failure.hold(self._plan.out)
             self._stack.callback(failure.release)
-            try:
-                with Leftovers() as leftovers:
+            with leftovers_ended():
+                try:
                     self._play()
-            except (SystemExit, TimedOut) as error:
-                raise AcrcError(self._note_failure(error)) from None
-            except Exception as error:
-                failure.release()  # here already: not even a call may be possible
-                sentence = self._note_failure(error)
-                if isinstance(error, AcrcError) or not (frames := own_frames(error)):
-                    raise
-                raise AcrcError(f"{sentence}\n{frames}".rstrip()) from error
-            if leftovers.fault is not None:
-                raise AcrcError(f"a strategy failed: {leftovers.fault}")
+                except (SystemExit, TimedOut) as error:
+                    raise AcrcError(self._note_failure(error)) from None
+                except Exception as error:
+                    failure.release()  # here already: not even a call may be possible
+                    sentence = self._note_failure(error)
+                    if isinstance(error, AcrcError) or not (frames := own_frames(error)):
+                        raise
+                    raise AcrcError(f"{sentence}\n{frames}".rstrip()) from error
             cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._actors:
                 recorder.note("final", final_note(shell, part, cpu_s))
@@ -227,8 +214,8 @@ class MemorySwarm:
 
     def _build(self) -> None:
         plan = self._plan
-        self._bus.listen(at(PROGRESS), self._take_progress)
-        self._bus.listen(at(ROSTER), self._take_roster)
+        self._bus.listen(at(PROGRESS), self._take)
+        self._bus.listen(at(ROSTER), self._take)
         world, radio = world_as_program(plan), radio_program(plan)
         assert world.setup is not None and radio.setup is not None
         part = world_program.part_of(world.setup.actor, plan.folder("world"), plan.commit)
@@ -296,15 +283,15 @@ class MemorySwarm:
         if self._pace is not None and shell.core is self._core and self._core.opening:
             self._pace.hold(self._core.instant)
 
-    def _take_progress(self, delivery: Delivery) -> None:
-        progress = decode(delivery.topic, delivery.key, delivery.payload)
-        assert isinstance(progress, Progress)
-        self._on_progress(progress)
+    def _take(self, delivery: Delivery) -> None:
+        message = decode(delivery.topic, delivery.key, delivery.payload)
+        if isinstance(message, Progress):
+            self._on_progress(message)
+        elif isinstance(message, RosterMessage):
+            self.rosters += 1
+            self._restart(message)
 
-    def _take_roster(self, delivery: Delivery) -> None:
-        roster = decode(delivery.topic, delivery.key, delivery.payload)
-        assert isinstance(roster, RosterMessage)
-        self.rosters += 1
+    def _restart(self, roster: RosterMessage) -> None:
         robots = {robot.id: robot for robot in self._plan.world.robots}
         for order in roster.start:
             for program, _, shell, _ in self._actors:

@@ -20,6 +20,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
+from actors.runtime import typed_json
 from actors.runtime.isolation import credentials
 from actors.runtime.isolation.credentials import Credentials, Gate
 from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
@@ -171,7 +172,7 @@ def write_names(plan: RunPlan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
     if plan.code:
         names = StrategyFolders(str(plan.out.resolve()), plan.code)
-        (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
+        (plan.out / NAMES).write_bytes(typed_json.dump(names))
 
 
 def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:

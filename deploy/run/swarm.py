@@ -34,6 +34,7 @@ from actors.robot import assembly
 from actors.robot.behaviour.loading import expect, look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
+from actors.runtime import typed_json
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote, failure_note, own_frames
@@ -254,34 +255,28 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
     what became of every place in places.csv; the folder is sealed.
     """
-    with allocated_hosts(options) as recruits:
-        return _run(scenario, options, launched, recruits)
+    with allocated_hosts(options) as pool:
+        prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
+        for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
+            warn(sentence)
+        places = sum(len(robot.places) for robot in prepared.world.robots)
+        given = (timed.order for timed in prepared.world.events)
+        places += sum(len(order.places) for order in given if isinstance(order, Give))
+        quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
+        check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
+        with (
+            progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
+            shown(options.out, options.log) as look,
+        ):
 
+            def on_progress(message: Progress) -> None:
+                follow(message)
+                look()
 
-def _run(
-    scenario: Scenario, options: RunOptions, launched: Launcher | None, recruits: "HostPool | None"
-) -> RunResult:
-    prepared = plan(scenario, options, None if recruits is None else recruits.isolation_fault)
-    for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
-        warn(sentence)
-    places = sum(len(robot.places) for robot in prepared.world.robots)
-    given = (timed.order for timed in prepared.world.events)
-    places += sum(len(order.places) for order in given if isinstance(order, Give))
-    quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
-    check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
-    with (
-        progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
-        shown(options.out, options.log) as look,
-    ):
-
-        def on_progress(message: Progress) -> None:
-            follow(message)
-            look()
-
-        if options.bus == "memory":
-            result = run_in_memory(prepared, on_progress)
-        else:
-            result = run_processes(prepared, options.spawn, on_progress, launched, recruits)
+            if options.bus == "memory":
+                result = run_in_memory(prepared, on_progress)
+            else:
+                result = run_processes(prepared, options.spawn, on_progress, launched, pool)
     seal(options.out, {name: one.sha256 for name, one in elsewhere(options.out).items()})
     return result
 
@@ -354,11 +349,11 @@ def run_processes(
     spawn: str,
     on_progress: OnProgress,
     launched: Launcher | None = None,
-    recruits: "HostPool | None" = None,
+    pool: "HostPool | None" = None,
 ) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises.
 
-    `launched`: what starts them, if that has begun already; else it begins here. `recruits`: are to have the
+    `launched`: what starts them, if that has begun already; else it begins here. `pool`: are to have the
     robots.
     """
     began = time.time()
@@ -366,7 +361,7 @@ def run_processes(
     with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
-        with hosts_of(plan, recruits) as away:
+        with hosts_of(plan, pool) as away:
             supervisor = _supervise(plan, starting, on_progress, away)
     return _finish(plan, supervisor, began, "zenoh", supervisor.cpu_s + time.process_time())
 
@@ -458,5 +453,5 @@ def _finish(
         held_up=dict(swarm.held_up),
     )
     write_table(places, plan.out / "places.csv")
-    (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+    (plan.out / "run.json").write_bytes(typed_json.dump(result))
     return result

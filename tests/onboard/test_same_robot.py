@@ -19,9 +19,10 @@ from actors.instant import Instant, seconds
 from actors.messages import Odometry, ProcessOrder
 from actors.processes.launch import Child, Program
 from actors.robot.assembly import RobotSetup
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
-from actors.runtime.process_setup import SETUP, setup_bytes
+from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import Recorder
 from deploy.fleet import keys as fleet_keys
 from deploy.fleet import onboard
@@ -207,7 +208,7 @@ def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
         assert program.setup is not None
         process = msgspec.structs.replace(program.setup.process, with_parent=False)
         file = program.log.parent / SETUP
-        file.write_bytes(setup_bytes(msgspec.structs.replace(program.setup, process=process)))
+        file.write_bytes(typed_json.dump(msgspec.structs.replace(program.setup, process=process)))
         assert base.main(program.argv) == 2
     assert capsys.readouterr().err == (
         f"{listen}: no laptop can be awaited there: address already in use; end the program that has the "

@@ -20,11 +20,11 @@ from actors.radio import frame as frame_codec
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
+from actors.runtime import typed_json
 from actors.runtime.codec import decode
 from actors.runtime.failure import FailureNote
 from actors.runtime.isolation import credentials
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.process_setup import setup_bytes
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.world import program as world
@@ -158,7 +158,7 @@ def _setups(planned: RunPlan, scratch: Path) -> Iterator[Parser]:
     )
     for name, program, reader in readers:
         assert program.setup is not None
-        yield Parser(name, (setup_bytes(program.setup),), _through_a_file(scratch / "setup.json", reader))
+        yield Parser(name, (typed_json.dump(program.setup),), _through_a_file(scratch / "setup.json", reader))
 
 
 def _decoder(topic: object) -> Callable[[bytes], object]:

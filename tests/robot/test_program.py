@@ -24,10 +24,11 @@ from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
 from actors.robot.stack import Adaptation, Stack
+from actors.runtime import typed_json
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.process_setup import SETUP, ActorSetup
 from actors.runtime.processor import combined
 from tests.refusals import refused
 from tests.robot.rig import Scripted
@@ -67,7 +68,7 @@ def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
     )
     with refused(f"{tmp_path}/{SETUP}: the set-up of a robot cannot be read: No such file or directory"):
         load_setup(tmp_path / SETUP)
-    (tmp_path / SETUP).write_bytes(setup_bytes(told))
+    (tmp_path / SETUP).write_bytes(typed_json.dump(told))
     assert load_setup(tmp_path / SETUP) == told
 
 
@@ -118,7 +119,7 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
 def test_what_is_wrong_in_it_is_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], object], fault: str
 ) -> None:
-    told = json.loads(setup_bytes(ActorSetup(ROBOT, PLACE)))
+    told = json.loads(typed_json.dump(ActorSetup(ROBOT, PLACE)))
     change(told)
     file = tmp_path / SETUP
     file.write_text(json.dumps(told))

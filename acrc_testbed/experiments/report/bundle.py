@@ -23,7 +23,7 @@ from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, lines
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.launch import scratch_folder
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
 CHAPTER: Final = "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Problem and Testbed"
@@ -199,7 +199,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     files = {
         "README.md": readme(about).encode(),
         "CITATION.cff": citation(about).encode(),
-        "study.json": msgspec.json.format(msgspec.json.encode(study)) + b"\n",
+        "study.json": typed_json.dump(study),
         "results/study.json": msgspec.json.encode(there),
         "digests.csv": _digests(records),
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
