@@ -44,12 +44,9 @@ def strategies(json: Json = False) -> None:
 def presets(json: Json = False) -> None:
     """List presets of radio, localisation and navigation."""
     # read from the sources: importing them takes as long as starting a simulation
-    actors, tables = REPOSITORY / "actors", REPOSITORY / "actors" / "robot" / "stack.py"
-    odometry = {
-        "table": "localisation",
-        "name": "odometry",
-        "summary": constant_doc(tables, "ODOMETRY").removesuffix("."),
-    }
+    actors = REPOSITORY / "actors"
+    summary = constant(actors / "robot" / "stack.py", "ODOMETRY")[1].removesuffix(".")
+    odometry = {"table": "localisation", "name": "odometry", "summary": summary}
     rows = [
         *_presets("radio", actors / "radio" / "radio_model.py", "PRESETS"),
         *_presets("localisation", actors / "robot" / "localisation" / "parameters.py", "PRESETS"),
@@ -132,10 +129,9 @@ def _strategy(strategy: Any) -> Row:
     return {**names, "summary": summary, "error": strategy.fault or error}
 
 
-def _presets(table: str, source: Path, constant: str) -> list[Row]:
-    doc = constant_doc(source, constant)
-    names = constant_keys(source, constant)
-    return [{"table": table, "name": name, "summary": preset_summary(name, doc)} for name in names]
+def _presets(table: str, source: Path, name: str) -> list[Row]:
+    names, doc = constant(source, name)
+    return [{"table": table, "name": one, "summary": preset_summary(one, doc)} for one in names]
 
 
 def _model(path: Path) -> Row:
@@ -174,27 +170,16 @@ def head_comment(text: str) -> str:
     return re.split(r"(?<=\.)\s", " ".join(lines), maxsplit=1)[0]
 
 
-def constant_doc(source: Path, name: str) -> str:
-    """Return the docstring below the module's constant `name`, on one line."""
-    body = ast.parse(source.read_text("utf-8")).body
-    for here, below in pairwise(body):
-        if _assigns(here, name) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-            return " ".join(str(below.value.value).split())
-    return ""
-
-
-def constant_keys(source: Path, name: str) -> list[str]:
-    """Return the keys of the module's constant `name`, a dict display."""
-    for statement in ast.parse(source.read_text("utf-8")).body:
-        if _assigns(statement, name):
-            written = next(node for node in ast.walk(statement) if isinstance(node, ast.Dict))
-            return [ast.literal_eval(key) for key in written.keys if key is not None]
-    return []
-
-
-def _assigns(statement: ast.stmt, name: str) -> bool:
-    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
-    return any(isinstance(target, ast.Name) and target.id == name for target in targets)
+def constant(source: Path, name: str) -> tuple[list[str], str]:
+    """Return the keys of a module's constant, if it is a dict display, and its docstring on one line."""
+    for here, below in pairwise(ast.parse(source.read_text("utf-8")).body):
+        targets = here.targets if isinstance(here, ast.Assign) else [getattr(here, "target", None)]
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            dicts = [node for node in ast.walk(here) if isinstance(node, ast.Dict)][:1]
+            keys = [ast.literal_eval(key) for node in dicts for key in node.keys if key is not None]
+            doc = below.value if isinstance(below, ast.Expr) else None
+            return keys, " ".join(str(doc.value).split()) if isinstance(doc, ast.Constant) else ""
+    return [], ""
 
 
 def preset_summary(name: str, doc: str) -> str:

@@ -1,7 +1,7 @@
 """`acrc replay`, `acrc explain` and `acrc export`."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from actors.installation.usage import OptionError, wrong_value
 
 if TYPE_CHECKING:
     from acrc_testbed.recordings.record_replay import ReplayReport
+    from actors.robot.behaviour.foreign import Permit
 
 
 def replay(
@@ -52,87 +53,80 @@ def replay(
 
     --robot replays one actor alone.
     """
-    options = {
-        "--isolate": isolate,
-        "--from": begin,
-        "--to": end,
-        "--pdb": pdb or None,
-        "--debugpy": debugpy,
-        "--strategy": strategy,
-    }
-    if robot is None:
-        alone = [name for name, value in options.items() if value is not None]
-        if alone:
-            raise OptionError(f"{alone[0]}: requires --robot; it is about one actor")
-        from actors.robot.behaviour.foreign import permit_of
-        from deploy.run.swarm_replay import replay_swarm
+    from actors.robot.behaviour.foreign import permit_of
 
-        again = replay_swarm(out, permit=permit_of(modules, trust=trust))
-        orders = "" if not again.orders else f", with {again.orders} orders from outside"
-        whole = "" if again.complete else ", as far as it was recorded"
-        answer(
-            [f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}"], again, json=json
-        )
+    alone = {
+        "--isolate": isolate, "--from": begin, "--to": end, "--pdb": pdb or None, "--debugpy": debugpy,
+        "--strategy": strategy,
+    }  # fmt: skip
+    permit = permit_of(modules, trust=trust)
+    if robot is None:
+        for name, value in alone.items():
+            if value is not None:
+                raise OptionError(f"{name}: requires --robot; it is about one actor")
+        _replay_all(out, permit, json=json)
         return
-    if json and (pdb or debugpy is not None):
+    debugged = pdb or debugpy is not None
+    if json and debugged:
         raise OptionError("--json: cannot be combined with --pdb and --debugpy")
     if pdb and debugpy is not None:
         raise OptionError("--pdb: cannot be combined with --debugpy")
-    if begin is not None and not pdb and debugpy is None:
+    if begin is not None and not debugged:
         raise OptionError("--from: requires --pdb or --debugpy; a debugger stops there")
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
-    watched = pdb or debugpy is not None or end is not None or strategy is not None
-    if isolate and watched:
-        raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
-    if watched:
+    if debugged or end is not None or strategy is not None:
+        if isolate:
+            raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
         prints = sys.stderr if json else sys.stdout
-        report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust), prints)
+        report = _watched(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, permit, prints)
     else:
         from acrc_testbed.recordings import sandboxed
-        from actors.robot.behaviour.foreign import permit_of
 
-        report = sandboxed.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
+        report = sandboxed.replay(out, robot, permit=permit, isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
 
 
-def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
-    """`own`: the strategy is the user's."""
-    from acrc_testbed.recordings import record_replay
+def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
+    from deploy.run.swarm_replay import replay_swarm
 
-    if pdb:
-        return record_replay.terminal(own=own)
-    return None if port is None else record_replay.debugpy_at(port)
+    again = replay_swarm(out, permit=permit)
+    orders = "" if not again.orders else f", with {again.orders} orders from outside"
+    whole = "" if again.complete else ", as far as it was recorded"
+    answer([f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}"], again, json=json)
 
 
-def _one(
+def _watched(
     out: Path,
     robot: str,
     begin: float,
     end: float | None,
     debugger: tuple[bool, int | None],
     strategy: str | None,
-    words: tuple[list[Path] | None, bool],
+    permit: "Permit",
     prints: TextIO,
 ) -> "ReplayReport":
+    """Replay one actor here: to an instant, with another strategy, or in a debugger (--pdb, --debugpy)."""
     from acrc_testbed.recordings import record_replay
     from acrc_testbed.recordings.record_replay import Onlook, replay_actor
     from acrc_testbed.recordings.sandboxed import check_trust
-    from actors.robot.behaviour.foreign import admitted, permit_of
+    from actors.robot.behaviour.foreign import admitted
     from actors.robot.behaviour.loading import look_in
     from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.run import swarm_replay
 
-    permit = permit_of(words[0], trust=words[1])
     if strategy is None:
         folders = check_trust(out, robot, permit) or ()
     else:
         folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
     look_in(folders, any_content=permit.trust)
-    stop = _debugger(*debugger, own=bool(folders))
+    pdb, port = debugger
+    stop = None if port is None else record_replay.debugpy_at(port)
+    if pdb:
+        stop = record_replay.terminal(own=bool(folders))
     stretch, reached = record_replay.Stretch(begin, end), list[bool]()
 
     def stopping() -> None:
@@ -219,10 +213,10 @@ def export(
     """
     if mcap is not None:
         _export_log(out, folder, mcap, tuple(robot or ()), json=json)
-        return
-    if robot:
+    elif robot:
         raise OptionError("--robot: requires --mcap; tables are of all robots")
-    _export_tables(out, folder, json=json)
+    else:
+        _export_tables(out, folder, json=json)
 
 
 def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
