@@ -19,7 +19,7 @@ from acrc_testbed.command_line.options import (
     OperatorKeys,
     answer,
     argument,
-    flag,
+    isolation,
     option,
 )
 from actors.console import screen
@@ -126,12 +126,7 @@ def onboard(
     robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
     out: Annotated[Path | None, option("DIR", "New folder for the recordings.  [default: in runs/]")] = None,
     isolate: Annotated[
-        bool | None,
-        flag(
-            "Run the robot's process in a sandbox that leaves it base and bridge only.  "
-            "[default: where the machine can]",
-            "--isolate/--no-isolate",
-        ),
+        bool | None, isolation("Run the robot's process in a sandbox that leaves it base and bridge only.")
     ] = None,
     debugpy: Annotated[
         int | None,

@@ -49,6 +49,11 @@ def flag(text: str, *names: str) -> Any:
     return typer.Option(*names, help=text)
 
 
+def isolation(text: str) -> Any:
+    """Declare `--isolate/--no-isolate`, by default None: where the machine can."""
+    return flag(f"{text}  [default: where the machine can]", "--isolate/--no-isolate")
+
+
 def argument(metavar: str, text: str, **others: Any) -> Any:
     """Declare an argument."""
     return typer.Argument(metavar=metavar, help=text, **others)

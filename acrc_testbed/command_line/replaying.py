@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
 
 from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, flag, option
+from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, flag, isolation, option
 from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 
@@ -40,13 +40,7 @@ def replay(
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
-    isolate: Annotated[
-        bool | None,
-        flag(
-            "With --robot: replay it in a sandbox.  [default: where the machine can]",
-            "--isolate/--no-isolate",
-        ),
-    ] = None,
+    isolate: Annotated[bool | None, isolation("With --robot: replay it in a sandbox.")] = None,
     json: Json = False,
 ) -> None:
     """Replay a run, or one robot of it, and compare every message.

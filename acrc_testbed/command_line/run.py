@@ -19,6 +19,7 @@ from acrc_testbed.command_line.options import (
     answer,
     argument,
     flag,
+    isolation,
     option,
 )
 from actors.console import screen
@@ -73,12 +74,7 @@ def run(
         option("forkserver|exec", "How to start processes.", autocompletion=lambda: ["forkserver", "exec"]),
     ] = "forkserver",
     isolate: Annotated[
-        bool | None,
-        flag(
-            "Run each robot in a sandbox that leaves it its own senses and radio only.  "
-            "[default: where the machine can]",
-            "--isolate/--no-isolate",
-        ),
+        bool | None, isolation("Run each robot in a sandbox that leaves it its own senses and radio only.")
     ] = None,
     out: Annotated[
         Path | None, option("DIR", "New folder for the recordings and the result.  [default: in runs/]")
