@@ -241,12 +241,12 @@ def run_robot(preset):
         behaviour="tests.robot.rig:idle", stack=presets
     )
     core, base = assembly.robot(setup, model, TWO_ROOMS), FakeBase(TWO_ROOMS, model, start)
-    core._parts.behaviour.decision = Decision(Point(9.0, 3.0), peers=(Point(2.0, 2.0),))
+    core.behaviour.decision = Decision(Point(9.0, 3.0), peers=(Point(2.0, 2.0),))
     base.obstacles = [(Point(4.7, 1.75), 0.2)]
     for step in range(120):
         (output,) = core.advance({"swarm/down/r1/senses": base.senses(step)})
         base.drive(output.message)
-        core._parts.behaviour.decision = Decision()
+        core.behaviour.decision = Decision()
 
 def run_world(odometry, uncertainty):
     kinds = (("turtlebot2", odometry), ("omnibox", "stage"))

@@ -138,10 +138,8 @@ class Amcl:
         self._doubt = doubt
         self._locating = None if doubt is None else Locating(doubt)
         self._count = parameters.max_particles
-        self._poses = self._scatter(start)
+        self._restart(self._scatter(start))
         self._drawn = np.empty_like(self._poses)
-        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
-        self._weights = np.full(self._count, 1 / self._count)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         pose = self._cluster.pose if start is None else start
         self._correction = pose.frame(origin)
@@ -162,9 +160,7 @@ class Amcl:
     def relocalise(self) -> None:
         """Particles everywhere on free floor, as many as may be; the next scan that counts begins to tell."""
         self._count = self._parameters.max_particles
-        self._poses = self._scatter(None)
-        self._weights = np.full(self._count, 1 / self._count)
-        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
+        self._restart(self._scatter(None))
         self._lost, self._search = LostProbability(1.0), None
 
     def outcome(self) -> dict[str, object]:
@@ -191,6 +187,12 @@ class Amcl:
         poses = around(start, spread, normals(self._generator, (3, self._count)))
         poses[2] = _wrapped(poses[2])
         return poses
+
+    def _restart(self, poses: Floats) -> None:
+        """Take these as the particles, (3, capacity), all of the same weight."""
+        self._poses = poses
+        self._directions = np.stack((arrays.cos(poses[2]), arrays.sin(poses[2])))
+        self._weights = np.full(poses.shape[1], 1 / self._count)
 
     def _counts(self, pose: Pose) -> bool:
         """True for a scan made far enough from the last one that counted, and for the first one."""
@@ -262,8 +264,7 @@ class Amcl:
         draws = normals(self._generator, (3, self._count))
         self._poses[:, : self._count] = around(pose, _GATHERED, draws)
         self._poses[2] = _wrapped(self._poses[2])
-        self._weights[: self._count] = 1 / self._count
-        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
+        self._restart(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         self._correction = pose.frame(here)
 

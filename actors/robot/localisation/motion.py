@@ -88,7 +88,7 @@ def _sharpness(turn: float) -> float:
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
     poses = np.linspace(-3.0, 3.0, 60, dtype=np.float64).reshape(3, 20)
     normals = arrays.cos(np.arange(60.0)).reshape(3, 20)
     move(poses, 19, OdometryStep(0.3, 0.25, -0.1), StepSpread(0.1, 0.05, 0.1), normals)

@@ -23,14 +23,14 @@ class AmclParameters(Settings, frozen=True):
     """
 
     min_particles: PositiveCount = 500
-    """So many are kept at least."""
+    """Least number of particles."""
     max_particles: PositiveCount = 2000
-    """So many are kept at most, and at the start."""
+    """Largest number, and that at the start."""
     kld_error: Positive = 0.05
-    """ε: the particles may differ so far from what they stand for (Kullback-Leibler distance)."""
+    """ε: largest Kullback-Leibler distance of the particles from the distribution they stand for."""
     kld_quantile: NotNegative = 0.99
-    """z: upper quantile of the standard normal distribution for the probability that they do not. amcl's
-    parameter kld_z is this quantile, though it is mostly set like a probability: 0.99 means 84 %."""
+    """z: upper standard normal quantile of the probability that ε is kept; amcl's kld_z, which is mostly set
+    like a probability (0.99 means 84 %)."""
     odometry_model: OdometryModel = "diff"
     """Whether alphas give standard deviations ("diff", ROS 1) or variances ("diff-corrected", the book)."""
     alpha1: NotNegative = 0.2
@@ -45,10 +45,9 @@ class AmclParameters(Settings, frozen=True):
     """What makes one weight of the beams' p: 1 + Σp³ (amcl's "likelihood_field") or Πp
     ("likelihood_field_prob")."""
     sharpness: Positive = 1.0
-    """The product is taken to this power, as neighbouring beams are not independent ("Probabilistic
-    Robotics", 6.3.4)."""
+    """Power of the product, as neighbouring beams are not independent ("Probabilistic Robotics", 6.3.4)."""
     beams: PositiveCount = 60
-    """So many beams of a scan are looked at, at equal angles; all, if it has fewer."""
+    """Number of beams of a scan that are used, at equal angles; all, if it has fewer."""
     z_hit: Share = 0.5
     """Share of beams that end at a wall of the map."""
     z_rand: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.5
@@ -56,44 +55,42 @@ class AmclParameters(Settings, frozen=True):
     sigma_hit: Positive = 0.2
     """Standard deviation of a beam's end from the wall, m."""
     max_distance: Positive = 2.0
-    """All that is farther from walls is as unlikely as this, m; amcl's laser_likelihood_max_dist."""
+    """Largest distance to a wall that counts, m; amcl's laser_likelihood_max_dist."""
     beam_skip: bool = False
     """With "product": drop beams that few particles agree with, while the particles are together."""
     beam_skip_distance: NotNegative = 0.5
-    """A particle agrees with a beam that ends, seen from it, nearer to a wall than this, m. The fit that
-    recovery goes by is the share of the believed beams, over all particles, that are agreed with."""
+    """A particle agrees with a beam that ends nearer to a wall than this, m. The fit, by which recovery goes,
+    is the share of believed beams, over all particles, that are agreed with."""
     beam_skip_threshold: Share = 0.3
-    """A beam with which a smaller share of the particles agrees is dropped,"""
+    """A beam is dropped if a smaller share of the particles agrees with it, ..."""
     beam_skip_error_threshold: Share = 0.9
-    """but none is if this share of the beams, or more, would be."""
+    """... unless at least this share of the beams would be."""
     stranger_filter: bool = False
-    """Drop beams that end in the open, in sight of the estimate, while the particles are together: what is
-    not on the map. Beams that reach behind its walls stay. Own form of the distance filter of Fox, Burgard
-    and Thrun, "Markov localization for mobile robots in dynamic environments", JAIR 11, 1999."""
+    """Drop beams that end in the open, in sight of the estimate, while the particles are together. Own form
+    of the distance filter of Fox, Burgard and Thrun, "Markov localization for mobile robots in dynamic
+    environments", JAIR 11, 1999."""
     stranger_distance: NotNegative = 0.12
-    """In the open is what is farther from walls, m; own choice by measurement."""
+    """The open is farther from walls than this, m; own choice by measurement."""
     peer_radius: NotNegative = 0.45
-    """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
+    """A beam that ends so near a masked peer is dropped, m; own choice: two bodies' radii and 0.1 m."""
     update_distance: NotNegative = 0.25
-    """A scan counts only after so much way, m,"""
+    """A scan counts only after this way, m, ..."""
     update_angle: NotNegative = 0.2
-    """or so much turning, rad, since the last one that did."""
+    """... or this turn, rad, since the last one that did."""
     resample_interval: PositiveCount = 1
-    """Particles are drawn anew at every so many-th scan that counts."""
+    """Scans that count from one resampling to the next."""
     recovery_slow: Share = 0.0
-    """Decay of the slow average of the fit, per scan that counts; 0: no new poses are tried among the
-    particles, though a search may gather all of them elsewhere."""
+    """Decay of the slow average of the fit, per scan that counts; 0: no new poses among the particles."""
     recovery_fast: Share = 0.0
     """Decay of the fast average; new poses are tried where it falls below the slow one."""
     search_poses: Count = 0
-    """So many poses all over the map are tried per scan that counts while the robot is lost, beside the
-    particles, until one of them explains the scans; then the particles are gathered there. 0: it is not
-    searched. Own addition."""
+    """Poses tried on the whole map per scan that counts while the robot is lost, until one explains the scans
+    and the particles are gathered there; 0: no search. Own addition."""
     start_spread: NotNegative = 0.1
-    """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
-    as robots are put where they are said to be; amcl's default is 0.5 m."""
+    """Standard deviation of the start's x and y, m: the root of amcl's initial_cov_xx and _yy. Own choice, as
+    robots are placed with care; amcl's default is 0.5 m."""
     start_turn_spread: NotNegative = 0.1
-    """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square. Own choice, as
+    """Standard deviation of the start's heading, rad: the root of amcl's initial_cov_aa. Own choice, as
     above; amcl's default is 15°."""
 
     @property

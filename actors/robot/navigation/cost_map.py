@@ -97,11 +97,10 @@ class CostMapParameters(Settings, frozen=True):
     raytrace_range: NotNegative = 3.0
     """Up to this distance from the sensor rays clear, m."""
     inf_is_valid: bool = False
-    """Whether rays without echo clear. In costmap_2d this is off by default, and what was once marked stays
-    where nothing is behind it. Where they do and the sensor has a shortest range, they clear from twice of it
-    on, as nothing nearer than it gives an echo either."""
+    """Whether rays without echo clear, in costmap_2d off by default. From twice the shortest range of the
+    sensor on, as nothing nearer than that range gives an echo."""
     inflation_radius: NotNegative = 0.75
-    """From this distance on nothing costs anything, m."""
+    """Distance at which the cost of marks ends, m."""
     scaling: NotNegative = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
     body: Literal["polygon", "disc"] = "polygon"
@@ -110,15 +109,15 @@ class CostMapParameters(Settings, frozen=True):
     """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
     padding: NotNegative = 0.01
     """Added to the polygon's coordinates, m (costmap_2d footprint_padding), or to the disc's radius. The
-    centre may not be so near to a marked cell's middle as the disc within the polygon reaches, or the padded
-    disc."""
+    centre keeps as far from a marked cell's middle as the disc within the polygon, or the padded disc,
+    reaches."""
     free_memory: Interval = Duration(0)
-    """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
+    """How long a cell counts as seen free after a ray passed through it; 0 = not at all."""
     free_range: NotNegative = 1.0
-    """That far from the sensor it is remembered, m."""
+    """Distance from the sensor up to which that is remembered, m."""
     moving_memory: Interval = Duration(0)
-    """For this long a cell that becomes marked counts as marked by something that moves, if it counted as
-    seen free before (needs `free_memory`); 0 = no cell does."""
+    """How long a mark counts as moving if its cell counted as seen free before (needs `free_memory`); 0 =
+    none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -137,9 +136,8 @@ LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
         "robust": replace(_DISC, free_memory=seconds(3), moving_memory=seconds(1)),
     }
 )
-"""`robust`: own choices. Of its padding 0.01 is costmap_2d's, the rest half a cell's diagonal, as
-what is marked may be in a corner of its cell; costmap_2d has that by looking at all cells below the
-outline."""
+"""`robust`: own choices. Its padding is costmap_2d's 0.01 and half a cell's diagonal, as an obstacle may be
+in a corner of its cell."""
 
 
 def room_needed(radius: float, parameters: CostMapParameters) -> float:

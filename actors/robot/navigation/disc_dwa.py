@@ -63,7 +63,7 @@ class Fields(NamedTuple):
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)

@@ -160,7 +160,7 @@ def example() -> tuple[Int16s, Octets, Floats, NDArray[np.void]]:
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
     row, column = np.indices((40, 40))
     squared, table, corners, critics = example()
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)

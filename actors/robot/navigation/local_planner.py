@@ -166,7 +166,7 @@ def chosen(
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
     squared, table, corners, critics = example()
     way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
     state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, -0.1, 0.5, -1.0, 1.0])

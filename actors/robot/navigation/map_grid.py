@@ -14,7 +14,7 @@ from actors.portable.compiled import atan2, cos, hypot, sin
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
     row, column = np.indices((40, 40))
     squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
     way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.square(np.linspace(0, 1, 30))))

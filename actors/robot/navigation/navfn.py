@@ -18,7 +18,7 @@ from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, Shared
 from actors.geometry import Point
 from actors.robot.navigation import ray_tracing
 from actors.robot.navigation.cost_map import INSCRIBED, Inflation
-from actors.robot.navigation.planning import HIGHEST, PlanningParameters, around, strangers
+from actors.robot.navigation.planning import HIGHEST, PlanningParameters, Window, with_marks
 from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
 from actors.robot.navigation.ray_tracing import check_reach, squared_within
 
@@ -69,8 +69,7 @@ def static_costs(plan: OccupancyGrid, inflation: Inflation) -> Octets:
 def _inflated(marked: NDArray[np.bool_ | np.uint8], inflation: Inflation, cell: float) -> Octets:
     """Costs around marked cells of side `cell`, m."""
     squared = squared_within(marked.astype(np.uint8), inflation.reach(cell))
-    costs: Octets = inflation.table(cell)[squared]
-    return costs
+    return inflation.table(cell)[squared]
 
 
 def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
@@ -82,21 +81,15 @@ def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
 
 
 def occupied(ground: GlobalCosts, marks: Floats, parameters: PlanningParameters) -> Octets:
-    """The costs with more things on the floor than its plan shows; the very same without any.
+    """Return the costs with more things on the floor than its plan shows; see `with_marks`."""
+    plan, inflation = ground.plan, ground.inflation
 
-    `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
-    """
-    plan = ground.plan
-    row, column = strangers(plan, plan.clearance, marks, parameters.wall)
-    if not row.size:
-        return ground.costs
-    reach = ground.inflation.reach(plan.resolution)
-    window, marked = around(ground.costs.shape, row, column, reach)
-    costs = ground.costs.copy()
-    near = _cell_costs(_inflated(marked, ground.inflation, plan.resolution), parameters)
-    costs[window] = np.maximum(costs[window], near)
-    costs.setflags(write=False)  # as without marks: the kernels are compiled for that
-    return costs
+    def near(window: Window, marked: Octets) -> Octets:
+        added = _cell_costs(_inflated(marked, inflation, plan.resolution), parameters)
+        return np.maximum(ground.costs[window], added)
+
+    reach = inflation.reach(plan.resolution)
+    return with_marks(ground.costs, plan, plan.clearance, marks, parameters.wall, reach, near)
 
 
 class NavfnPlanner:

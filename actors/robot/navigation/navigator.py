@@ -61,7 +61,7 @@ class Pursuit:
     """When a path was last looked for."""
     state: PursuitState = PursuitState.PLANNING
     recoveries: int = 0
-    """In a row, without a change of what `trigger` names."""
+    """Recoveries in a row before it gives up; the files list one recovery, the next."""
     trigger: AbortReason = AbortReason.NO_PLAN
     """Why it recovered last, or is about to."""
     twist: Twist = STILL
@@ -149,38 +149,36 @@ class NavigationParameters(Settings, frozen=True):
     """When goals are planned for and given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
 
     replanning: PositiveInterval = seconds(1)
-    """The path is planned anew so often (move_base planner_frequency 1 Hz)."""
+    """Time from one plan to the next (move_base planner_frequency 1 Hz)."""
     planner_patience: Interval = seconds(0.5)
-    """Without any path for so long navigation recovers, or gives up (move_base planner_patience; the file
-    says 5 s first and then this)."""
+    """Time without any path after which navigation recovers, or gives up (move_base planner_patience; the
+    file says 5 s first and then this)."""
     controller_patience: Interval = seconds(1)
-    """The same without a valid trajectory (move_base controller_patience; the file says 3 s first)."""
+    """Time without a valid trajectory, the same (move_base controller_patience; the file says 3 s first)."""
     oscillation_timeout: Interval = seconds(10)
-    """The same if the robot has stayed for so long ... (move_base oscillation_timeout)"""
+    """The same for a robot that stays this long ... (move_base oscillation_timeout)"""
     oscillation_distance: Positive = 0.2
-    """... within less than so many metres (move_base oscillation_distance)."""
+    """... within this distance, m (move_base oscillation_distance)."""
     recoveries: Count = 1
     """So often in a row navigation recovers before it gives up; the files list one recovery, the next."""
     reset_distance: NotNegative = 1000.0
-    """To recover, what is marked outside of a square of this side round the robot is forgotten, m. More than
-    any window: the files say 3 (clear_costmap_recovery reset_distance), but that recovery looks for layers
-    named `obstacles` only (ClearCostmapRecovery::clear, clear_costmap_recovery.cpp), and theirs have other
-    names, so that it forgot nothing."""
+    """A recovery forgets marks outside of a square of this side round the robot, m. More than any window: the
+    files say 3 (clear_costmap_recovery reset_distance) for layers named `obstacles`, and theirs have other
+    names, so that it forgot nothing (clear_costmap_recovery.cpp)."""
     mark_robots: bool = False
-    """Let the global map hold what the local one shows and the floor plan does not; off in the files, so that
-    other robots are never in the global plan. If on, a cycle without a valid trajectory asks for no path:
-    those round others who pass lead astray, and robots give up more goals. Own choice."""
+    """Whether planning knows the marks of the local map that are not on the floor plan; off in the files. If
+    on, a cycle without a valid trajectory asks for no path: those round robots that pass lead astray. Own
+    choice."""
     back_off: bool = False
-    """A robot whose local planner does not get it away, for want of a valid trajectory or of progress, backs
-    off straight by `retreat` once it is free behind it. Off, as in move_base: its local planner has nothing
-    valid while the body's outline meets a marked cell, and never drives backward (min_vel_x 0)."""
+    """A robot without a valid trajectory or progress backs off straight by `retreat` once it is free behind
+    it. Off, as in move_base, which never drives backward (min_vel_x 0)."""
     retreat: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.15
-    """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
-    move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
+    """Distance backed away from what the bumper has touched, m: room to turn beside it. Own choice; move_base
+    knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
     retreat_speed: Positive = 0.1
-    """m/s; slow, for it may not see what it backs into."""
+    """m/s; slow, as it may not see what it backs into."""
     retreat_patience: Interval = seconds(3)
-    """So long one retreat may take; twice what it takes with free wheels."""
+    """Longest duration of a retreat; twice what it takes with free wheels."""
 
 
 _PATIENT: Final = NavigationParameters(

@@ -1,7 +1,7 @@
 """Global planning on the floor plan: ways that keep to the middle of doors, from one potential per goal."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Indices, Int32s, Octets
+from actors.array_types import Flags, Floats, Int32s, Octets
 from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
 from actors.floor.raster import squared_distance
@@ -28,42 +28,39 @@ class PlanningParameters(Settings, frozen=True):
     """How ways are planned; costs as in d3scomp/ROSRemote, simulation/params (navfn on a costmap of ROS)."""
 
     method: Literal["navfn", "grid"] = "navfn"
-    """"navfn": as ROS's navfn, on the map's own cells, by a new wave from the robot for every plan. "grid":
-    ours, from cell to cell of a coarser grid, by potentials that begin at the goal and are kept. A parameter
-    that names one of them holds for that only. What a behaviour asks of the floor is answered on that grid,
-    also with navfn."""
+    """"navfn": as ROS's navfn, on the map's own cells, by a new wave for every plan. "grid": our own, on a
+    coarser grid, by potentials from the goal that are kept; a behaviour's questions about the floor are
+    answered on it with both. A parameter that names a method holds for that only."""
     cell: Positive = 0.05
-    """grid: its cells are the smallest multiple of the map's that is at least so long, m."""
+    """grid: side of its cells, m: the smallest multiple of the map's that is at least this."""
     margin: NotNegative = 0.03
-    """grid: the body's disc keeps at least this far from walls, m; own choice: what the local planner may
-    stray."""
+    """grid: distance that the body keeps from walls, m; own choice: what the local planner may stray."""
     allowance: NotNegative = 0.003
-    """navfn: the body's disc counts as so much larger, m; the files' robot_radius is 0.18, the TurtleBot's is
-    0.177."""
+    """navfn: added to the body's radius, m; the files' robot_radius is 0.18, the TurtleBot's is 0.177."""
     padding: NotNegative = 0.01
-    """navfn: corners of the body's outline count as so much farther out along each axis, m (costmap_2d)."""
+    """navfn: added to the coordinates of the outline's corners, m (costmap_2d)."""
     narrowest: NotNegative = 0.0
-    """grid: no plan leads through gaps between walls that are narrower than this, m; 0: as `margin` has it.
-    Own choice: what the local planner drives through with certainty."""
+    """grid: no plan leads through gaps narrower than this, m; 0: as `margin` has it. Own choice: what the
+    local planner is certain to pass."""
     inflation_radius: NotNegative = 0.5
-    """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
+    """Distance from a wall at which its cost ends, m (costmap_2d inflation_radius)."""
     scaling: NotNegative = 10.0
     """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
     neutral: PositiveCount = 50
     """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
     factor: NotNegative = 0.8
-    """What a cell costs on the cost map, up to 252, counts so many times (navfn, COST_FACTOR as compiled; the
-    files' cost_factor 3.0 is another planner's, and navfn does not read it)."""
+    """Weight of a cell's cost on the cost map, up to 252 (navfn, COST_FACTOR as compiled; navfn does not read
+    the files' cost_factor 3.0)."""
     wall: NotNegative = 0.1
-    """What is marked nearer than this to a wall of the map is taken for it, m; own choice: cells, and what
-    the pose may err."""
+    """Marks nearer to a wall of the map than this count as the wall, m; own choice: cells and errors of the
+    pose."""
     tolerance: NotNegative = 0.5
-    """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
-    (navfn default_tolerance); with the method grid the same holds for the start."""
+    """A goal where the robot cannot stand becomes the nearest free point within this distance, m
+    (navfn default_tolerance); with the method grid also the start."""
     cached: PositiveCount = 16
-    """grid: at most so many potentials are kept for goals to come back to, 0.5 MB on the corridor map."""
+    """grid: number of potentials that are kept, 0.5 MB each on the corridor map."""
     cached_mb: Positive = 16.0
-    """grid: they take at most so much memory, MB; the last one is kept whatever it takes."""
+    """grid: their size in memory, MB; one is always kept."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -181,45 +178,52 @@ def _costs(distance: Floats, radius: float, parameters: PlanningParameters) -> I
 
 
 def occupied(ground: Ground, marks: Floats, parameters: PlanningParameters = _GRID) -> Int32s:
-    """The ground's costs with more things on it than the floor plan shows; the very same without any.
-
-    `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
-    """
-    row, column = strangers(ground.grid, ground.clearance, marks, parameters.wall)
-    if not row.size:
-        return ground.costs
-    cell = ground.grid.resolution
+    """Return the ground's costs with more things on it than the floor plan shows; see `with_marks`."""
+    cell, costs = ground.grid.resolution, ground.costs
     reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
-    window, marked = around(ground.costs.shape, row, column, reach)
-    costs = ground.costs.copy()
-    distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
-    higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
-    costs[window] = np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
-    costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
-    return costs
+
+    def near(window: Window, marked: Octets) -> Int32s:
+        distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
+        higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
+        return np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
+
+    return with_marks(costs, ground.grid, ground.clearance, marks, parameters.wall, reach, near)
 
 
-def strangers(grid: OccupancyGrid, clearance: Floats, marks: Floats, wall: float) -> tuple[Indices, Indices]:
-    """Rows and columns of the cells with marks on the map that are not nearer than `wall`, m, to its walls.
+Window = tuple[slice, slice]
 
-    `clearance`: (rows, columns), m. `marks`: (k, 2), m, map frame.
+
+def with_marks(
+    costs: NDArray[N],
+    grid: OccupancyGrid,
+    clearance: Floats,
+    marks: Floats,
+    wall: float,
+    reach: int,
+    near: Callable[[Window, Octets], NDArray[N]],
+) -> NDArray[N]:
+    """Return costs on a grid with marked cells, read-only; the very same without any.
+
+    `marks`: (k, 2), m, map frame; those nearer than `wall`, m, to a wall of the map, by `clearance`, m, are
+    taken for the wall. `near` gives the costs of the window within `reach` cells of the others, by what is
+    marked there: 1, elsewhere 0.
     """
     column, row = np.floor((marks - np.array(grid.origin)) / grid.resolution).astype(np.intp).T
     inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
     row, column = row[inside], column[inside]
     strange = clearance[row, column] >= wall
-    return row[strange], column[strange]
-
-
-def around(
-    shape: tuple[int, ...], row: Indices, column: Indices, reach: int
-) -> tuple[tuple[slice, slice], Octets]:
-    """The part of a grid of `shape` within `reach` cells of some cells; and what is there: 1, elsewhere 0."""
+    row, column = row[strange], column[strange]
+    if not row.size:
+        return costs
     bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
-    top, right = min(int(row.max()) + reach + 1, shape[0]), min(int(column.max()) + reach + 1, shape[1])
+    top, right = min(int(row.max()) + reach + 1, grid.rows), min(int(column.max()) + reach + 1, grid.columns)
     marked = np.zeros((top - bottom, right - left), np.uint8)
     marked[row - bottom, column - left] = 1
-    return (slice(bottom, top), slice(left, right)), marked
+    window = (slice(bottom, top), slice(left, right))
+    changed = costs.copy()
+    changed[window] = near(window, marked)
+    changed.setflags(write=False)  # as without marks: the kernels are compiled for that
+    return changed
 
 
 def blocks(fine: NDArray[N], factor: int) -> NDArray[N]:

@@ -21,16 +21,6 @@ DIAGONAL: Final = 7
 """7/5 is within 1 % of √2."""
 
 
-def _potential_fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    row, column = np.indices((19, 27), dtype=np.int32)
-    costs = np.where((row * 5 + column * column * 3) % 7 < 5, 10 + (row * column) % 13, 0).astype(np.int32)
-    costs[9], costs[0] = 10, 11
-    costs.setflags(write=False)  # as the ground's: this compiles the very variant that the robot calls
-    field = potential(costs, 9, 0)
-    return field.tobytes() + descent(costs, field, 9, 26).tobytes()
-
-
 @kernel
 def _is_step(costs: Int32s, row: int, column: int, down: int, right: int) -> bool:
     """True if the step from a passable cell ends on the grid, on a passable cell, and cuts no corner."""
@@ -169,19 +159,6 @@ def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
     columns = field.shape[1]
     most = 64 + int(4 * field[row, column] / neutral)
     return _way_down(field.ravel(), columns, row * columns + column, float(neutral), most)
-
-
-def _navfn_potential_fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    row, column = np.indices((21, 33))
-    costs = np.where((row * 5 + column * column * 3) % 7 < 6, 50 + (row * column * 7) % 200, IMPASSABLE)
-    costs[:, 4] = costs[10] = 50
-    costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
-    costs = costs.astype(np.uint8)
-    costs.setflags(write=False)  # as those of the robot: this compiles the very variant that it calls
-    field = wave(costs, (10, 4), 50)
-    way = way_down(field, 10, 30, 50)
-    return field.tobytes() + way.tobytes() + wave(costs, (10, 4), 50, (12, 28)).tobytes()
 
 
 @kernel
@@ -363,5 +340,17 @@ def _way_down(field: Singles, columns: int, cell: int, neutral: float, most: int
 
 
 def fingerprint() -> bytes:
-    """Return the results of all kernels of this module for fixed inputs, concatenated."""
-    return b"".join(part() for part in (_potential_fingerprint, _navfn_potential_fingerprint))
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
+    row, column = np.indices((19, 27), dtype=np.int32)
+    ours = np.where((row * 5 + column * column * 3) % 7 < 5, 10 + (row * column) % 13, 0).astype(np.int32)
+    ours[9], ours[0] = 10, 11
+    row, column = np.indices((21, 33))
+    costs = np.where((row * 5 + column * column * 3) % 7 < 6, 50 + (row * column * 7) % 200, IMPASSABLE)
+    costs[:, 4] = costs[10] = 50
+    costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
+    navfn = costs.astype(np.uint8)
+    for shared in (ours, navfn):
+        shared.setflags(write=False)  # as those of the robot: this compiles the variants that it calls
+    field, near, goal = potential(ours, 9, 0), wave(navfn, (10, 4), 50, (12, 28)), wave(navfn, (10, 4), 50)
+    parts = field, descent(ours, field, 9, 26), goal, way_down(goal, 10, 30, 50), near
+    return b"".join(part.tobytes() for part in parts)

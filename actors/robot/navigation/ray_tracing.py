@@ -26,24 +26,6 @@ _ENDED: Final = 2
 """What a cell holds in which a ray of the present scan ends, until the scan is taken in."""
 
 
-def _ray_tracing_fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
-    # read-only, as what a message holds: so this compiles the very variant that the robot will call
-    ranges = np.frombuffer((900 + 700 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
-    rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
-    marks = (np.add.outer(np.arange(40) * 7, np.square(np.arange(40)) * 3) % 5 == 0).astype(np.uint8)
-    stamps = np.zeros((40, 40), np.int64)
-    fan, eye = np.array([-math.pi, math.tau / 90]), np.array([19.3, 20.6, 0.4])
-    body = np.array([20.1, 20.4, 3.5])
-    limits = np.array([0.02, 25.0, 30.0, 0.0])
-    take_in(marks, ranges, rays, fan, eye, body, limits)
-    stamp(stamps, 7, ranges, rays, eye, body, limits)
-    arrivals = np.zeros((40, 40), np.int64)
-    note_arrivals(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
-    return bytes(marks) + bytes(stamps) + bytes(arrivals)
-
-
 @kernel
 def _free_stretch(range_mm: int, limits: Floats) -> tuple[float, float]:
     """From where to where a ray shows that nothing is there, cells; from inf if nowhere."""
@@ -235,21 +217,6 @@ def inscribed(radius: float, padding: float) -> float:
     return distance_to_border(tuple((float(x), float(y)) for x, y in outline(radius, padding)))
 
 
-def _footprint_fingerprint() -> bytes:
-    """What outline and kernel give for fixed inputs: differs where a processor or library computes
-    differently."""
-    corners = outline(3.6, 0.2)
-    row, column = np.indices((40, 40))
-    squared = ((row * 5 + column * column * 3) % 101).astype(np.int16)
-    table = np.maximum(200 - 2 * np.arange(101), 0).astype(np.uint8)
-    table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
-    below = [
-        cost_below(squared, table, x, y, 0.8, 0.6, corners)
-        for x, y in ((12.3, 20.4), (30.1, 8.8), (39.0, 2.0))
-    ]
-    return corners.tobytes() + np.array(below).tobytes()
-
-
 @kernel
 def cost_below(
     squared: Int16s, table: Octets, x: float, y: float, c: float, s: float, corners: Floats
@@ -315,15 +282,6 @@ def check_reach(what: str, reach: float, cell: float) -> None:
     """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
     if reach > MOST_REACH * cell:
         raise ParameterError(what, reach, f"at most {MOST_REACH} cells of {cell:g} m")
-
-
-def _cell_distance_fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
-    row, column = np.indices((40, 30))
-    marks = ((row * 7 + column * column * 3) % 61 == 0).astype(np.uint8)
-    squared, arrivals = squared_within(marks, 9), (column * 7 % 5).astype(np.int64)
-    gaps = half_gaps(squared, arrivals, 3, np.array([17.6, 16.4, 0.0]), 1.5, 4.0)
-    return squared.tobytes() + gaps.tobytes()
 
 
 @kernel
@@ -408,7 +366,24 @@ def half_gaps(
 
 
 def fingerprint() -> bytes:
-    """Return the results of all kernels of this module for fixed inputs, concatenated."""
-    return b"".join(
-        part() for part in (_ray_tracing_fingerprint, _footprint_fingerprint, _cell_distance_fingerprint)
-    )
+    """Return the results of all kernels for fixed inputs; another processor may give others."""
+    angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
+    # read-only, as what a message holds: so this compiles the very variant that the robot will call
+    ranges = np.frombuffer((900 + 700 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
+    rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+    marks = (np.add.outer(np.arange(40) * 7, np.square(np.arange(40)) * 3) % 5 == 0).astype(np.uint8)
+    stamps, arrivals = np.zeros((40, 40), np.int64), np.zeros((40, 40), np.int64)
+    fan, eye = np.array([-math.pi, math.tau / 90]), np.array([19.3, 20.6, 0.4])
+    body, limits = np.array([20.1, 20.4, 3.5]), np.array([0.02, 25.0, 30.0, 0.0])
+    take_in(marks, ranges, rays, fan, eye, body, limits)
+    stamp(stamps, 7, ranges, rays, eye, body, limits)
+    note_arrivals(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
+    row, column = np.indices((40, 40))
+    corners, costs = outline(3.6, 0.2), ((row * 5 + column * column * 3) % 101).astype(np.int16)
+    table = np.maximum(200 - 2 * np.arange(101), 0).astype(np.uint8)
+    table.setflags(write=False)  # as the cost map's
+    places = (12.3, 20.4), (30.1, 8.8), (39.0, 2.0)
+    below = np.array([cost_below(costs, table, x, y, 0.8, 0.6, corners) for x, y in places])
+    near = squared_within(((row * 7 + column * column * 3) % 61 == 0).astype(np.uint8), 9)
+    gaps = half_gaps(near, (column * 7 % 5).astype(np.int64), 3, np.array([17.6, 16.4, 0.0]), 1.5, 4.0)
+    return b"".join(part.tobytes() for part in (marks, stamps, arrivals, corners, below, near, gaps))

@@ -32,101 +32,88 @@ _Samples = Annotated[int, Meta(ge=2)]
 
 
 class DwaParameters(Settings, frozen=True):
-    """How the robot is driven along its plan; from d3scomp/ROSRemote, simulation/params, where not said.
-
-    Where that file says nothing, it is the default of ros-planning/navigation, dwa_local_planner.
-    """
+    """The local planner. Defaults: d3scomp/ROSRemote, simulation/params, else those of dwa_local_planner."""
 
     rules: Literal["indigo", "disc"] = "indigo"
-    """"indigo": those of dwa_local_planner in ROS Indigo (`local_planner`). "disc": our own
-    (`disc_local_planner`)."""
+    """"indigo": dwa_local_planner of ROS Indigo (`local_planner`). "disc": our own (`disc_local_planner`)."""
     period: PositiveInterval = seconds(0.2)
-    """So often a command is chosen (move_base controller_frequency 5 Hz); it holds until the next."""
+    """Time from one command to the next (move_base controller_frequency 5 Hz)."""
     max_speed: Positive = 0.5
     """m/s (max_vel_x)."""
     min_speed: Annotated[float, Meta(ge=-10)] = 0.0
-    """m/s (min_vel_x). Rules "disc": if below 0, a robot that is too near to something may back out so fast,
-    over cells that were seen free lately."""
+    """m/s (min_vel_x). Rules "disc": below 0 it is the speed of backing out of obstacles over known floor."""
     least_speed: NotNegative = 0.1
-    """A command has at least this speed (min_trans_vel), m/s, ..."""
+    """Least speed of a command (min_trans_vel), m/s, ..."""
     max_turn: Positive = 5.0
     """rad/s (max_rot_vel)."""
     least_turn: NotNegative = 0.4
-    """... or at least this turn rate (min_rot_vel), rad/s."""
+    """... or least turn rate (min_rot_vel), rad/s."""
     acceleration: Positive = 1.0
-    """Within one period the speed changes so fast at most (acc_lim_x), m/s²; stopping is planned with it."""
+    """Largest change of the speed (acc_lim_x), m/s²; braking is planned with it."""
     turn_acceleration: Positive = 2.0
-    """The same of the turn rate (acc_lim_theta), rad/s²."""
+    """Largest change of the turn rate (acc_lim_theta), rad/s²."""
     speed_samples: _Samples = 15
     """Speeds tried (vx_samples)."""
     turn_samples: _Samples = 20
     """Turn rates tried with each (vth_samples)."""
     sim_time: Positive = 3.0
-    """A trajectory goes on with the same velocity for so long, s, ..."""
+    """Duration of a trajectory at constant velocity, s, ..."""
     stop_buffer: NotNegative = 0.2
-    """Rules "disc": ... or until the robot could have braked, begun so much later, if that is longer, s
-    (stop_time_buffer). dwa_local_planner describes it as the time before a collision in which the robot must
-    have stopped, but does nothing with it since it predicts for a fixed time."""
+    """Rules "disc": ... or until the robot could have braked from this much later on, if that is longer, s
+    (stop_time_buffer, which dwa_local_planner documents and ignores)."""
     granularity: Positive = 0.025
-    """Looked at is every so many metres of a trajectory (sim_granularity, default) ..."""
+    """Spacing of the checked points of a trajectory, m (sim_granularity, default), ..."""
     angular_granularity: Positive = 0.1
-    """... or every so many rad (angular_sim_granularity, default)."""
+    """... or rad (angular_sim_granularity, default)."""
     path_bias: NotNegative = 64.0
     """Weight of the distance to the plan (path_distance_bias)."""
     goal_bias: NotNegative = 24.0
     """Weight of the distance to the local goal (goal_distance_bias)."""
     occdist_scale: NotNegative = 0.5
-    """Weight of the cost below the body: at a trajectory's end (ObstacleCostFunction, indigo), or the highest
-    along it (disc)."""
+    """Weight of the cost below the body: at the end of a trajectory (indigo, ObstacleCostFunction), or the
+    highest along it (disc)."""
     forward_point: NotNegative = 0.325
-    """So far ahead of the centre is the nose, which is drawn to the plan and the goal too, m."""
+    """Distance of the nose from the centre, m; the nose is drawn to plan and goal, too."""
     scaling_speed: Positive = 0.25
-    """Rules "disc": above this speed the body counts as larger than it is, m/s, ..."""
+    """Rules "disc": above this speed, m/s, the body counts as larger, ..."""
     max_scaling_factor: NotNegative = 0.2
-    """... by this share at the highest speed, in between by less. dwa_local_planner of Indigo computes that
-    and does not use it; Noetic's does."""
+    """... by this share at the highest speed (computed but unused in Indigo, used in Noetic)."""
     oscillation_distance: NotNegative = 0.05
-    """After a reversal the way back is barred until the robot is so far away, m (oscillation_reset_dist),"""
+    """A reversed direction is barred until the robot is this far away, m (oscillation_reset_dist), ..."""
     oscillation_angle: NotNegative = 0.2
-    """or has turned so far, rad (oscillation_reset_angle, default)."""
+    """... or has turned this far, rad (oscillation_reset_angle, default)."""
     goal_tolerance: Positive = 0.15
-    """So near to the plan's end the goal is reached, m (xy_goal_tolerance)."""
+    """Distance from the plan's end at which the goal is reached, m (xy_goal_tolerance)."""
     heading_tolerance: NotNegative = 0.3
-    """Rules "indigo": ... once the robot has turned to the goal's heading, rad (yaw_goal_tolerance), ..."""
+    """Rules "indigo": ... with the goal's heading to within this angle, rad (yaw_goal_tolerance), ..."""
     stopped_speed: NotNegative = 0.1
-    """... is no faster than this, m/s (trans_stopped_vel, default), ..."""
+    """... at no more than this speed, m/s (trans_stopped_vel, default), ..."""
     stopped_turn: NotNegative = 0.1
-    """... and turns no faster than this, rad/s (rot_stopped_vel, default)."""
+    """... and no more than this turn rate, rad/s (rot_stopped_vel, default)."""
     goal_slack: NotNegative = 0.15
-    """Rules "disc": where the robot cannot stand at the plan's end, the nearest cell within so many metres is
-    the goal. Own choice against cells and poses that are a little off; dwa_local_planner has no trajectory
-    then."""
+    """Rules "disc": if the robot cannot stand at the plan's end, the nearest cell within this distance is the
+    goal, m; against rounding of cells and poses. Own choice."""
     detour: NotNegative = 2.0
-    """Rules "disc": if the way to the local goal is longer than the plan by more than this, there is no
-    trajectory, m. Own choice, half the window: what has not been seen counts as free, so that waves find ways
-    behind walls, and dwa_local_planner turns on the spot before a door that is blocked."""
+    """Rules "disc": no trajectory is valid if the way to the local goal is longer than the plan by more than
+    this, m. Half the window; unseen cells count as free, and waves find ways behind walls. Own choice."""
     shortcut: NotNegative = 0.0
-    """Rules "disc": the local goal comes nearer along the plan until the plan is longer than the shortest way
-    to it by this at most, m; 0: it stays. Own choice: through a gap that the plan avoids, the shortest way
-    draws the robot back while the plan draws it on, and it stands between the two."""
+    """Rules "disc": the local goal moves nearer along the plan until the plan is at most this much longer
+    than the shortest way to it, m; 0: it stays. Else plan and shortest way may pull in opposite directions at
+    a gap that the plan avoids. Own choice."""
     spot_angle: NotNegative = 1.6
-    """Rules "disc": if the plan leads away at more than this angle and nothing stands there, the robot turns
-    on the spot until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
+    """Rules "disc": the robot turns on the spot while the plan leads away at more than this angle, until half
+    of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
     spot_rate: NotNegative = 0.0
-    """Rules "disc": on the spot it turns straight to where the plan leads, at this rate at most, rad/s; 0: as
-    the critics choose, who may turn it to and fro beside a wall's end. As Nav2's rotation shim
-    (rotate_to_heading_angular_vel 1.8)."""
+    """Rules "disc": highest turn rate on the spot, straight towards the plan, rad/s; 0: the critics choose.
+    As Nav2's rotation shim (rotate_to_heading_angular_vel 1.8)."""
     front_angle: NotNegative = 3.2
-    """Rules "disc": if the plan leads aside of the local goal by more than this angle, as round a wall's end,
-    the nose is not drawn to the goal, rad; more than π: it always is, as in dwa_local_planner, where a robot
-    may turn to and fro for ever before such a wall. Own choice."""
+    """Rules "disc": the nose is not drawn to the goal if the plan leads aside of it by more than this angle,
+    rad; above π it always is, as in dwa_local_planner, which may oscillate at a wall's end. Own choice."""
     escape: NotNegative = 0.035
-    """Rules "disc": a robot that is nearer to something than it may be, by so many metres at most, may still
-    drive such that the distance does not fall. Own choice: what the local map's padding adds to
-    dwa_local_planner's own limit, as what is marked may jump by a cell; it has no trajectory then, beside a
-    wall for ever."""
+    """Rules "disc": a robot that is too near to a mark by at most this, m, may drive as long as the distance
+    does not fall. Own choice, what the padding adds: marks may jump by a cell."""
     scan_patience: Interval = seconds(0.5)
-    """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
+    """Without a scan for this long the robot does not drive: five periods at 10 Hz. Own choice."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -155,12 +142,10 @@ DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
         ),
     }
 )
-"""`chapter`: the original's rules and numbers. `robust`: our own rules; trajectories are checked every
-0.05 m, as distances within cells are exact; own choices of the numbers, tried on the corridor map. The plan
-pulls less than the goal, so that the robot leaves it to pass what stands on it; it looks less far ahead (the
-default of sim_time in dwa_local_planner); it turns slower and changes that faster, for what turns at
-min_rot_vel cannot turn back within a period at the chapter's acceleration; it turns straight to plans behind
-it, and is not drawn through a wall's end; it gets away from what is too near, even backward."""
+"""`chapter`: the original's rules and numbers. `robust`: our own rules and numbers, tried on the corridor
+map. The plan pulls less than the goal, so that the robot leaves it to pass obstacles; trajectories are
+shorter (default of sim_time in dwa_local_planner); turn rates are lower and change faster, as at min_rot_vel
+a robot cannot turn back within a period."""
 
 
 class OscillationCritic:
