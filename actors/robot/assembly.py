@@ -13,8 +13,8 @@ from actors.geometry import Point, Pose, wrap
 from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
+from actors.robot.behaviour.handover import behaviour_of
 from actors.robot.behaviour.ports import Start
-from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.introspection import Introspector
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import handover
 from actors.robot.behaviour.loading import BehaviourError
 from actors.runtime.errors import AcrcError
 
@@ -59,10 +59,10 @@ def entry(strategy: str) -> str:
     Of several that follow one another, such as `none>chapter@60`, all names are replaced.
     """
     try:
-        first, turns = succession.split(strategy)
+        first, turns = handover.split(strategy)
     except BehaviourError as error:
         raise StrategyError(str(error)) from None
-    return succession.joined(_entry(first), [turn._replace(name=_entry(turn.name)) for turn in turns])
+    return handover.joined(_entry(first), [turn._replace(name=_entry(turn.name)) for turn in turns])
 
 
 def _entry(strategy: str) -> str:

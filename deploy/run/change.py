@@ -19,8 +19,8 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
-from actors.robot.behaviour import Setting, succession
-from actors.robot.behaviour.succession import Turn
+from actors.robot.behaviour import Setting, handover
+from actors.robot.behaviour.handover import Turn
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
 from actors.runtime.recording import Note, read_recording
@@ -69,7 +69,7 @@ class Change:
 def place(text: str) -> tuple[Path, float]:
     """The folder and the instant, s, that a text such as `runs/seen@120` means. Raises OptionError."""
     folder, _, instant = text.rpartition("@")
-    at_s = succession.instant_of(instant)
+    at_s = handover.instant_of(instant)
     if not folder or at_s is None:
         raise wrong_value("branch", text, "a run's folder and an instant above 0 in s, such as runs/seen@120")
     return Path(folder), at_s
@@ -82,7 +82,7 @@ def event(text: str, branch_s: float) -> BranchEvent:
     """
     words, at_s = text.split(), branch_s
     if "at" in words[-2:-1]:
-        given = succession.instant_of(words[-1])
+        given = handover.instant_of(words[-1])
         if given is None or given < branch_s:
             raise wrong_value("--event", text, f"an order, and at its end an instant from {branch_s:g} s on")
         words, at_s = words[:-2], given
@@ -178,13 +178,13 @@ def control_of(scenario: Scenario, change: Change) -> Scenario | None:
 
 def _present(scenario: Scenario, change: Change) -> Turn:
     """Whose turn it is where the branch leaves the run."""
-    first, turns = succession.split(scenario.run.strategy)
+    first, turns = handover.split(scenario.run.strategy)
     return [Turn(0.0, first, scenario.strategy), *(one for one in turns if one.at_s < change.at_s)][-1]
 
 
 def _from(scenario: Scenario, turn: Turn) -> Scenario:
-    first, turns = succession.split(scenario.run.strategy)
-    strategy = succession.joined(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
+    first, turns = handover.split(scenario.run.strategy)
+    strategy = handover.joined(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
     return replace(scenario, run=replace(scenario.run, strategy=strategy))
 
 

@@ -18,7 +18,7 @@ from actors.processes.launch import Program
 from actors.processes.monitor import Timeout
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import handover
 from actors.robot.program import RobotProcess
 from actors.runtime import typed_json
 from actors.runtime.isolation import credentials
@@ -126,7 +126,7 @@ class RunPlan(Swarm):
     def own_code(self) -> bool:
         """Some of the strategy's code does not come with the testbed."""
         shipped = STRATEGIES.values()
-        return any(name not in shipped for name in succession.names(self.behaviour))
+        return any(name not in shipped for name in handover.names(self.behaviour))
 
     def folder(self, actor: str) -> Path:
         """The actor's own folder."""

@@ -31,8 +31,8 @@ from actors.processes.robot_logs import check_names, said, show, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.watchdog import guarded
 from actors.robot import assembly
+from actors.robot.behaviour.handover import dry_run
 from actors.robot.behaviour.loading import expect, look_in
-from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
 from actors.runtime import typed_json
 from actors.runtime.core import at
@@ -188,7 +188,7 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     look_in(modules)
     with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
         try:
-            rehearse(settled.behaviour, start)
+            dry_run(settled.behaviour, start)
         except AcrcError:
             raise
         except Exception as error:

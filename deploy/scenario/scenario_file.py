@@ -15,7 +15,7 @@ from actors.floor.map_file import load_map, read_header
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, typed, wrong_value
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import handover
 from actors.robot.behaviour.foreign import is_installed
 from actors.robot.behaviour.loading import located
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
@@ -290,7 +290,7 @@ def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
 
     Nothing for what is installed. Raises AcrcError where one lies elsewhere.
     """
-    for name in succession.names(strategy):
+    for name in handover.names(strategy):
         module = name.partition(":")[0]
         if is_installed(module):
             continue

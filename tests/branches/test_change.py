@@ -9,9 +9,9 @@ from actors.geometry import Point
 from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
 from actors.orders import Freeze, Kill, Pause, Resume, Thaw
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import handover
+from actors.robot.behaviour.handover import Turn
 from actors.robot.behaviour.loading import BehaviourError
-from actors.robot.behaviour.succession import Turn
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from cleaning.place import Assignment, Takeover
@@ -63,9 +63,9 @@ def test_a_branch_point_is_a_run_and_a_positive_instant(text: str) -> None:
 
 def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
     turn = Turn(60.0, "c:d", {"reach": 0.5, "names": ("a>b@3", "{"), "on": True})
-    text = succession.joined("a:b", [turn, Turn(120.0, "e:f")])
-    assert succession.split(text) == ("a:b", (turn, Turn(120.0, "e:f")))
-    assert succession.names(text) == ("a:b", "c:d", "e:f")
+    text = handover.joined("a:b", [turn, Turn(120.0, "e:f")])
+    assert handover.split(text) == ("a:b", (turn, Turn(120.0, "e:f")))
+    assert handover.names(text) == ("a:b", "c:d", "e:f")
     assert entry("none>chapter@5") == (
         "cleaning.strategies.none:behaviour>cleaning.strategies.chapter:behaviour@5.0"
     )
@@ -83,7 +83,7 @@ SETTINGS = "what stands behind c:d should be its settings in JSON"
 )
 def test_invalid_successions(text: str, fault: str) -> None:
     with pytest.raises(BehaviourError, match=fault):
-        succession.split(text)
+        handover.split(text)
 
 
 def test_a_cleaning_robot_keeps_what_is_left_in_its_own_order_and_what_it_has_taken_over() -> None:

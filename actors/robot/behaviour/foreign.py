@@ -15,7 +15,7 @@ from typing import Final
 
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import handover
 from actors.robot.behaviour.loading import located, own_spec, prefixes
 from actors.runtime.errors import AcrcError
 
@@ -51,9 +51,9 @@ def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) ->
     `source` is the file that names it, `hints` are the folders that it says they lie in. Nothing is imported.
     Raises AcrcError for what the permit does not cover, and for what is not here.
     """
-    typed = succession.names(permit.typed) if permit.typed else ()
+    typed = handover.names(permit.typed) if permit.typed else ()
     used: list[Path] = []
-    for name in succession.names(entry):
+    for name in handover.names(entry):
         module = name.partition(":")[0]
         if is_installed(module) or _is_taken(module):
             _check_name(source, name, permit)

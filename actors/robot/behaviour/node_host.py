@@ -158,7 +158,7 @@ _OUTCOMES: Final[Mapping[type[Any], str]] = {
 
 
 @runtime_checkable
-class Heir(Protocol):
+class Resumable(Protocol):
     """A component that can go on where another one of the same robot has ended."""
 
     def inherits(self, former: Knowledge) -> Self | None:
@@ -230,7 +230,7 @@ class _Hosted:
         """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
         component = self._component
         knowledge = former.node.knowledge(former._component.id)
-        inherited = component.inherits(knowledge) if isinstance(component, Heir) else None
+        inherited = component.inherits(knowledge) if isinstance(component, Resumable) else None
         if inherited is None:
             return False
         self._component = inherited

@@ -1,11 +1,10 @@
-"""Behaviours that follow one another: `first>second@120` is the first, and from 120 s on the second.
+"""Behaviours in turn: `first>second@120` runs the first, and from 120 s on the second.
 
-The second is made at the first step from that instant on, with the robot's own random stream where the first
-has left it, where the robot holds itself to be, and settings of its own defaults but for those behind its
-name, `first>second{"reach":0.5}@120`. Its component says itself
-what it takes over of the knowledge of the first one's (`Heir`); the node goes on counting where that one has
-ended, so that peers take what it says as newer. Knowledge of others is not passed on: they say it again.
-What the first has asked of the robot beside its goal ends: it stands no longer still, and disregards nobody.
+The second is made at the first step from that instant on, with the robot's own random stream as the first has
+left it, the present pose estimate, and default settings except for those behind its name:
+`first>second{"reach":0.5}@120`. Its component decides what it takes over of the first one's knowledge
+(`Resumable`); the node continues its counters, so that peers take its knowledge as newer. Replicas are not
+passed on: peers publish again. Pausing and masks of the first end.
 """
 
 import math
@@ -64,10 +63,10 @@ def names(text: str) -> tuple[str, ...]:
 def behaviour_of(text: str, start: Start) -> Behaviour:
     """The behaviour of one entry, or of several that follow one another; raises as `load_behaviour` does."""
     first, turns = split(text)
-    return _Succession(start, first, turns) if turns else load_behaviour(first, start)
+    return _Handover(start, first, turns) if turns else load_behaviour(first, start)
 
 
-def rehearse(text: str, start: Start) -> None:
+def dry_run(text: str, start: Start) -> None:
     """Make each behaviour once, and drop it; raises as `load_behaviour` does. `start` is used up."""
     first, turns = split(text)
     load_behaviour(first, start)
@@ -75,7 +74,7 @@ def rehearse(text: str, start: Start) -> None:
         load_behaviour(turn.name, replace(start, settings=turn.settings))
 
 
-class _Succession:
+class _Handover:
     """The behaviour whose turn it is."""
 
     def __init__(self, start: Start, first: str, turns: Sequence[Turn]) -> None:
