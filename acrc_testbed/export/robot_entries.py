@@ -39,6 +39,8 @@ from actors.task.task import PlaceKey
 
 _NEAR_S: Final = 1e-6
 """Two instants of one step differ by less, s."""
+_BEFORE_S: Final = 1.0
+"""A robot's first scan may have been measured so much before the first step, where the run begins, s."""
 _INSCRIBED: Final = 253
 """The cost of a cell that the robot's middle must not enter, as costmap_2d has it; 254 blocks, and of 255
 nothing is known."""
@@ -85,6 +87,8 @@ def sensed_entries(
         second, *stamps = clock(instants).tolist()
         yield from _moved(robot, senses, second, _held(track, second))
         for scan, stamp in zip(scans, stamps, strict=True):
+            if -_BEFORE_S < stamp < 0:
+                continue
             at = round(stamp * 1e6)
             sweep = ros2_log.laser_scan(f"{robot}/laser", model.sensor, _ranges(scan), at)
             yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)

@@ -51,22 +51,16 @@ _ODOMETRY: Final = "emulated bases have the errors of a Kobuki, or none"
 
 def check_limits(scenario: Scenario) -> None:
     """Raise OptionError, naming each key, for a scenario that cannot be carried out in real time."""
-    asked = _asked(scenario)
+    actions = [action_of(event) for event in scenario.event]
+    asked = {f"[[event]] {action}": _CONDUCTOR for action in actions if action not in ACTIONS}
+    if "stage" in (scenario.robots.odometry, *(robot.odometry for robot in scenario.robot)):
+        asked['odometry = "stage"'] = _ODOMETRY
     if asked:
         what = "; ".join(f"{key}: {reason}" for key, reason in asked.items())
         raise OptionError(
             f"--hardware-in-the-loop: the scenario asks for what emulated devices have not: {what}; "
             "leave it out there, or run the scenario without --hardware-in-the-loop"
         )
-
-
-def _asked(scenario: Scenario) -> dict[str, str]:
-    """The keys that the scenario should stand without, and why."""
-    actions = [action_of(event) for event in scenario.event]
-    asked = {f"[[event]] {action}": _CONDUCTOR for action in actions if action not in ACTIONS}
-    if "stage" in (scenario.robots.odometry, *(robot.odometry for robot in scenario.robot)):
-        asked['odometry = "stage"'] = _ODOMETRY
-    return asked
 
 
 LABORATORY: Final = "laboratory"
@@ -87,7 +81,9 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     simulated = _without_board(plan, options.boards)
     for sentence in (plan.warning, *plan.warnings):
         warn(sentence)
-    _lay_out(plan)
+    make_folder(plan.out)
+    plan.folder(LABORATORY).mkdir()
+    plan.write_scenario()
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
         _run_processes(plan, simulated, launched or launcher(options.spawn, reap=False), follow)
@@ -105,31 +101,25 @@ def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(robot for robot in robots if boards and robot not in boards)
 
 
-def _lay_out(plan: RunPlan) -> None:
-    make_folder(plan.out)
-    plan.folder(LABORATORY).mkdir()
-    plan.write_scenario()
-
-
 def _run_processes(
     plan: RunPlan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
         preflight(plan, launched)
-        room = _Room(plan, simulated, launched)
-        stack.callback(room.end_all)
-        room.start_devices()
+        devices = _EmulatedDevices(plan, simulated, launched)
+        stack.callback(devices.end_all)
+        devices.start_devices()
         robots = [
             _robot(plan, index, folder, board=robot.id not in simulated)
             for index, robot in enumerate(plan.world.robots)
         ]
         watches = [_watch(one, launched, stack) for one in robots]
         buses = [_listen(one, stack) for one in robots]
-        _follow(plan, watches, buses, room, on_progress)
+        _follow(plan, watches, buses, devices, on_progress)
 
 
-class _Room(Supervisor):
+class _EmulatedDevices(Supervisor):
     """The process with the emulated devices."""
 
     def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
@@ -201,7 +191,7 @@ def _follow(
     plan: RunPlan,
     watches: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
-    room: _Room,
+    devices: _EmulatedDevices,
     on_progress: OnProgress,
 ) -> None:
     """Until nobody has a place left, or to the limit."""
@@ -211,7 +201,7 @@ def _follow(
     while (elapsed := time.monotonic() - begun) < in_seconds(plan.world.duration_us) and any(left):
         for watch in watches:
             watch.look(0.02)
-        room.check()
+        devices.check()
         for index, bus in enumerate(buses):
             while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
                 progress = decode(delivery.topic, delivery.key, delivery.payload)

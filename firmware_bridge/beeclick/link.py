@@ -112,8 +112,9 @@ class BoardLink:
         """A port has been opened; whatever was known of the board is forgotten."""
         assert self.phase is LinkPhase.OFF, "lost() comes before another connect()"
         self._reader.reset()
-        self._pace.connected(now)
-        self._standing.connected()
+        # Perhaps another board: a SYNC may be sent at once.
+        self._pace = SendingPace(self._p, now - self._p.sync_interval)
+        self._standing.fruitless_packets = 0
         self._begin_sync(now)
 
     def lost(self, now: Instant) -> list[Event]:
@@ -150,7 +151,7 @@ class BoardLink:
             return self._given()
         if data:
             self._heard_at = now
-            self._pace.heard()
+            self._pace.unheard = 0
             self._reader.feed(data)
         self._read(now)
         if self._expire(now):
@@ -213,7 +214,7 @@ class BoardLink:
             else:
                 self._answered(now, answer, place)
         else:
-            self._pace.told()
+            self._pace.unasked += 1
             self._events += news(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
 
     def _place(self, answer: Answer) -> int | None:
@@ -232,7 +233,7 @@ class BoardLink:
         self._settle(now, place)
         asked = self._asked.popleft()
         self._answered_at = now
-        self._pace.answered(len(self._asked))
+        self._pace.unanswered, self._pace.unasked = len(self._asked), 0
         if isinstance(answer, PacketSent):
             self._confirmed(now, asked.tag, answer.failed)
         elif isinstance(answer, Synchronised):
@@ -330,7 +331,9 @@ class BoardLink:
         if not self._sync_asked():
             self._asked.append(_Asked(Synchronised(), now))
         self.counters["syncs"] += 1
-        self._pace.synchronising(now)
+        self._pace.last = now
+        self._pace.unheard += 1
+        self._pace.unanswered += 1
         return _FILLER * self._p.filler + encode_command(Synchronise())
 
     def _sync_asked(self) -> bool:
@@ -338,14 +341,14 @@ class BoardLink:
 
     def _ask(self, now: Instant, command: Setting) -> bytes:
         self._asked.append(_Asked(command, now))
-        self._pace.asked()
+        self._pace.unanswered += 1
         return encode_command(command)
 
     def _ask_packet(self, now: Instant, packet: _Packet) -> bytes:
         number = (self._packets * _SPREAD + self.settings.address) % NUMBER_END
         self._packets += 1
         self._asked.append(_Asked(None, now, number, packet.tag))
-        self._pace.asked()
+        self._pace.unanswered += 1
         return encode_command(SendPacket(number, packet.data))
 
     def _was_used(self, number: int) -> bool:
@@ -372,65 +375,38 @@ class BoardLink:
         return events
 
 
+@dataclass
 class SendingPace:
     """What has gone to the board since it answered last, and what has come."""
 
-    def __init__(self, parameters: BeeClickParameters) -> None:
-        self._p = parameters
-        self.last: int = -parameters.sync_interval
-        """When the last SYNC was sent."""
-        self._unheard = 0
-        """SYNCs since the last byte came."""
-        self._unasked = 0
-        """Messages since the last answer."""
-        self.unanswered = 0
-        """Commands since the last answer, of which none has had one."""
-
-    def connected(self, now: Instant) -> None:
-        """Another connection, perhaps another board: a SYNC may be sent at once."""
-        self.last = now - self._p.sync_interval
-        self._unheard = self._unasked = self.unanswered = 0
-
-    def asked(self) -> None:
-        """A command has been sent."""
-        self.unanswered += 1
-
-    def synchronising(self, now: Instant) -> None:
-        """A SYNC has been sent."""
-        self.asked()
-        self.last = now
-        self._unheard += 1
-
-    def heard(self) -> None:
-        """Bytes have come."""
-        self._unheard = 0
-
-    def told(self) -> None:
-        """The board has said something unasked that makes sense."""
-        self._unasked += 1
-
-    def answered(self, left: int) -> None:
-        """A command has been answered, and of those behind it so many have not."""
-        self.unanswered, self._unasked = left, 0
+    parameters: BeeClickParameters
+    last: int = 0
+    """When the last SYNC was sent."""
+    unheard: int = 0
+    """SYNCs since the last byte came."""
+    unasked: int = 0
+    """Messages since the last answer that made sense and answered nothing."""
+    unanswered: int = 0
+    """Commands since the last answer, of which none has had one."""
 
     @property
     def has_room(self) -> bool:
         """True if the board can take another command, whatever holds it up."""
-        return self.unanswered < self._p.ring
+        return self.unanswered < self.parameters.ring
 
     def due(self, searching: bool) -> Instant:
-        """When the next SYNC may be sent. `searching`: what comes makes no sense."""
+        """Return when the next SYNC may be sent. `searching`: what comes makes no sense."""
         return Instant(self.last + self._pause(searching))
 
     def _pause(self, searching: bool) -> Duration:
-        p = self._p
+        p = self.parameters
         if self.has_room:
-            return p.sync_interval if self._unheard < p.quick_syncs else p.slow_sync_interval
+            return p.sync_interval if self.unheard < p.quick_syncs else p.slow_sync_interval
         if self.unanswered == p.ring:  # the board's own has room for one more
             return p.slow_sync_interval
-        if self._unasked > 1 and not searching:
+        if self.unasked > 1 and not searching:
             return p.deaf_sync_interval
-        if self._unheard:
+        if self.unheard:
             return p.slow_sync_interval
         return p.noisy_sync_interval if searching else p.sync_interval
 
@@ -449,23 +425,24 @@ class LinkStanding:
         self._events = events
         self.is_up = False
         self._silent = False
-        self._fruitless = 0
+        self.fruitless_packets = 0
+        """Packets in a row of which nothing has become."""
 
     def ready(self, now: Instant) -> None:
         """The board is set up; it is up unless its radio has to be heard of first."""
-        if self._fruitless < _FRUITLESS:
+        if self.fruitless_packets < _FRUITLESS:
             self._up(now)
 
     def confirmed(self, now: Instant, ready: bool) -> None:
         """Something has become of a packet."""
-        self._fruitless = 0
+        self.fruitless_packets = 0
         if ready and not self.is_up:
             self._up(now)
 
     def fruitless(self, now: Instant) -> None:
         """Nothing has become of a packet for too long."""
-        self._fruitless += 1
-        if self._fruitless >= _FRUITLESS:
+        self.fruitless_packets += 1
+        if self.fruitless_packets >= _FRUITLESS:
             self.silent(now)
 
     def down(self, now: Instant, cause: str) -> None:
@@ -481,10 +458,6 @@ class LinkStanding:
             self._silent = True
             self._counters["silent"] += 1
             self._events.append(LinkState(now, False, "silent"))
-
-    def connected(self) -> None:
-        """Another board, perhaps."""
-        self._fruitless = 0
 
     def _up(self, now: Instant) -> None:
         self.is_up, self._silent = True, False

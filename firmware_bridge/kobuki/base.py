@@ -7,7 +7,7 @@ told, as if there were no watchdog in its firmware, and no safety controller eit
 import math
 import struct
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple, Protocol
 
 from numpy.random import Generator
@@ -121,15 +121,6 @@ class _Counters:
     rate: float = 0.0
 
 
-@dataclass
-class _Sending:
-    """A frame on the wire: when it began, and how much of it has left."""
-
-    begun: Instant
-    data: bytes
-    left: int = field(default=0)
-
-
 class EmulatedKobuki:
     """One base, switched on at the instant `started`; every random thing comes from `generator`."""
 
@@ -154,7 +145,10 @@ class EmulatedKobuki:
         self._wheels = _Counters(bias=bias * math.radians(errors.gyro_bias_deg))
         self._frozen: Inertial | None = None
         self._last_stamp = parameters.stamp_ms
-        self._line: deque[_Sending] = deque(maxlen=64)
+        self._line: deque[tuple[Instant, bytes]] = deque()
+        """Frames, and when they begin."""
+        self._sent = 0
+        """Bytes of the first of them that have left."""
         self.faults = Faults()
         self.outputs = wire.POWER_RAILS
         """Digital outputs, power rails and LEDs, as last set."""
@@ -235,7 +229,7 @@ class EmulatedKobuki:
         """Put one feedback on the wire."""
         data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
         if not self.faults.silent:
-            self._line.append(_Sending(at, data))  # at most 164 bytes, 14 ms: the one before has left
+            self._line.append((at, data))  # at most 164 bytes, 14 ms: the one before has left
 
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
@@ -290,17 +284,18 @@ class EmulatedKobuki:
         return inertial, Unknown(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _left(self, now: Instant) -> bytes:
-        """The bytes whose last bit has left by `now`."""
-        out = bytearray()
+        """Return the bytes whose last bit has left by `now`."""
+        out = b""
         while self._line:
-            sending = self._line[0]
-            gone = max(0, min(len(sending.data), math.floor((now - sending.begun) / _BYTE_US)))
-            out += sending.data[sending.left : gone]
-            sending.left = max(gone, sending.left)
-            if sending.left < len(sending.data):
+            begun, data = self._line[0]
+            gone = max(self._sent, math.floor((now - begun) / _BYTE_US))
+            out += data[self._sent : gone]
+            if gone < len(data):
+                self._sent = gone
                 break
             self._line.popleft()
-        return bytes(out)
+            self._sent = 0
+        return out
 
 
 def _motion(before: Pose, after: Pose) -> tuple[float, float]:
