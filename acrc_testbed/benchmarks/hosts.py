@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
@@ -242,23 +242,13 @@ def _write_keys(folder: Path, scratch: Path) -> None:
     (folder / "cluster.yaml").write_text(yaml.safe_dump(configuration))
 
 
-@dataclass(frozen=True)
-class HostedFigures:
-    """Speed and CPU time of one swarm on so many hosts; 0: all on this computer."""
-
-    hosts: int
-    robots: int
-    delay_ms: float
-    steps_per_s: float
-    centre_ms: float
-    """CPU of world and radio per step, ms."""
-    robot_ms: float
-    """CPU of one robot per step, ms."""
+_COLUMNS: Final = ("hosts", "robots", "delay, ms", "steps/s", "CPU of world and radio, ms", "of a robot, ms")
+"""Titles of the figures of one swarm."""
 
 
 def measure(robots: Sequence[int] | None = None, duration: float | None = None) -> Measured:
     """Measure each number of robots on each number of hosts, with each delay that the kernel offers."""
-    found: list[HostedFigures] = []
+    found: list[dict[str, float]] = []
     notes: dict[str, None] = {}
     numbers, seconds = tuple(robots or (6, 20, 60)), duration or 10.0
     found += (_figures(0, 0.0, count, seconds, None, None) for count in numbers)
@@ -276,21 +266,15 @@ def measure(robots: Sequence[int] | None = None, duration: float | None = None) 
                     notes[str(error)] = None
                     break
                 found += (_figures(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers)
-    rows = [
-        {
-            "robots": one.robots, "hosts": one.hosts or "none", "delay, ms": f"{one.delay_ms:g}",
-            "steps/s": f"{one.steps_per_s:.1f}", "world and radio, ms": f"{one.centre_ms:.2f}",
-            "a robot, ms": f"{one.robot_ms:.2f}",
-        }
-        for one in found
-    ]  # fmt: skip
-    figures = {"cores": os.cpu_count(), "swarms": [asdict(one) for one in found]}
-    return Measured(figures, (table_of(rows, "a swarm over hosts"), *notes))
+    rows = [dict(zip(_COLUMNS, one.values(), strict=True)) for one in found]
+    title = "swarms over hosts, CPU per step; 0 hosts: all on this computer"
+    return Measured({"cores": os.cpu_count(), "swarms": found}, [table_of(rows, title, ".4g"), *notes])
 
 
 def _figures(
     number: int, delay_ms: float, robots: int, seconds: float, hosts: Hosts | None, cluster: TlsCluster | None
-) -> HostedFigures:
+) -> dict[str, float]:
+    """Run one swarm and return its speed and CPU per step; without hosts all is on this computer."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
         given = {"--robots": str(robots), "--duration": f"{seconds:g}", "--out": str(out)}
@@ -307,9 +291,14 @@ def _figures(
         spent = {path.stem: _spent_s(path) for path in out.glob("*/*.mcap")}
         centre = spent.pop("world") + spent.pop("radio")
         rate = steps / float(json.loads(done.stdout)["wall_s"])
-        return HostedFigures(
-            number, robots, delay_ms, rate, 1000 * centre / steps, 1000 * median(spent.values()) / steps
-        )
+        return {
+            "hosts": number,
+            "robots": robots,
+            "delay_ms": delay_ms,
+            "steps_per_s": rate,
+            "centre_ms": 1000 * centre / steps,
+            "robot_ms": 1000 * median(spent.values()) / steps,
+        }
 
 
 def _spent_s(recording: Path) -> float:
