@@ -118,8 +118,6 @@ def prune() -> None:
         old = [folder for _, folder in sorted(found, reverse=True) if folder.name != now]
         for folder in old[_KEPT - 1 :]:
             shutil.rmtree(folder, ignore_errors=True)
-    for folder in (_HERE / "__pycache__").glob("kernels-" + "[0-9a-f]" * 16):  # of releases before this way
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]  # of a library without types

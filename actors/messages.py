@@ -9,7 +9,6 @@ from typing import Annotated, ClassVar, Final
 
 import msgspec
 
-from actors.board_readings import BoardNote
 from actors.geometry import Coordinate
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.introspection import Introspection
@@ -29,19 +28,13 @@ NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
 
 
-# --- readiness ---------------------------------------------------------------------------------------------
-
-
 class Ready(Message, frozen=True):
-    """`actor` can take its first step. `step` is the step it is ready for (0, or that of a restart)."""
+    """`actor` can take its first step: `step`, 0 or that of a restart."""
 
     actor: str
     epoch: int
     kernels: str
-    """The fingerprints of what the actor computes with (`actors.runtime.processor.combined`)."""
-
-
-# --- world and robot ---------------------------------------------------------------------------------------
+    """Fingerprints of its numeric kernels (`actors.runtime.processor.combined`)."""
 
 
 class Odometry(MessagePart, frozen=True):
@@ -56,7 +49,7 @@ class Odometry(MessagePart, frozen=True):
 
 
 class Scan(MessagePart, frozen=True):
-    """One sweep of the robot's range sensor; where the rays point stands in the robot's model file."""
+    """One sweep of the robot's range sensor; the robot's model file has the directions of the rays."""
 
     stamp: int
     ranges_mm: bytes
@@ -64,45 +57,42 @@ class Scan(MessagePart, frozen=True):
 
 
 class Senses(Message, frozen=True):
-    """What the base of one robot sensed at the step's start."""
+    """Sensor data of one robot's base at the step's start."""
 
     omissible: ClassVar[int] = 1
     instant: int
     events: int
-    """How many events Received carries for this robot and step; 0 = no such message is sent."""
+    """Events in Received for this robot and step; 0: no such message is sent."""
     odometry: Odometry
     bumper: int
     """Bit 0 right, 1 centre, 2 left."""
     scan: Scan | None = None
-    """The last sweep since the last step; absent where none ended: sweeps have the sensor's own rate."""
+    """The last sweep that ended since the last step, if any: sweeps have the sensor's own rate."""
     halt: bool = False
     """The last message to this process: no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
     places: tuple[tuple[Coordinate, Coordinate], ...] = ()
-    """Places that the robot is given from now on, m, map frame, beside those that it has: by an event of the
-    scenario, or by a person's order. To a new process of the robot all those that came since the start."""
+    """Further places of the robot from now on, m, map frame, by an event of the scenario or an order. To a
+    new process of the robot all those since the start."""
 
 
 class Drive(Message, frozen=True):
-    """One robot's answer to Senses: the velocity it wants from now on, and how its work stands."""
+    """One robot's answer to Senses: the commanded velocity, and the progress of its work."""
 
     vx: Coordinate
     vy: Coordinate
     omega: Coordinate
     transmits: Annotated[int, msgspec.Meta(ge=0, le=MOST_FRAMES)]
-    """How many frames Transmit carries in this step; 0 = no such message is sent."""
+    """Frames in Transmit in this step; 0: no such message is sent."""
     reports: tuple[PlaceReport, ...] = ()
     given_up: tuple[PlaceGivenUp, ...] = ()
     route: tuple[PlaceKey, ...] | None = None
-    """The places that the robot still means to visit, in their order; None: as it last said, and before its
-    first word, those that it was given."""
+    """The places that the robot plans to visit, in order; None: as last reported, at first those that it was
+    given."""
     pose: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """Where the robot held itself to be at the step's start: x, y, heading, map frame. For the record, for
-    observers and to measure; nobody steers by it. None: it does not know."""
-
-
-# --- robot and radio ---------------------------------------------------------------------------------------
+    """Pose estimate at the step's start: x, y, heading, map frame; for recordings, observers and measurements
+    only. None: unknown."""
 
 
 class Outgoing(MessagePart, frozen=True):
@@ -141,7 +131,7 @@ class Sent(MessagePart, frozen=True, tag="sent"):
 
 
 class AccessFailure(MessagePart, frozen=True, tag="access_failure"):
-    """The frame `tag` was given up because the channel never was clear."""
+    """The frame `tag` was dropped because the channel never was clear."""
 
     instant: int
     tag: int
@@ -163,7 +153,7 @@ class Refused(MessagePart, frozen=True, tag="refused"):
 
 
 class Unconfirmed(MessagePart, frozen=True, tag="unconfirmed"):
-    """Nobody knows whether the frame `tag` has left: a board had it and never said. Not in simulation."""
+    """The frame `tag` was given to a board, which did not confirm it. Not in simulation."""
 
     instant: int
     tag: int
@@ -173,16 +163,13 @@ RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused | Unconfirmed
 
 
 class Received(Message, frozen=True):
-    """Everything that a robot's transceiver had to say until the step's start, in order of its instants."""
+    """All events of a robot's transceiver until the step's start, in order of their instants."""
 
     events: tuple[RadioEvent, ...]
 
 
-# --- world and radio ---------------------------------------------------------------------------------------
-
-
 class RobotTruth(MessagePart, frozen=True):
-    """Where a robot truly is at the step's start, how it moves (map frame), and what it does."""
+    """Ground truth of a robot at the step's start: pose and velocity in the map frame, state."""
 
     id: str
     x: Coordinate
@@ -246,23 +233,20 @@ class Aired(Message, frozen=True):
     """Robots with at least one event only."""
 
 
-# --- control of a run --------------------------------------------------------------------------------------
-
-
 class Control(Message, frozen=True):
     """Orders from a person or a tool; applied at the next step boundary and recorded. `step` is not used."""
 
     orders: tuple[Order, ...]
     ticket: str = ""
-    """Chosen by whoever gives the orders and wants to hear what becomes of them: Answered carries it."""
+    """Chosen by the sender; Answered repeats it."""
 
 
 class Answered(Message, frozen=True):
-    """What has become of the orders of one Control; for people, outside barrier and digest."""
+    """Outcome of the orders of one Control; for people, outside barrier and digest."""
 
     ticket: str
     refusals: tuple[str, ...]
-    """A sentence for each order that was not carried out, in their order; none: all were."""
+    """A sentence for each order that was refused, in order."""
 
 
 class ProcessOrder(MessagePart, frozen=True):
@@ -279,7 +263,7 @@ class Roster(Message, frozen=True):
 
 
 class Progress(Message, frozen=True):
-    """How far the run is; for people, outside the barrier and outside the digest."""
+    """Progress of the run; for people, outside barrier and digest."""
 
     instant: int
     places_left: int
@@ -288,29 +272,67 @@ class Progress(Message, frozen=True):
     finished: bool
     paused: bool = False
     awaited: tuple[str, ...] = ()
-    """While no step is taken: the ids of the robots, or "radio", whose messages are missing; else nobody."""
+    """While no step is taken: the ids of the robots, or "radio", whose messages are missing."""
     awaits: str = ""
-    """What the first of them owes, in words; empty unless the world waits."""
+    """The missing message of the first of them, in words."""
     starting: bool = False
     """The world waits for actors that have only been started."""
     held: tuple[str, ...] = ()
-    """On board: what keeps the base from driving as it is told, or soon will, in words."""
+    """On board: why the base does not, or soon will not, drive as commanded, in words."""
 
 
-# --- what a radio board tells beside radio -----------------------------------------------------------------
+class LinkState(MessagePart, frozen=True, tag="link"):
+    """The board has been set up, or must be found again; `cause` says why, "" = it is up."""
+
+    instant: int
+    up: bool
+    cause: str
+
+
+class Fix(MessagePart, frozen=True, tag="fix"):
+    """Where the board's GPS module holds it to be, degrees, north and east positive; None = unknown."""
+
+    instant: int
+    valid: bool
+    latitude: float | None
+    longitude: float | None
+
+
+class Temperature(MessagePart, frozen=True, tag="temperature"):
+    """Degrees Celsius; not `valid` where the sensor is missing or talks nonsense."""
+
+    instant: int
+    celsius: float
+    valid: bool
+
+
+class Humidity(MessagePart, frozen=True, tag="humidity"):
+    """Relative, percent; `valid` as in Temperature."""
+
+    instant: int
+    percent: float
+    valid: bool
+
+
+class Info(MessagePart, frozen=True, tag="info"):
+    """What the board said of itself when its button was pressed."""
+
+    instant: int
+    text: str
+
+
+BoardNote = LinkState | Fix | Temperature | Humidity | Info
+"""What a radio board reports beside radio."""
 
 
 class Board(Message, frozen=True):
-    """News from a radio board, for people: outside the barrier. `step` is not used."""
+    """Reports of a radio board, for people: outside the barrier. `step` is not used."""
 
     notes: tuple[BoardNote, ...]
 
 
-# --- recorded only -----------------------------------------------------------------------------------------
-
-
 class FrameOutcome(MessagePart, frozen=True):
-    """What became of one frame, and of its copies at the other transceivers.
+    """Outcome of one frame, and of its copies at the other transceivers.
 
     Robots are numbers: their places in the radio's set-up. A transceiver that is not listed was on, and the
     frame arrived too weakly to be followed.
@@ -342,7 +364,7 @@ class FrameOutcomes(Message, frozen=True):
 
 
 class FloorThing(MessagePart, frozen=True):
-    """Something on the floor beside its map, with the extent that bodies and rays meet."""
+    """An obstacle that is not on the map, with the extent that bodies and rays meet."""
 
     number: int
     """Counts all things of a run, from 0."""
@@ -355,10 +377,7 @@ class FloorThing(MessagePart, frozen=True):
 
 
 class FloorChanged(Message, frozen=True):
-    """What was put on the floor at the step's start and what is gone.
-
-    There is one in step 0, even if nothing has changed.
-    """
+    """Obstacles placed and removed at the step's start; sent in step 0 even without a change."""
 
     put: tuple[FloorThing, ...] = ()
     gone: tuple[int, ...] = ()
@@ -385,7 +404,4 @@ INTROSPECTION: Final = Topic(
 FRAME_OUTCOMES: Final = Topic("swarm/infra/frame_outcomes", FrameOutcomes, is_recorded_only=True)
 FLOOR_CHANGED: Final = Topic("swarm/infra/floor_changed", FloorChanged, is_recorded_only=True)
 
-TOPICS: Final[tuple[Topic[Message], ...]] = (
-    READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
-    FLOOR_NEWS, ANSWERED, BOARD, INTROSPECTION, FRAME_OUTCOMES, FLOOR_CHANGED,
-)  # type: ignore[assignment]  # fmt: skip
+TOPICS: Final[tuple[Topic[Message], ...]] = tuple(one for one in globals().values() if isinstance(one, Topic))

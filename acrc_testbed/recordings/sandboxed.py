@@ -269,14 +269,14 @@ def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
     Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
-        room = failure.hold(options.answer.parent)
         assembly.kernels()  # while their cache can still be written
         if options.isolate:
             view = file_view(options.own, (options.own.parent,), (options.out,), options.path)
-            isolate(lambda: Handover(view), (1, 2, answer.fileno(), room), parent=parent)
+            isolate(lambda: Handover(view), (1, 2, answer.fileno()), parent=parent)
             os.chdir(options.own)
         else:
             die_with_parent(parent)
+        failure.hold(options.own)
         look_in(options.path, any_content=options.any_content)
         enforce(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
         yield answer

@@ -9,35 +9,36 @@ import math
 import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import msgspec
 
-from actors.processes.launch import Child, Program
+from actors.processes.launch import Child
 from actors.runtime import process_table
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_table import ProcessGlance
 
 
 class HoldUp(msgspec.Struct, frozen=True):
-    """What one actor has cost its run: time in which nobody else could go on, and that it spent itself."""
+    """Steps that one actor has delayed: time in which no other could go on, and that it spent itself."""
 
     steps: int = 0
-    """Steps that it held up by a second or more."""
+    """Steps delayed by a second or more."""
     most_s: float = 0.0
-    """The longest of them, s of wall clock."""
+    """The longest delay, s of wall clock."""
     total_s: float = 0.0
-    """All of them together, s of wall clock."""
+    """All delays together, s of wall clock."""
 
     def and_one(self, lasted_s: float) -> "HoldUp":
-        """With one more."""
+        """Return it with one more step."""
         return HoldUp(self.steps + 1, max(self.most_s, lasted_s), self.total_s + lasted_s)
 
 
 def sentences(held_up: Mapping[str, HoldUp]) -> Iterator[str]:
-    """Who has held up the run, the longest first."""
+    """Yield who has delayed the run, the longest first."""
     for name, one in sorted(held_up.items(), key=lambda item: -item[1].total_s):
         steps = "1 step" if one.steps == 1 else f"{one.steps} steps"
         yield f"{name} held up {steps}, by {one.most_s:.1f} s at most, {one.total_s:.1f} s in all."
@@ -69,18 +70,18 @@ class Timeout:
 
 
 OUT_OF_SIGHT: Final = "?"
-"""State of a process of which nobody knows what it does: its host is not heard. Its time is nobody's."""
+"""State of a process on a host without a connection. Its time is not charged."""
 
 
 class Suspect(NamedTuple):
-    """Somebody who is waited for."""
+    """A process that is waited for."""
 
     name: str
     pid: int
 
 
 class Stall(NamedTuple):
-    """Who stalls the run, in words, too."""
+    """The process that stalls the run, with a sentence."""
 
     suspect: Suspect
     sentence: str
@@ -93,7 +94,7 @@ count as held up, and only of them long waits are reported."""
 
 @dataclass
 class _Account:
-    """What one suspect did in this stretch, s."""
+    """What one suspect did since the last step, s."""
 
     cpu_s: float
     """Of its processes since their start, at the last look."""
@@ -106,7 +107,7 @@ class _Account:
 
 
 class StallDetector:
-    """Charges processes with the time since the last step, and names who has used its time up."""
+    """Charges processes with the time since the last step, and names the one that exceeds its limit."""
 
     LONG_S: Final = 10.0
     """A wait is reported once it has lasted so long, and again whenever that has doubled."""
@@ -140,7 +141,7 @@ class StallDetector:
 
     @property
     def held_up(self) -> dict[str, HoldUp]:
-        """Who has held up steps so far, this one included. The world keeps the pace: it is left out."""
+        """Delayed steps so far, by actor, this one included; without the world, which keeps the pace."""
         found = dict(self._past)
         if self._phase != "step":
             return found
@@ -153,7 +154,7 @@ class StallDetector:
         return found
 
     def step(self) -> None:
-        """Begin anew: a step was taken, or what was awaited was done."""
+        """Begin anew: a step was taken, or what was awaited has happened."""
         now = self._clock()
         if self._accounts:
             self._pass(now)
@@ -168,17 +169,17 @@ class StallDetector:
                 self._say(next(sentences({name: one})))
 
     def doing(self, suspect: Suspect) -> str:
-        """What it did at the last look, in words; "" if nobody has looked."""
+        """Return what it did at the last look, in words; "" without a look."""
         account = self._accounts.get(suspect)
         return account.doing if account else ""
 
     def check(
         self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, phase: Phase = "step"
     ) -> Stall | None:
-        """Return who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
+        """Return the process of `awaited` that has exceeded its limit, if any; `what` they are awaited for.
 
-        `everyone`: all processes of the run; nobody is named while one of them is stopped, or while one that
-        is awaited is out of sight, for the others may have done what they are to do.
+        `everyone`: all processes of the run; none is named while one of them is stopped, or while one that
+        is awaited is out of sight.
         """
         now = self._clock()
         if now - self._looked < self._timeout.look_s:
@@ -209,7 +210,7 @@ class StallDetector:
         self.stopped = frozenset(stopped)
 
     def _pass(self, now: float) -> float:
-        """Time since the last look, as far as it counts."""
+        """Return the time since the last look, as far as it counts."""
         elapsed_s = min(now - self._looked, 2 * self._timeout.look_s)
         self._looked = now
         self._lasted_s += elapsed_s
@@ -255,13 +256,13 @@ class StallDetector:
 
 
 _LITTLE: Final = 0.2
-"""A share of the time that is not worth a word."""
+"""A share of the time that no sentence mentions."""
 _ON_DISK: Final = "waits for a disk"
 _UNSEEN: Final = "is on a host of which nothing is heard"
 
 
 def _doing(tree: Mapping[int, ProcessGlance], *, working: bool) -> str:
-    """What a process and all that it has started do."""
+    """Return what a process and all that it has started do."""
     if any(one.stopped for one in tree.values()):
         return "is stopped"
     if any(one.state == OUT_OF_SIGHT for one in tree.values()):
@@ -283,29 +284,28 @@ _KEEPERS: Final = 2
 """Processes that isolation adds to a robot's own."""
 
 
-class Use(NamedTuple):
-    """What lies in a folder."""
+class DiskUse(NamedTuple):
+    """Content of a folder."""
 
     size: int
-    """Bytes that it takes on disk: holes in files are not counted."""
+    """Bytes on disk, without holes in files."""
     files: int
     """Files, folders and links."""
 
 
 class ResourceWatch:
-    """Looks from time to time at what the system's own limits do not bound: a robot's folder, and all its
-    processes together."""
+    """Periodic check of what the system does not limit: a robot's folder, and all its processes together."""
 
-    LOOK_S: Final = 0.5
-    """Time between two looks; own choice: a fast disk takes a GB in it, and so does memory."""
+    INTERVAL_S: Final = 0.5
+    """Time between two checks; own choice: a fast disk takes a GB in it, and so does memory."""
     SHARE: Final = 2
-    """The next look is put off by so many times the last one's duration, if that is more: robots that have
-    made very many files must not win time by it."""
+    """The next check is delayed by so many times the last one's duration, if that is more: robots with very
+    many files must not gain time."""
 
     def __init__(self, limits: ProcessLimits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
         self._clock = clock
-        self._next_s = clock() + self.LOOK_S
+        self._next_s = clock() + self.INTERVAL_S
 
     def fault(self, children: Iterable[Child]) -> str | None:
         """Return a sentence on the first robot above its limits; None if there is none or no check is due."""
@@ -314,70 +314,59 @@ class ResourceWatch:
             return None
         robots = [child for child in children if child.program.module == "actors.robot"]
         known = process_table.table() if robots else {}
-        faults = (self._on_disk(child.program) or self._in_memory(child, known) for child in robots)
-        found = next((fault for fault in faults if fault), None)
+        found = next((fault for child in robots if (fault := self._fault(child, known))), None)
         now_s = self._clock()
-        self._next_s = now_s + max(self.LOOK_S, self.SHARE * (now_s - began_s))
+        self._next_s = now_s + max(self.INTERVAL_S, self.SHARE * (now_s - began_s))
         return found
 
-    def _on_disk(self, program: Program) -> str | None:
-        folder, limits = program.log.parent, self._limits
-        use = used(folder, limits.disk_mb * _MB, limits.disk_files)
-        if use.size > limits.disk_mb * _MB:
-            return (
-                f"{program.actor} has written more than {limits.disk_mb} MB to {folder}; "
-                "--limit disk_mb=N allows more"
-            )
-        if use.files > limits.disk_files:
-            return (
-                f"{program.actor} has made more than {limits.disk_files} files in {folder}; "
-                "--limit disk_files=N allows more"
-            )
-        return None
-
-    def _in_memory(self, child: Child, known: Mapping[int, process_table.ProcessGlance]) -> str | None:
-        """Of the robot's process, its keeper and all that it has started, also what has left the family."""
-        robot, limits = child.program.actor, self._limits
+    def _fault(self, child: Child, known: Mapping[int, ProcessGlance]) -> str | None:
+        limits, folder = self._limits, child.program.log.parent
+        disk = disk_use(folder, limits.disk_mb * _MB, limits.disk_files)
+        # its process, its keeper and all that it has started, also what has left the family
         session = {pid for pid, one in known.items() if one.session == child.pid}
-        holdings = [
-            process_table.held(pid) for pid in process_table.descendants({child.pid, *session}, known)
-        ]
-        if math.fsum(one.memory for one in holdings) > limits.memory_mb * _MB:
-            return (
-                f"{robot} has taken more than {limits.memory_mb} MB of memory with all its processes; "
-                "--limit memory_mb=N allows more"
-            )
-        if child.program.names is not None and math.fsum(one.threads for one in holdings) > (
-            limits.processes + _KEEPERS
+        family = process_table.descendants({child.pid, *session}, known)
+        holdings = [process_table.held(pid) for pid in family]
+        memory, threads = sum(one.memory for one in holdings), sum(one.threads for one in holdings)
+        isolated = child.program.names is not None
+        for exceeded, what, limit in (
+            (
+                disk.size > limits.disk_mb * _MB,
+                f"written more than {limits.disk_mb} MB to {folder}",
+                "disk_mb",
+            ),
+            (
+                disk.files > limits.disk_files,
+                f"made more than {limits.disk_files} files in {folder}",
+                "disk_files",
+            ),
+            (
+                memory > limits.memory_mb * _MB,
+                f"taken more than {limits.memory_mb} MB of memory with all its processes",
+                "memory_mb",
+            ),
+            (
+                isolated and threads > limits.processes + _KEEPERS,
+                f"more than {limits.processes} processes and threads",
+                "processes",
+            ),
         ):
-            return (
-                f"{robot} has more than {limits.processes} processes and threads; "
-                "--limit processes=N allows more"
-            )
+            if exceeded:
+                return f"{child.program.actor} has {what}; --limit {limit}=N allows more"
         return None
 
 
-def used(folder: Path, most_size: int, most_files: int) -> Use:
-    """What lies below `folder`, links not followed; counted until one of the two is exceeded."""
+def disk_use(folder: Path, most_size: int, most_files: int) -> DiskUse:
+    """Return the use below `folder`, links not followed; counted until one of the two limits is exceeded."""
     size = files = 0
     folders = [str(folder)]
     while folders:
-        try:
-            with os.scandir(folders.pop()) as entries:
-                for entry in entries:
-                    files += 1
-                    size += _size(entry)
-                    if size > most_size or files > most_files:
-                        return Use(size, files)
-                    if entry.is_dir(follow_symlinks=False):
-                        folders.append(entry.path)
-        except OSError:  # gone, or closed, since it was listed; the robot may do either
-            continue
-    return Use(size, files)
-
-
-def _size(entry: "os.DirEntry[str]") -> int:
-    try:
-        return entry.stat(follow_symlinks=False).st_blocks * _BLOCK
-    except OSError:
-        return 0
+        with suppress(OSError), os.scandir(folders.pop()) as entries:  # the robot may remove or close it
+            for entry in entries:
+                files += 1
+                with suppress(OSError):
+                    size += entry.stat(follow_symlinks=False).st_blocks * _BLOCK
+                if size > most_size or files > most_files:
+                    return DiskUse(size, files)
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
+    return DiskUse(size, files)

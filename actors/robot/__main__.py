@@ -45,15 +45,6 @@ def _robot(told: program.RobotProgram, folder: Path) -> ActorProcess:
         return replace(program.part(told, folder), prints=printed)
 
 
-def _answer_breakpoints(told: program.RobotProgram) -> None:
-    if told.process.debugger:
-        debugger.stop_at(told.process.debugger)
-    elif told.process.debugger is not None:
-        debugger.ignore_breakpoints()
-    else:
-        debugger.refuse_breakpoints(told.actor.id)
-
-
 def main(argv: Sequence[str]) -> int:
     """Be one robot until told to halt; the exit code."""
     parent, threads = os.getppid(), threading.enumerate()
@@ -70,7 +61,7 @@ def main(argv: Sequence[str]) -> int:
         failure.hold(own_folder(folder) if process.isolate else folder)
         if process.with_parent and not process.isolate:  # else its keeper sees to that
             die_with_parent(parent)
-        _answer_breakpoints(told)
+        debugger.answer_breakpoints(process.debugger, told.actor.id)
         if process.limits is not None:
             enforce(process.limits, isolated=process.isolate)
         if options.preflight is not None:

@@ -5,6 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -15,16 +16,15 @@ from actors.runtime.linux import keep_room
 from actors.runtime.recording import Recorder, UnwritableError
 
 _LOG: Final = 2
-"""The descriptor of standard error, which a process's log is."""
-
+"""Descriptor of standard error, which leads to the process's log."""
 _FAREWELL_S: Final = 5.0
-"""How long a slow disk is waited for in the end; own choice, as long as a process may take to end."""
+"""Time for a slow disk at the end; own choice, as long as a process may take to end."""
 
 
 class Background:
-    """Does things one after the other in a thread of its own.
+    """Executes tasks one after the other in a thread.
 
-    What comes while `LIMIT` wait is dropped and counted, and so is all that comes after an OSError.
+    Tasks are dropped and counted while `LIMIT` wait, and after an OSError.
     """
 
     LIMIT: Final = 20_000
@@ -34,14 +34,14 @@ class Background:
         self.dropped = 0
         self.error: OSError | None = None
         """The first one."""
-        self._tasks: deque[Callable[[], None]] = deque()
+        self._tasks: deque[Callable[[], object]] = deque()
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
         self._thread.start()
 
-    def do(self, task: Callable[[], None]) -> None:
-        """Some time later; never waits."""
+    def do(self, task: Callable[[], object]) -> None:
+        """Execute a task later; never waits."""
         with self._changed:
             if self._closed or self.error is not None or len(self._tasks) >= self.LIMIT:
                 self.dropped += 1
@@ -50,7 +50,7 @@ class Background:
             self._changed.notify()
 
     def close(self, patience_s: float = _FAREWELL_S) -> bool:
-        """Take no more, and wait so long for what is still to be done; True if all of it has been."""
+        """Take no more tasks, and wait for the rest so long; True if all were executed."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -67,13 +67,10 @@ class Background:
                     self.dropped += 1 + len(self._tasks)
                     self._tasks.clear()
 
-    def _next(self) -> Callable[[], None] | None:
+    def _next(self) -> Callable[[], object] | None:
         with self._changed:
-            while not self._tasks:
-                if self._closed:
-                    return None
-                self._changed.wait()
-            return self._tasks.popleft()
+            self._changed.wait_for(lambda: self._tasks or self._closed)
+            return self._tasks.popleft() if self._tasks else None
 
 
 class SparingRecorder(Recorder):
@@ -94,25 +91,25 @@ class SparingRecorder(Recorder):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._attempt(lambda: super(SparingRecorder, self).__exit__(kind, error, trace), 0)
+        self._attempt(partial(super().__exit__, kind, error, trace), 0)
         if self._full is not None:
             to_stderr(f"{self._full}; {self.lost} records are missing\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder."""
-        self._do(lambda: super(SparingRecorder, self).note(name, content), 1)
+        self._do(partial(super().note, name, content), 1)
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._do(lambda: super(SparingRecorder, self).received(key, step, sequence, payload), 1)
+        self._do(partial(super().received, key, step, sequence, payload), 1)
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """As in Recorder."""
-        self._do(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
+        self._do(partial(super().sent, key, step, sequence, payload, sha256), 1)
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._do(lambda: super(SparingRecorder, self).computed(key, step, sequence, payload), 1)
+        self._do(partial(super().computed, key, step, sequence, payload), 1)
 
     def flush(self) -> None:
         """As in Recorder; keeps room in the log for the report of a full disk, as long as there is some."""
@@ -123,10 +120,10 @@ class SparingRecorder(Recorder):
         super().flush()
         self._unflushed = 0
 
-    def _do(self, task: Callable[[], None], records: int) -> None:
+    def _do(self, task: Callable[[], object], records: int) -> None:
         self._attempt(task, records)
 
-    def _attempt(self, task: Callable[[], None], records: int) -> None:
+    def _attempt(self, task: Callable[[], object], records: int) -> None:
         if self._full is not None:
             self.lost += records
             return
@@ -150,7 +147,7 @@ class BackgroundRecorder(SparingRecorder):
 
     @property
     def dropped(self) -> int:
-        """Records that were lost so far."""
+        """Records lost so far."""
         return self._background.dropped + self.lost
 
     def __exit__(
@@ -161,8 +158,8 @@ class BackgroundRecorder(SparingRecorder):
         else:
             to_stderr(f"{self.path}: the disk is too slow; {self.dropped} records are missing\n")
 
-    def _do(self, task: Callable[[], None], records: int) -> None:
-        self._background.do(lambda: self._attempt(task, records))
+    def _do(self, task: Callable[[], object], records: int) -> None:
+        self._background.do(partial(self._attempt, task, records))
 
 
 class Log:
@@ -173,11 +170,11 @@ class Log:
         self._background = Background()
 
     def say(self, line: str) -> None:
-        """One line, later."""
-        self._background.do(lambda: self._write(f"{line}\n"))
+        """Write one line, later."""
+        self._background.do(partial(self._write, f"{line}\n"))
 
     def close(self) -> None:
-        """Wait a moment for what is still to be written."""
+        """Wait a moment for the rest."""
         self._background.close(1.0)
 
 

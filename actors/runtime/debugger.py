@@ -1,4 +1,4 @@
-"""A debugger in the user's own code, at whichever terminal somebody sits; meanwhile the whole run waits."""
+"""A debugger in the user's own code, at a terminal; meanwhile the whole run waits."""
 
 import os
 import pdb
@@ -15,11 +15,11 @@ _OURS: Final = tuple(
 )
 """What a strategy runs on."""
 _SHIPPED: Final = f"{_ROOT / 'cleaning'}/"
-"""The shipped strategies: somebody's own code as long as he has no other."""
+"""The shipped strategies: the user's code if there is no other."""
 
 
 class UserPdb(pdb.Pdb):
-    """Steps over everything that a strategy runs on."""
+    """A debugger that steps over everything that a strategy runs on."""
 
     def __init__(
         self, stdin: TextIO | None = None, stdout: TextIO | None = None, *, own: bool = False
@@ -42,7 +42,7 @@ class UserPdb(pdb.Pdb):
 
 
 class _RobotPdb(UserPdb):
-    """Ends the run, with a sentence, when somebody leaves it."""
+    """A debugger that ends the run when the user leaves it."""
 
     def set_quit(self) -> None:
         """Raises AcrcError."""
@@ -51,39 +51,32 @@ class _RobotPdb(UserPdb):
         raise AcrcError("somebody has left the debugger; `c` goes on with the run")
 
 
-def stop_at(terminal: str) -> None:
-    """From now on `breakpoint()` in this process stops there, and what is printed appears there.
+def answer_breakpoints(terminal: str | None, robot: str) -> None:
+    """Decide what `breakpoint()` does in this process from now on.
 
-    `terminal`: the path of a device. Raises AcrcError where it cannot be opened.
+    `terminal`: the path of a device, at which it stops and output appears; empty: nothing, for another robot
+    is debugged; None: raise AcrcError, for nobody could type. Raises AcrcError where it cannot be opened.
     """
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise AcrcError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
+
+    if terminal:
+        streams = sys.stdin, sys.stdout = _open(terminal)
+        sys.breakpointhook = lambda *args, **kwargs: _RobotPdb(*streams).set_trace(sys._getframe(1))
+    else:
+        sys.breakpointhook = refuse if terminal is None else lambda *args, **kwargs: None
+
+
+def _open(terminal: str) -> tuple[TextIO, TextIO]:
     try:
         device = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
     except OSError as error:
         raise AcrcError(f"{terminal}: no terminal for a debugger: {error.strerror}") from None
     reading = os.fdopen(device, encoding="utf-8", errors="replace")
-    writing = os.fdopen(os.dup(device), "w", encoding="utf-8", buffering=1)
-    sys.stdin, sys.stdout = reading, writing
-    sys.breakpointhook = lambda *args, **kwargs: _stop(sys._getframe(1), reading, writing)
-
-
-def ignore_breakpoints() -> None:
-    """From now on `breakpoint()` in this process does nothing: another robot is debugged."""
-    sys.breakpointhook = lambda *args, **kwargs: None
-
-
-def refuse_breakpoints(robot: str) -> None:
-    """From now on `breakpoint()` in this process fails: nobody is there who could type."""
-
-    def refuse(*args: object, **kwargs: object) -> None:
-        raise AcrcError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
-
-    sys.breakpointhook = refuse
+    return reading, os.fdopen(os.dup(device), "w", encoding="utf-8", buffering=1)
 
 
 def stop_here(frame: FrameType | None) -> None:
     """Stop in a frame, at the streams that this process was started with, wherever they lead by now."""
     _RobotPdb(sys.__stdin__, sys.__stdout__).set_trace(frame)
-
-
-def _stop(frame: FrameType, reading: TextIO, writing: TextIO) -> None:
-    _RobotPdb(reading, writing).set_trace(frame)

@@ -1,4 +1,4 @@
-"""How a process that failed says so: the cause in words that can be shown on any terminal."""
+"""Failures of processes: the reserve with which they report one, and the cause in words."""
 
 import mmap
 import os
@@ -29,7 +29,7 @@ _MAP_NORESERVE: Final = 0x4000
 
 
 class _Held:
-    """The memory, and how each other part is let go."""
+    """The reserve: memory, and how each other part is released."""
 
     memory: mmap.mmap | None = None
     others: Final[list[Callable[[], object]]] = []
@@ -38,29 +38,26 @@ class _Held:
 _held: Final = _Held()
 
 
-def hold(folder: Path) -> int:
-    """Hold a reserve, the disk's in `folder`, unless this process does already.
+def hold(folder: Path) -> None:
+    """Hold a reserve of memory, descriptors and, in `folder`, disk, unless this process does already.
 
-    The descriptor that stands for the room on disk, for a process that closes all others; -1: there is none.
     What the system does not give is left out.
     """
     if _held.memory is not None:
-        return -1
+        return
     with suppress(OSError):
         _held.memory = mmap.mmap(-1, _MEMORY, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
     for _ in range(_DESCRIPTORS):
         with suppress(OSError):
             _held.others.append(partial(os.close, os.open(os.devnull, os.O_RDONLY)))
-    room = -1
     with suppress(OSError), tempfile.TemporaryFile(dir=folder, buffering=0) as file:
         os.posix_fallocate(file.fileno(), 0, _DISK)
         room = os.dup(file.fileno())
-        _held.others.append(partial(os.ftruncate, room, 0))  # what was forked from this process has it, too
-    return room
+        _held.others.extend((partial(os.close, room), partial(os.ftruncate, room, 0)))  # a fork has it
 
 
 def keep_room_in_files() -> None:
-    """Hold back a little of what a file of this process may have, if that is limited."""
+    """Hold back a little of the size limit of this process's files, if there is one."""
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     if most != resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_FSIZE, (max(most - _DISK, 0), most))
@@ -68,7 +65,7 @@ def keep_room_in_files() -> None:
 
 
 def release() -> None:
-    """Let go what is held, if anything; the memory first, for which nothing must be allocated."""
+    """Release the reserve, if there is one; the memory first, for which nothing must be allocated."""
     if _held.memory is not None:
         _held.memory.close()
         _held.memory = None
@@ -91,7 +88,7 @@ _LONGEST_TRACE: Final = 1200
 
 
 class TimedOut(BaseException):  # no Exception, for a strategy may catch those
-    """An actor does not come to the end of its step; the text says which one, and where it stands."""
+    """An actor does not end its step; the text says which one, and where it stands."""
 
 
 class HardExit(SystemExit):
@@ -109,7 +106,7 @@ class FailureNote(msgspec.Struct, frozen=True):
 
 
 def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
-    """The cause, whole, as far as it can be printed; lets the process's reserve go, if it holds one."""
+    """Return the cause in words; releases the process's reserve."""
     release()
     if isinstance(error, AcrcError | TimedOut):
         return FailureNote(actor, step, printable(str(error)), expected=True)
@@ -120,7 +117,7 @@ def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
 
 
 def print_traceback(error: BaseException) -> None:
-    """The whole story of a bug on standard error, as far as that takes it; of endless recursion the end."""
+    """Print the traceback of a bug, as far as standard error takes it; of endless recursion the end."""
     with suppress(MemoryError, OSError):
         for one in _chain(error):
             one.__traceback__ = _end_of(one.__traceback__)
@@ -138,7 +135,7 @@ def own_frames(error: BaseException) -> str:
 
 
 def in_words(note: FailureNote) -> str:
-    """The note as one sentence."""
+    """Return the note as one sentence."""
     where = "" if note.cause.startswith("step ") else f"{note.actor} failed in step {note.step}: "
     return f"{where}{note.cause}"
 

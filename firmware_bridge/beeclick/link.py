@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from actors.board_readings import LinkState
 from actors.instant import Duration, Instant
-from actors.messages import AccessFailure, Overflow, Refused, Sent, Unconfirmed
+from actors.messages import AccessFailure, LinkState, Overflow, Refused, Sent, Unconfirmed
 from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.reception import (
     DEFAULTS,

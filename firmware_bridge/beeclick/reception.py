@@ -16,9 +16,20 @@ from typing import Annotated, Final
 
 from msgspec import Meta
 
-from actors.board_readings import BoardNote, Fix, Humidity, Info, Temperature
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent, Unconfirmed
+from actors.messages import (
+    AccessFailure,
+    BoardNote,
+    Fix,
+    Heard,
+    Humidity,
+    Info,
+    Overflow,
+    Refused,
+    Sent,
+    Temperature,
+    Unconfirmed,
+)
 from actors.radio.frame import DataFrame, rssi_dbm
 from actors.settings import ParameterError, Settings
 from firmware_bridge.beeclick.wire import (

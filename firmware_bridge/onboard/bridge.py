@@ -15,7 +15,6 @@ from typing import Final
 
 import msgspec
 
-from actors.board_readings import BoardNote
 from actors.instant import Instant
 from actors.messages import (
     AIRED,
@@ -27,6 +26,7 @@ from actors.messages import (
     AccessFailure,
     Aired,
     Board,
+    BoardNote,
     EventCount,
     Heard,
     Overflow,

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from actors.board_readings import LinkState
 from actors.instant import START, Duration, Instant, milliseconds
+from actors.messages import LinkState
 from actors.radio.radio_model import RadioSetup
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick import wire

@@ -10,9 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.board_readings import Fix, Humidity, Info, LinkState, Temperature
 from actors.instant import START, Instant, milliseconds, seconds
-from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent, Unconfirmed
+from actors.messages import (
+    AccessFailure,
+    Fix,
+    Heard,
+    Humidity,
+    Info,
+    LinkState,
+    Overflow,
+    Refused,
+    Sent,
+    Temperature,
+    Unconfirmed,
+)
 from actors.radio.frame import DataFrame, octets
 from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import RadioSetup, radio_model

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from actors.board_readings import LinkState, Temperature
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import (
@@ -23,6 +22,7 @@ from actors.messages import (
     Drive,
     EventCount,
     Heard,
+    LinkState,
     Odometry,
     Outgoing,
     Overflow,
@@ -33,6 +33,7 @@ from actors.messages import (
     Scan,
     Senses,
     Sent,
+    Temperature,
     Transmit,
     Truth,
     Unconfirmed,
